@@ -1,0 +1,296 @@
+//! What an omitted effect is: data that describe it, and small functions that say where it enters the equations.
+//!
+//! The model is written in flux linkages. With the field energy W(λ_d, λ_q, θ) per 3/2 of the machine,
+//!
+//! > dλ_d/dt = v_d − v_lost,d − r_s i_d + ω λ_q,  dλ_q/dt = v_q − v_lost,q − r_s i_q − ω λ_d,
+//! > i_d = ∂W/∂λ_d,  i_q = ∂W/∂λ_q,  τ_e = 3/2 n_p (λ_d i_q − λ_q i_d − ∂W/∂θ),
+//!
+//! so every magnetic effect is a term of one energy and its cross terms are reciprocal by construction. An effect
+//! implements only the hooks through which it enters; the defaults do nothing. All hooks are generic over the
+//! number type, and with all its parameters at zero an effect must leave the bare machine bit for bit.
+
+use crate::model::Base;
+use crate::real::Real;
+
+/// The part of the model in which an effect sits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Site {
+    /// Voltage equations.
+    Electrical,
+    /// Equation of motion.
+    Mechanical,
+    /// Measured side: sensors and their frame.
+    Sensor,
+}
+
+/// How a parameter of an effect is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Strength: the effect vanishes when all strengths are zero. Fitted.
+    Amplitude,
+    /// Form: has no influence at zero strength. Started from [`Effect::probes`], then fitted.
+    Shape,
+    /// A whole number or a regularisation: chosen from [`Effect::probes`], never fitted.
+    Fixed,
+}
+
+/// A parameter of an effect.
+#[derive(Debug, Clone, Copy)]
+pub struct Parameter {
+    /// Name in results.
+    pub name: &'static str,
+    /// SI unit, "1" for a pure number.
+    pub unit: &'static str,
+    /// What it means, in words.
+    pub meaning: &'static str,
+    /// How it is found.
+    pub role: Role,
+    /// Lowest physical value for this machine and recording.
+    pub low: fn(&Context) -> f64,
+    /// Highest physical value for this machine and recording.
+    pub high: fn(&Context) -> f64,
+    /// Typical value, where a reader or a search may start.
+    pub typical: fn(&Context) -> f64,
+}
+
+/// What a recording must contain for an effect to be judged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Need {
+    /// Electrical (or mechanical) rotor angle.
+    Angle,
+    /// A transient recording, not operating points.
+    Transients,
+    /// Operating points or transients over a measured temperature or long enough to heat up by themselves.
+    Time,
+}
+
+/// The description of an effect, from which Python, command line and documentation are generated.
+#[derive(Debug, Clone, Copy)]
+pub struct Info {
+    /// Identifier of the contract.
+    pub id: &'static str,
+    /// Short title.
+    pub title: &'static str,
+    /// One sentence in plain words: what was left out.
+    pub sentence: &'static str,
+    /// Equation in Unicode.
+    pub equation: &'static str,
+    /// Where the equation comes from.
+    pub source: &'static str,
+    /// What it looks like in a residual.
+    pub fingerprint: &'static str,
+    /// Effects that resemble it.
+    pub look_alikes: &'static [&'static str],
+    /// Where it sits.
+    pub site: Site,
+    /// What the recording must contain.
+    pub needs: &'static [Need],
+    /// Its parameters, in the order of the parameter slice that the hooks receive.
+    pub parameters: &'static [Parameter],
+}
+
+/// Scales of one machine and recording, from which bounds and regularisations follow.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Context {
+    /// Pole pairs.
+    pub n_p: f64,
+    /// Largest current vector, A.
+    pub i_max: f64,
+    /// Largest voltage vector, V.
+    pub v_max: f64,
+    /// Largest electrical speed, rad/s.
+    pub omega_e_max: f64,
+    /// Largest motor torque, N·m.
+    pub tau_max: f64,
+    /// Largest flux linkage, V s.
+    pub psi_max: f64,
+    /// Duration, s.
+    pub duration: f64,
+    /// Sample period, s.
+    pub period: f64,
+    /// Reciprocal of the shortest electrical time constant of the nameplate, rad/s.
+    pub electrical_rate: f64,
+    /// Mean of the three phase currents, A (zero where fewer than three are logged).
+    pub zero_sequence: f64,
+    /// Whether a winding temperature is logged.
+    pub has_temperature: bool,
+    /// Whether a magnet temperature is logged.
+    pub has_magnet_temperature: bool,
+}
+
+impl Context {
+    /// Largest mechanical speed, rad/s.
+    pub fn omega_m_max(&self) -> f64 {
+        self.omega_e_max / self.n_p
+    }
+}
+
+/// Where the machine is: time, speed, angle and temperatures.
+#[derive(Debug, Clone, Copy)]
+pub struct Env<T> {
+    /// Time since the first sample, s.
+    pub t: f64,
+    /// Electrical speed, rad/s.
+    pub omega_e: T,
+    /// Electrical angle, rad, unwrapped.
+    pub theta_e: T,
+    /// Mechanical angle, rad, unwrapped.
+    pub theta_m: T,
+    /// Winding temperature above that at the first sample, K.
+    pub heating: f64,
+    /// Magnet temperature above that at the first sample, K.
+    pub magnet_heating: f64,
+}
+
+/// The electrical state at which a hook is evaluated.
+#[derive(Debug, Clone, Copy)]
+pub struct Electrical<T> {
+    /// Where the machine is.
+    pub env: Env<T>,
+    /// Sine and cosine of the electrical angle.
+    pub sin_cos: (T, T),
+    /// Stator current d, q, A.
+    pub i: [T; 2],
+    /// Stator resistance now, Ω.
+    pub r_s: T,
+}
+
+/// The mechanical state at which a hook is evaluated.
+#[derive(Debug, Clone, Copy)]
+pub struct Mechanical<T> {
+    /// Where the machine is.
+    pub env: Env<T>,
+    /// Mechanical speed, rad/s.
+    pub omega_m: T,
+    /// Motor torque, N·m.
+    pub tau_e: T,
+    /// Load torque, N·m.
+    pub tau_load: T,
+    /// Inertia, kg m².
+    pub j: T,
+}
+
+/// Parameters that drift: factors on the base values.
+#[derive(Debug, Clone, Copy)]
+pub struct Drift<T> {
+    /// Factor on r_s.
+    pub r_s: T,
+    /// Factor on psi_m.
+    pub psi_m: T,
+}
+
+/// Flux of the magnet in the winding and its derivative with respect to the electrical angle.
+#[derive(Debug, Clone, Copy)]
+pub struct Magnet<T> {
+    /// λ_d, λ_q of the magnet, V s.
+    pub flux: [T; 2],
+    /// Derivative with respect to θ_e, V s/rad.
+    pub slope: [T; 2],
+}
+
+/// First and second derivatives of the field energy.
+#[derive(Debug, Clone, Copy)]
+pub struct Field<T> {
+    /// i_d, i_q = ∂W/∂λ, A.
+    pub i: [T; 2],
+    /// ∂W/∂θ_e at fixed flux linkage, A V s.
+    pub slope: T,
+    /// ∂²W/∂λ_d², ∂²W/∂λ_d∂λ_q, ∂²W/∂λ_q², 1/H.
+    pub inverse: [T; 3],
+}
+
+/// What acts on the rotor.
+#[derive(Debug, Clone, Copy)]
+pub struct Rotor<T> {
+    /// Inertia that follows the rotor rigidly, kg m².
+    pub inertia: T,
+    /// Torque lost against positive rotation, N·m.
+    pub loss: T,
+    /// Load torque that reaches the rotor, N·m.
+    pub load: T,
+}
+
+/// Errors of the measuring side.
+#[derive(Debug, Clone, Copy)]
+pub struct Sensor<T> {
+    /// Gain of each phase-current sensor.
+    pub gain: [T; 3],
+    /// Offset of each phase-current sensor, A, measured minus true.
+    pub offset: [T; 3],
+    /// Measured minus true electrical angle, rad.
+    pub angle: T,
+    /// Derivative of `angle` with respect to the electrical angle.
+    pub angle_slope: T,
+}
+
+/// A derived result of an effect: name, unit, value.
+pub type Output<T> = (&'static str, &'static str, T);
+
+/// An omitted effect. See the module's documentation for the meaning of the hooks.
+pub trait Effect {
+    /// Its description.
+    const INFO: Info;
+    /// Number of its own electrical or thermal states.
+    const ELECTRICAL_STATES: usize = 0;
+    /// Number of its own mechanical states.
+    const MECHANICAL_STATES: usize = 0;
+
+    /// Points from which the parameters are tried: shapes and whole numbers on a grid. Amplitudes are ignored.
+    fn probes(cx: &Context) -> Vec<Vec<f64>> {
+        vec![Self::INFO.parameters.iter().map(|p| (p.typical)(cx)).collect()]
+    }
+    /// Whether parameter `index` is to be fitted on this kind of recording.
+    fn fitted(cx: &Context, index: usize) -> bool {
+        let _ = cx;
+        Self::INFO.parameters[index].role != Role::Fixed
+    }
+    /// Multiplies drifting parameters.
+    fn drift<T: Real>(p: &[T], x: &[T], env: &Env<T>, cx: &Context, out: &mut Drift<T>) {
+        let _ = (p, x, env, cx, out);
+    }
+    /// Adds to the magnet's flux; `psi_m` is its fundamental now.
+    fn magnet<T: Real>(p: &[T], psi_m: T, env: &Env<T>, cx: &Context, out: &mut Magnet<T>) {
+        let _ = (p, psi_m, env, cx, out);
+    }
+    /// Adds to the currents that the total flux `flux` (λ_d, λ_q) calls for; the magnet alone must call for none.
+    fn field<T: Real>(p: &[T], flux: [T; 2], psi_m: T, base: &Base<T>, cx: &Context, out: &mut Field<T>) {
+        let _ = (p, flux, psi_m, base, cx, out);
+    }
+    /// Adds to the voltage lost between command and winding (d, q), V.
+    fn voltage<T: Real>(p: &[T], x: &[T], at: &Electrical<T>, cx: &Context, lost: &mut [T; 2]) {
+        let _ = (p, x, at, cx, lost);
+    }
+    /// Derivatives of its own electrical or thermal states, which start at zero.
+    fn electrical_states<T: Real>(p: &[T], x: &[T], at: &Electrical<T>, cx: &Context, dx: &mut [T]) {
+        let _ = (p, x, at, cx, dx);
+    }
+    /// Changes what acts on the rotor.
+    fn rotor<T: Real>(p: &[T], x: &[T], at: &Mechanical<T>, cx: &Context, out: &mut Rotor<T>) {
+        let _ = (p, x, at, cx, out);
+    }
+    /// Derivatives of its own mechanical states.
+    fn mechanical_states<T: Real>(
+        p: &[T],
+        x: &[T],
+        at: &Mechanical<T>,
+        acceleration: T,
+        cx: &Context,
+        dx: &mut [T],
+    ) {
+        let _ = (p, x, at, acceleration, cx, dx);
+    }
+    /// Quasi-static start of its own mechanical states at an acceleration in rad/s².
+    fn mechanical_start<T: Real>(p: &[T], at: &Mechanical<T>, acceleration: T, cx: &Context, x: &mut [T]) {
+        let _ = (p, at, acceleration, cx, x);
+    }
+    /// Changes what the sensors show; `env` holds the measured angle.
+    fn sensor<T: Real>(p: &[T], env: &Env<T>, cx: &Context, out: &mut Sensor<T>) {
+        let _ = (p, env, cx, out);
+    }
+    /// The results that a user wants to read; by default the parameters themselves.
+    fn outputs<T: Real>(p: &[T], base: &Base<T>, cx: &Context) -> Vec<Output<T>> {
+        let _ = (base, cx);
+        Self::INFO.parameters.iter().zip(p).map(|(info, value)| (info.name, info.unit, *value)).collect()
+    }
+}

@@ -1,0 +1,102 @@
+//! The catalogue of omitted effects: the only registry. An effect is one file below `effects/` and one line here.
+
+use crate::effect::{
+    Context, Drift, Effect, Electrical, Env, Field, Info, Magnet, Mechanical, Output, Rotor, Sensor,
+};
+use crate::error::{Error, Result};
+use crate::model::Base;
+use crate::real::Real;
+
+macro_rules! catalogue {
+    ($($module:ident :: $name:ident),+ $(,)?) => {
+        $(pub mod $module;)+
+
+        /// An effect of the catalogue.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        pub enum EffectId {
+            $(#[doc = concat!("See [`", stringify!($module), "`].")] $name),+
+        }
+
+        /// All effects, in the order of the registry.
+        pub const ALL: &[EffectId] = &[$(EffectId::$name),+];
+
+        impl EffectId {
+            /// Its description.
+            pub fn info(self) -> &'static Info {
+                match self { $(Self::$name => &<$module::$name as Effect>::INFO),+ }
+            }
+            /// Number of its own electrical or thermal states.
+            pub fn electrical_state_count(self) -> usize {
+                match self { $(Self::$name => <$module::$name as Effect>::ELECTRICAL_STATES),+ }
+            }
+            /// Number of its own mechanical states.
+            pub fn mechanical_state_count(self) -> usize {
+                match self { $(Self::$name => <$module::$name as Effect>::MECHANICAL_STATES),+ }
+            }
+            dispatch! { [$($module::$name),+]
+                fn probes[](cx: &Context) -> Vec<Vec<f64>>;
+                fn fitted[](cx: &Context, index: usize) -> bool;
+                fn drift[T](p: &[T], x: &[T], env: &Env<T>, cx: &Context, out: &mut Drift<T>) -> ();
+                fn magnet[T](p: &[T], psi_m: T, env: &Env<T>, cx: &Context, out: &mut Magnet<T>) -> ();
+                fn field[T](p: &[T], flux: [T; 2], psi_m: T, base: &Base<T>, cx: &Context, out: &mut Field<T>) -> ();
+                fn voltage[T](p: &[T], x: &[T], at: &Electrical<T>, cx: &Context, lost: &mut [T; 2]) -> ();
+                fn electrical_states[T](p: &[T], x: &[T], at: &Electrical<T>, cx: &Context, dx: &mut [T]) -> ();
+                fn rotor[T](p: &[T], x: &[T], at: &Mechanical<T>, cx: &Context, out: &mut Rotor<T>) -> ();
+                fn mechanical_states[T](
+                    p: &[T], x: &[T], at: &Mechanical<T>, acceleration: T, cx: &Context, dx: &mut [T]) -> ();
+                fn mechanical_start[T](p: &[T], at: &Mechanical<T>, acceleration: T, cx: &Context, x: &mut [T]) -> ();
+                fn sensor[T](p: &[T], env: &Env<T>, cx: &Context, out: &mut Sensor<T>) -> ();
+                fn outputs[T](p: &[T], base: &Base<T>, cx: &Context) -> Vec<Output<T>>;
+            }
+        }
+    };
+}
+
+/// One method per hook of [`Effect`], passed on to the effect's own implementation.
+macro_rules! dispatch {
+    ($list:tt $(fn $hook:ident $generic:tt ($($arg:ident: $type:ty),* $(,)?) -> $ret:ty;)+) => {
+        $(dispatch! { @one $list $hook $generic self (self, $($arg: $type),*) ($($arg),*) $ret })+
+    };
+    (@one [$($module:ident :: $name:ident),+] $hook:ident [$($t:ident)?] $this:ident $parameters:tt $call:tt $ret:ty) => {
+        #[doc = concat!("[`Effect::", stringify!($hook), "`] of this effect.")]
+        #[inline(always)]
+        pub fn $hook$(<$t: Real>)? $parameters -> $ret {
+            match $this { $(Self::$name => <$module::$name as Effect>::$hook $call),+ }
+        }
+    };
+}
+
+catalogue! {
+    coulomb_friction::CoulombFriction,
+    asymmetric_friction::AsymmetricFriction,
+    quadratic_drag::QuadraticDrag,
+    cogging_torque::CoggingTorque,
+    two_mass_shaft::TwoMassShaft,
+    back_emf_harmonics::BackEmfHarmonics,
+    saturation_d::SaturationD,
+    saturation_q::SaturationQ,
+    rs_thermal_drift::RsThermalDrift,
+    magnet_thermal_drift::MagnetThermalDrift,
+    dead_time::DeadTime,
+    current_offset::CurrentOffset,
+    encoder_angle_offset::EncoderAngleOffset,
+}
+
+impl EffectId {
+    /// Identifier of the contract.
+    pub fn id(self) -> &'static str {
+        self.info().id
+    }
+
+    /// The effect with this identifier.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with the list of known identifiers.
+    pub fn parse(id: &str) -> Result<Self> {
+        ALL.iter().copied().find(|effect| effect.id() == id).ok_or_else(|| Error::Unknown {
+            kind: "effect",
+            name: id.into(),
+            known: ALL.iter().map(|e| e.id()).collect::<Vec<_>>().join(", "),
+        })
+    }
+}

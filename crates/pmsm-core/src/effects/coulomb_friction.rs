@@ -1,0 +1,58 @@
+//! Coulomb friction: τ_f = τ_c·sgn ω_m, a constant torque against the motion.
+//!
+//! The sign turns over smoothly around standstill, τ_c·tanh(ω_m/ω_0): presliding, and stiction itself, are below what a
+//! speed signal resolves. Source: Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083.
+
+use crate::effect::{Context, Effect, Info, Mechanical, Parameter, Role, Rotor, Site};
+use crate::real::Real;
+
+/// See the module's documentation.
+pub struct CoulombFriction;
+
+/// Share of the top speed over which a friction's sign turns over, where nothing better is known.
+pub const SMOOTHING: f64 = 2e-3;
+
+/// sgn ω_m, smoothed around standstill over a fixed share of the top speed.
+#[inline(always)]
+pub fn direction<T: Real>(omega_m: T, cx: &Context) -> T {
+    (omega_m * (1.0 / (SMOOTHING * cx.omega_m_max()))).tanh()
+}
+
+impl Effect for CoulombFriction {
+    const INFO: Info = Info {
+        id: "coulomb_friction",
+        title: "Coulomb friction",
+        sentence: "A constant friction torque acts against the motion and turns over with its direction.",
+        equation: "τ_f = τ_c·sgn(ω_m)",
+        source: "Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083",
+        fingerprint: "Torque odd in speed, a step at every reversal, independent of speed otherwise",
+        look_alikes: &["stribeck_friction", "load_dependent_friction", "asymmetric_friction"],
+        site: Site::Mechanical,
+        needs: &[],
+        parameters: &[
+            Parameter {
+                name: "tau_c",
+                unit: "N m",
+                meaning: "friction torque at any speed",
+                role: Role::Amplitude,
+                low: |_| 0.0,
+                high: |cx| cx.tau_max,
+                typical: |cx| 0.02 * cx.tau_max,
+            },
+            Parameter {
+                name: "w_0",
+                unit: "rad/s",
+                meaning: "mechanical speed over which the friction turns over",
+                role: Role::Shape,
+                low: |cx| 2e-4 * cx.omega_m_max(),
+                high: |cx| 0.02 * cx.omega_m_max(),
+                typical: |cx| SMOOTHING * cx.omega_m_max(),
+            },
+        ],
+    };
+
+    #[inline(always)]
+    fn rotor<T: Real>(p: &[T], _: &[T], at: &Mechanical<T>, _: &Context, out: &mut Rotor<T>) {
+        out.loss += p[0] * (at.omega_m / p[1]).tanh();
+    }
+}

@@ -1,0 +1,55 @@
+//! Offset of the phase-current sensors: i_x,measured = i_x + o_x. In the rotor frame the offset turns backwards once per
+//! electrical revolution. What the three have in common never reaches the rotor frame; it is read from i_a + i_b + i_c.
+//!
+//! Source: Chung & Sul, IEEE Trans. Industry Applications 34 (1998) 1122.
+
+use crate::effect::{Context, Effect, Env, Info, Need, Output, Parameter, Role, Sensor, Site};
+use crate::model::Base;
+use crate::real::Real;
+use crate::transforms::inverse_clarke;
+
+/// See the module's documentation.
+pub struct CurrentOffset;
+
+const fn part(name: &'static str, meaning: &'static str) -> Parameter {
+    Parameter {
+        name,
+        unit: "A",
+        meaning,
+        role: Role::Amplitude,
+        low: |cx| -0.3 * cx.i_max,
+        high: |cx| 0.3 * cx.i_max,
+        typical: |cx| 0.005 * cx.i_max,
+    }
+}
+
+impl Effect for CurrentOffset {
+    const INFO: Info = Info {
+        id: "current_offset",
+        title: "Current-sensor offset",
+        sentence: "A phase-current sensor shows a constant offset: the measurement is wrong, not the motor.",
+        equation: "i_x,measured = i_x + o_x",
+        source: "Chung & Sul, IEEE Trans. Industry Applications 34 (1998) 1122",
+        fingerprint: "1st electrical order in both measured currents, the same at any current and speed",
+        look_alikes: &["current_gain_imbalance", "encoder_eccentricity"],
+        site: Site::Sensor,
+        needs: &[Need::Angle, Need::Transients],
+        parameters: &[
+            part("o_alpha", "offset along phase a's axis"),
+            part("o_beta", "offset across phase a's axis"),
+        ],
+    };
+
+    #[inline(always)]
+    fn sensor<T: Real>(p: &[T], _: &Env<T>, _: &Context, out: &mut Sensor<T>) {
+        let offset = inverse_clarke([p[0], p[1]]);
+        for x in 0..3 {
+            out.offset[x] += offset[x];
+        }
+    }
+
+    fn outputs<T: Real>(p: &[T], _: &Base<T>, cx: &Context) -> Vec<Output<T>> {
+        let [a, b, c] = inverse_clarke([p[0], p[1]]).map(|o| o + cx.zero_sequence);
+        vec![("o_a", "A", a), ("o_b", "A", b), ("o_c", "A", c)]
+    }
+}

@@ -1,0 +1,84 @@
+//! Winding resistance that drifts with temperature: r_s(t) = r_s·(1 + y).
+//!
+//! With a logged winding temperature y = α·(ϑ − ϑ_0). Without one the winding heats itself,
+//! dy/dt = c·P_cu − y/τ_th with P_cu = 3/2·r_s·|i|² and c = α/C_th. Source: IEC 60034-1 (resistance method), α = 0.00393 1/K
+//! for copper at 20 °C; one-node thermal network after Boglietti et al., IEEE Trans. Industrial Electronics 56 (2009) 871.
+
+use crate::effect::{Context, Drift, Effect, Electrical, Env, Info, Need, Output, Parameter, Role, Site};
+use crate::model::Base;
+use crate::real::Real;
+
+/// See the module's documentation.
+pub struct RsThermalDrift;
+
+impl Effect for RsThermalDrift {
+    const INFO: Info = Info {
+        id: "rs_thermal_drift",
+        title: "Thermal drift of the stator resistance",
+        sentence: "The winding warms up and its resistance rises during the recording.",
+        equation: "r_s(t) = r_s·(1 + α·Δϑ), dΔϑ/dt = P_cu/C_th − Δϑ/τ_th",
+        source: "IEC 60034-1; Boglietti et al., IEEE Trans. Industrial Electronics 56 (2009) 871",
+        fingerprint: "Slow drift in proportion to the current, independent of speed",
+        look_alikes: &["magnet_thermal_drift", "dead_time", "dc_link_sag"],
+        site: Site::Electrical,
+        needs: &[Need::Time],
+        parameters: &[
+            Parameter {
+                name: "alpha",
+                unit: "1/K",
+                meaning: "temperature coefficient (copper: 0.0039)",
+                role: Role::Amplitude,
+                low: |_| 0.0,
+                high: |_| 0.02,
+                typical: |_| 0.0039,
+            },
+            Parameter {
+                name: "heating",
+                unit: "1/J",
+                meaning: "relative rise of resistance per joule of copper loss",
+                role: Role::Amplitude,
+                low: |_| 0.0,
+                high: |cx| 10.0 / (cx.v_max * cx.i_max * cx.duration),
+                typical: |cx| 0.5 / (cx.v_max * cx.i_max * cx.duration),
+            },
+            Parameter {
+                name: "tau_th",
+                unit: "s",
+                meaning: "thermal time constant of the winding",
+                role: Role::Shape,
+                low: |cx| 0.02 * cx.duration,
+                high: |cx| 1000.0 * cx.duration,
+                typical: |cx| 2.0 * cx.duration,
+            },
+        ],
+    };
+    const ELECTRICAL_STATES: usize = 1;
+
+    fn probes(cx: &Context) -> Vec<Vec<f64>> {
+        [0.15, 0.6, 3.0].map(|x| vec![0.0, 0.0, x * cx.duration]).to_vec()
+    }
+
+    fn fitted(cx: &Context, index: usize) -> bool {
+        (index == 0) == cx.has_temperature
+    }
+
+    #[inline(always)]
+    fn drift<T: Real>(p: &[T], x: &[T], env: &Env<T>, _: &Context, out: &mut Drift<T>) {
+        let own = x.first().copied().unwrap_or(T::zero());
+        out.r_s = out.r_s * (own + p[0] * env.heating + 1.0);
+    }
+
+    #[inline(always)]
+    fn electrical_states<T: Real>(p: &[T], x: &[T], at: &Electrical<T>, _: &Context, dx: &mut [T]) {
+        let loss = at.r_s * (at.i[0].squared() + at.i[1].squared()) * 1.5;
+        dx[0] = p[1] * loss - x[0] / p[2];
+    }
+
+    fn outputs<T: Real>(p: &[T], _: &Base<T>, cx: &Context) -> Vec<Output<T>> {
+        if cx.has_temperature {
+            vec![("alpha", "1/K", p[0])]
+        } else {
+            vec![("heating", "1/J", p[1]), ("tau_th", "s", p[2])]
+        }
+    }
+}

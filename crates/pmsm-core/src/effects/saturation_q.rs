@@ -1,0 +1,68 @@
+//! Saturation of the q axis: beyond the linear part the flux λ_q calls for the current
+//! Δi_q = (k/l_q)·(|λ_q|/λ_0)^s·λ_q, from the energy W = (k/l_q)·|λ_q|^(s+2)/((s+2)·λ_0^s), λ_0 being the largest
+//! flux linkage of the recording. The inductance falls as the axis fills.
+//!
+//! Source: Hinkkanen, Pescetto, Mölsä, Saarakkala, Pellegrino & Bojoi, IEEE Trans. Industry Applications 53 (2017) 2644.
+
+use crate::effect::{Context, Effect, Field, Info, Parameter, Role, Site};
+use crate::model::Base;
+use crate::real::Real;
+
+/// See the module's documentation.
+pub struct SaturationQ;
+
+/// Parameters shared by the saturations of both axes.
+pub const PARAMETERS: [Parameter; 2] = [
+    Parameter {
+        name: "k",
+        unit: "1",
+        meaning: "extra current at the largest flux linkage, share of the linear one",
+        role: Role::Amplitude,
+        low: |_| 0.0,
+        high: |_| 30.0,
+        typical: |_| 0.2,
+    },
+    Parameter {
+        name: "s",
+        unit: "1",
+        meaning: "exponent: how sharp the knee is",
+        role: Role::Shape,
+        low: |_| 0.5,
+        high: |_| 10.0,
+        typical: |_| 2.0,
+    },
+];
+
+/// Current Δi = (k/l)·(|λ|/λ_0)^s·λ and its derivative with respect to λ.
+#[inline(always)]
+pub fn extra_current<T: Real>(p: &[T], inverse_l: T, flux: T, cx: &Context) -> (T, T) {
+    let reach = (flux.abs() * (1.0 / cx.psi_max)).pow_nonnegative(p[1]);
+    let slope = p[0] * inverse_l * reach;
+    (slope * flux, slope * (p[1] + 1.0))
+}
+
+impl Effect for SaturationQ {
+    const INFO: Info = Info {
+        id: "saturation_q",
+        title: "Saturation of the q axis",
+        sentence: "The iron of the q axis saturates: its inductance falls as its own current grows.",
+        equation: "i_q = λ_q/l_q·(1 + k·(|λ_q|/λ_0)^s)",
+        source: "Hinkkanen et al., IEEE Trans. Industry Applications 53 (2017) 2644",
+        fingerprint: "d-axis voltage −ω·λ_q bends with i_q; current ripple grows with i_q",
+        look_alikes: &["cross_saturation", "saturation_d", "encoder_angle_offset"],
+        site: Site::Electrical,
+        needs: &[],
+        parameters: &PARAMETERS,
+    };
+
+    fn probes(_: &Context) -> Vec<Vec<f64>> {
+        [1.0, 2.0, 4.0, 7.0].map(|s| vec![0.0, s]).to_vec()
+    }
+
+    #[inline(always)]
+    fn field<T: Real>(p: &[T], flux: [T; 2], _: T, base: &Base<T>, cx: &Context, out: &mut Field<T>) {
+        let (current, slope) = extra_current(p, base.inverse_l_q, flux[1], cx);
+        out.i[1] += current;
+        out.inverse[2] += slope;
+    }
+}

@@ -1,0 +1,252 @@
+//! Finds when an unknown, piecewise constant load torque changes.
+//!
+//! The equation of motion is integrated at the *measured* speed,
+//!
+//! > y(t) = ∫J·a dt − J·(ω_m(t) − ω_m(0)),  a = acceleration of the model without load,
+//!
+//! in which a load step at s is a hinge Δτ·max(0, t − s) under little noise. In this form a wrong inertia adds the speed
+//! itself, which no load resembles. Steps are added where a hinge explains
+//! most, together with corrections of the model's own mechanical parameters, moved, and pruned again; how much a step
+//! must explain follows from the effective number of independent samples in what is left.
+
+use crate::effect::Site;
+use crate::effects::EffectId;
+use crate::model::{Base, Model};
+use crate::real::{Dual, Real};
+use crate::signals::Signals;
+use crate::simulate::electrical::measured_env;
+use nalgebra::{DMatrix, DVector};
+
+/// Points of the grid on which y(t) is looked at.
+const POINTS: usize = 1200;
+/// Instants tried in the first scan.
+const SCAN: usize = 240;
+/// What a step must gain in the log-likelihood-like n_eff·ln(SSE ratio): two parameters and the freedom to choose.
+const GAIN: f64 = 30.0;
+/// Steps allowed per second, and at least.
+const RATE: (f64, usize) = (4.0, 4);
+/// Closest distance of two steps, share of the duration.
+const CLOSEST: f64 = 0.004;
+/// Mechanical parameters of the model that may be corrected at once.
+const LANES: usize = 8;
+
+/// Instants (s from the first sample, ascending) at which the load changes, given the motor torque per sample
+/// `tau_e` and the mechanical parameters `free` that may still be wrong. Effects with states of their own are
+/// taken as rigid here.
+pub fn find(model: &Model, signals: &Signals, p: &[f64], tau_e: &[f64], free: &[usize]) -> Vec<f64> {
+    let grid = Grid::new(model, signals, p, tau_e, free);
+    let most = RATE.1.max((RATE.0 * signals.context.duration) as usize);
+    // Steps are added without asking what they are worth, because with some of them missing what is left is too
+    // coloured to tell; those that do not pay in the end are pruned.
+    let mut steps: Vec<f64> = Vec::new();
+    while steps.len() < most {
+        let Some(step) = Fit::new(&grid, &steps).best_hinge(&grid, &steps) else { break };
+        steps.push(step);
+        grid.move_each(&mut steps);
+    }
+    grid.prune(&mut steps);
+    steps
+}
+
+/// y(t) and its columns on a coarse grid.
+struct Grid {
+    t: Vec<f64>,
+    y: DVector<f64>,
+    columns: DMatrix<f64>,
+    closest: f64,
+}
+
+impl Grid {
+    fn new(model: &Model, signals: &Signals, p: &[f64], tau_e: &[f64], free: &[usize]) -> Self {
+        let rigid: Vec<EffectId> =
+            model.effects().into_iter().filter(|e| e.mechanical_state_count() == 0).collect();
+        let kept = Model::new(*model.context(), &rigid);
+        let (values, places) = restrict(model, &kept, p);
+        let seeds: Vec<usize> = free.iter().filter_map(|k| places.get(*k).copied().flatten()).take(LANES).collect();
+        let mut seeded: Vec<Dual<LANES>> = values.iter().map(|x| Dual::constant(*x)).collect();
+        for (slot, place) in seeds.iter().enumerate() {
+            seeded[*place] = Dual::variable(values[*place], slot);
+        }
+        let base = Base::new(&seeded);
+        let n = signals.len();
+        let block = n.div_ceil(POINTS).max(1);
+        let count = n.div_ceil(block);
+        let (mut t, mut y) = (Vec::with_capacity(count), DVector::zeros(count));
+        let mut columns = DMatrix::zeros(count, 2 + seeds.len());
+        let n_p = signals.n_p;
+        let acceleration = |k: usize| -> Dual<LANES> {
+            let env = measured_env(signals, k);
+            let tau = Dual::constant(tau_e[k]);
+            let load = known_load(signals, k);
+            kept.mechanical_rhs(&seeded, &base, &[env.omega_e * (1.0 / n_p)], tau, Dual::constant(load), &env)[0] * base.j
+        };
+        let mut sum = Dual::<LANES>::zero();
+        let mut last = acceleration(0);
+        for k in 0..n {
+            if k > 0 {
+                let now = acceleration(k);
+                sum += (last + now) * (0.5 * (signals.t[k] - signals.t[k - 1]));
+                last = now;
+            }
+            let row = k / block;
+            let weight = 1.0 / (block.min(n - row * block)) as f64;
+            if k % block == 0 {
+                t.push(0.0);
+            }
+            t[row] += signals.t[k] * weight;
+            let rest = sum - base.j * ((signals.omega_e[k] - signals.omega_e[0]) / n_p);
+            y[row] += rest.re * weight;
+            for slot in 0..seeds.len() {
+                columns[(row, 2 + slot)] += rest.eps[slot] * weight;
+            }
+        }
+        for row in 0..count {
+            columns[(row, 0)] = 1.0;
+            columns[(row, 1)] = t[row];
+        }
+        let closest = CLOSEST * signals.context.duration;
+        Self { t, y, columns, closest }
+    }
+
+    fn hinge(&self, step: f64) -> DVector<f64> {
+        DVector::from_iterator(self.t.len(), self.t.iter().map(|t| (t - step).max(0.0)))
+    }
+
+    /// Moves each step to where it explains most, in ever finer strides.
+    fn move_each(&self, steps: &mut [f64]) {
+        let duration = self.t[self.t.len() - 1];
+        for stride in [0.5 / SCAN as f64, 0.15 / SCAN as f64] {
+            for at in 0..steps.len() {
+                let others: Vec<f64> =
+                    steps.iter().enumerate().filter(|(k, _)| *k != at).map(|(_, s)| *s).collect();
+                let fit = Fit::new(self, &others);
+                let tried = (-4..=4).map(|k| steps[at] + f64::from(k) * stride * duration);
+                if let Some(best) = fit.best_of(self, tried, &others) {
+                    steps[at] = best;
+                }
+            }
+        }
+        steps.sort_by(f64::total_cmp);
+    }
+
+    /// Takes away every step that does not pay for itself once the others are in place.
+    fn prune(&self, steps: &mut Vec<f64>) {
+        loop {
+            let whole = Fit::new(self, steps);
+            let weakest = (0..steps.len())
+                .map(|at| {
+                    let mut others = steps.clone();
+                    others.remove(at);
+                    (at, gain(&Fit::new(self, &others), &whole))
+                })
+                .min_by(|a, b| a.1.total_cmp(&b.1));
+            match weakest {
+                Some((at, worth)) if worth < GAIN => {
+                    steps.remove(at);
+                    self.move_each(steps);
+                }
+                _ => return,
+            }
+        }
+    }
+}
+
+/// Least-squares fit of y(t) by the columns and the hinges of some steps.
+struct Fit {
+    q: DMatrix<f64>,
+    residual: DVector<f64>,
+}
+
+impl Fit {
+    fn new(grid: &Grid, steps: &[f64]) -> Self {
+        let mut columns = grid.columns.clone();
+        for step in steps {
+            let at = columns.ncols();
+            columns = columns.insert_column(at, 0.0);
+            columns.set_column(at, &grid.hinge(*step));
+        }
+        for mut column in columns.column_iter_mut() {
+            let norm = column.norm();
+            if norm > 0.0 {
+                column /= norm;
+            }
+        }
+        let q = columns.qr().q();
+        let residual = &grid.y - &q * q.tr_mul(&grid.y);
+        Self { q, residual }
+    }
+
+    fn best_hinge(&self, grid: &Grid, steps: &[f64]) -> Option<f64> {
+        let (start, end) = (grid.t[0], grid.t[grid.t.len() - 1]);
+        self.best_of(grid, (1..SCAN).map(|k| start + (end - start) * k as f64 / SCAN as f64), steps)
+    }
+
+    fn best_of(&self, grid: &Grid, tried: impl Iterator<Item = f64>, others: &[f64]) -> Option<f64> {
+        let (start, end) = (grid.t[0] + grid.closest, grid.t[grid.t.len() - 1] - grid.closest);
+        tried
+            .filter(|s| *s > start && *s < end && others.iter().all(|o| (o - s).abs() > grid.closest))
+            .map(|s| {
+                let hinge = grid.hinge(s);
+                let free = &hinge - &self.q * self.q.tr_mul(&hinge);
+                let square = free.norm_squared();
+                let product = free.dot(&self.residual);
+                (s, if square > 1e-9 * hinge.norm_squared() { product * product / square } else { 0.0 })
+            })
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .map(|(s, _)| s)
+    }
+}
+
+/// n_eff·ln(SSE before / SSE after), n_eff from the colour of what is left afterwards.
+fn gain(before: &Fit, after: &Fit) -> f64 {
+    let (a, b) = (before.residual.norm_squared(), after.residual.norm_squared());
+    if b <= 0.0 {
+        return 0.0;
+    }
+    effective_samples(after.residual.as_slice()) * (a / b).ln()
+}
+
+/// Effective number of independent samples of a coloured series: n/(1 + 2Σρ), summed up to the first ρ < 0.05.
+pub fn effective_samples(x: &[f64]) -> f64 {
+    let n = x.len();
+    let energy: f64 = x.iter().map(|v| v * v).sum();
+    if energy <= 0.0 {
+        return n as f64;
+    }
+    let mut colour = 1.0;
+    for lag in 1..n / 2 {
+        let rho = (0..n - lag).map(|k| x[k] * x[k + lag]).sum::<f64>() / energy;
+        if rho < 0.05 {
+            break;
+        }
+        colour += 2.0 * rho;
+    }
+    (n as f64 / colour).max(2.0)
+}
+
+fn known_load(signals: &Signals, k: usize) -> f64 {
+    match signals.load {
+        crate::recording::Load::KnownConstant(value) => value,
+        crate::recording::Load::Measured => signals.tau_m.as_ref().map_or(0.0, |tau| tau[k]),
+        _ => 0.0,
+    }
+}
+
+/// The parameters of `kept` out of those of `model`, and where each of the latter went.
+fn restrict(model: &Model, kept: &Model, p: &[f64]) -> (Vec<f64>, Vec<Option<usize>>) {
+    let mut values = p[..crate::model::BASE].to_vec();
+    let mut places: Vec<Option<usize>> = (0..crate::model::BASE).map(Some).collect();
+    for slot in model.slots() {
+        let stays = kept.slots().iter().any(|s| s.effect == slot.effect);
+        let mechanical = slot.effect.info().site == Site::Mechanical;
+        for k in slot.parameters.clone() {
+            if stays {
+                places.push(mechanical.then_some(values.len()));
+                values.push(p[k]);
+            } else {
+                places.push(None);
+            }
+        }
+    }
+    (values, places)
+}

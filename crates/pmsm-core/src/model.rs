@@ -1,0 +1,352 @@
+//! A machine with any set of omitted effects: right-hand sides, torque and measurement map.
+//!
+//! The bare machine is the dq-model (1)–(3) of Liu, Liu & Cartes (2008), written in flux linkages (see
+//! [`crate::effect`]). Every simulation of this crate, whatever drives it, goes through the functions here.
+
+use crate::effect::{
+    Context, Drift, Electrical, Env, Field, Magnet, Mechanical, Need, Rotor, Sensor, Site,
+};
+use crate::effects::EffectId;
+use crate::machine::BaseParameter;
+use crate::real::Real;
+use crate::transforms::{inverse_park, park};
+use std::ops::Range;
+
+/// Base parameters unpacked, with the reciprocals that the inner loop needs.
+#[derive(Debug, Clone, Copy)]
+pub struct Base<T> {
+    /// Stator resistance, Ω.
+    pub r_s: T,
+    /// d-axis inductance, H.
+    pub l_d: T,
+    /// q-axis inductance, H.
+    pub l_q: T,
+    /// 1/l_d, 1/H.
+    pub inverse_l_d: T,
+    /// 1/l_q, 1/H.
+    pub inverse_l_q: T,
+    /// Magnet flux linkage, V s.
+    pub psi_m: T,
+    /// Inertia, kg m².
+    pub j: T,
+    /// Viscous friction, N m s.
+    pub b: T,
+}
+
+impl<T: Real> Base<T> {
+    /// From a parameter vector whose first six entries are in the order of [`BaseParameter::ALL`].
+    pub fn new(p: &[T]) -> Self {
+        let [r_s, l_d, l_q, psi_m, j, b] = [p[0], p[1], p[2], p[3], p[4], p[5]];
+        let one = T::one();
+        Self { r_s, l_d, l_q, inverse_l_d: one / l_d, inverse_l_q: one / l_q, psi_m, j, b }
+    }
+}
+
+/// Number of base parameters at the head of every parameter vector.
+pub const BASE: usize = 6;
+
+/// Where one effect's parameters and states sit.
+#[derive(Debug, Clone)]
+pub struct Slot {
+    /// The effect.
+    pub effect: EffectId,
+    /// Its parameters in the parameter vector.
+    pub parameters: Range<usize>,
+    /// Its states among the electrical extra states.
+    pub electrical: Range<usize>,
+    /// Its states among the mechanical extra states.
+    pub mechanical: Range<usize>,
+}
+
+/// The bare machine plus chosen effects.
+#[derive(Debug, Clone)]
+pub struct Model {
+    context: Context,
+    slots: Vec<Slot>,
+    uses_angle: bool,
+    has_sensor: bool,
+}
+
+/// Magnetic state that belongs to a flux linkage.
+#[derive(Debug, Clone, Copy)]
+pub struct Magnetic<T> {
+    /// Stator current d, q, A.
+    pub i: [T; 2],
+    /// Motor torque, N·m.
+    pub tau_e: T,
+    inverse: [T; 3],
+}
+
+impl Model {
+    /// The machine with these effects, at the scales of one recording.
+    pub fn new(context: Context, effects: &[EffectId]) -> Self {
+        let (mut at, mut electrical, mut mechanical) = (BASE, 0, 0);
+        let mut slots = Vec::with_capacity(effects.len());
+        for &effect in effects {
+            let (count, e, m) = (
+                effect.info().parameters.len(),
+                effect.electrical_state_count(),
+                effect.mechanical_state_count(),
+            );
+            slots.push(Slot {
+                effect,
+                parameters: at..at + count,
+                electrical: electrical..electrical + e,
+                mechanical: mechanical..mechanical + m,
+            });
+            (at, electrical, mechanical) = (at + count, electrical + e, mechanical + m);
+        }
+        let uses_angle = effects.iter().any(|e| e.info().needs.contains(&Need::Angle));
+        let has_sensor = effects.iter().any(|e| e.info().site == Site::Sensor);
+        Self { context, slots, uses_angle, has_sensor }
+    }
+
+    /// The scales it was built for.
+    pub fn context(&self) -> &Context {
+        &self.context
+    }
+
+    /// Its effects with their places.
+    pub fn slots(&self) -> &[Slot] {
+        &self.slots
+    }
+
+    /// Its effects.
+    pub fn effects(&self) -> Vec<EffectId> {
+        self.slots.iter().map(|s| s.effect).collect()
+    }
+
+    /// Length of the parameter vector: six base parameters, then each effect's.
+    pub fn parameter_count(&self) -> usize {
+        self.slots.last().map_or(BASE, |s| s.parameters.end)
+    }
+
+    /// Number of electrical extra states.
+    pub fn electrical_states(&self) -> usize {
+        self.slots.last().map_or(0, |s| s.electrical.end)
+    }
+
+    /// Number of mechanical extra states.
+    pub fn mechanical_states(&self) -> usize {
+        self.slots.last().map_or(0, |s| s.mechanical.end)
+    }
+
+    /// True if an effect changes what the sensors show.
+    pub fn has_sensor(&self) -> bool {
+        self.has_sensor
+    }
+
+    /// Physical bounds of parameter `index`.
+    pub fn bounds(&self, index: usize) -> (f64, f64) {
+        if index < BASE {
+            return BaseParameter::ALL[index].physical_range();
+        }
+        let slot = self.slots.iter().find(|s| s.parameters.contains(&index)).expect("index within the vector");
+        let info = &slot.effect.info().parameters[index - slot.parameters.start];
+        ((info.low)(&self.context), (info.high)(&self.context))
+    }
+
+    /// Magnet flux and drift factors now.
+    fn sources<T: Real>(&self, p: &[T], base: &Base<T>, x: &[T], env: &Env<T>) -> (T, T, Magnet<T>) {
+        let mut drift = Drift { r_s: T::one(), psi_m: T::one() };
+        for s in &self.slots {
+            let x = &x[s.electrical.clone()];
+            s.effect.drift(&p[s.parameters.clone()], x, env, &self.context, &mut drift);
+        }
+        let psi_m = base.psi_m * drift.psi_m;
+        let mut magnet = Magnet { flux: [psi_m, T::zero()], slope: [T::zero(); 2] };
+        for s in &self.slots {
+            s.effect.magnet(&p[s.parameters.clone()], psi_m, env, &self.context, &mut magnet);
+        }
+        (base.r_s * drift.r_s, psi_m, magnet)
+    }
+
+    /// Currents and torque that belong to the flux linkage `flux`.
+    fn magnetic<T: Real>(
+        &self,
+        p: &[T],
+        base: &Base<T>,
+        psi_m: T,
+        magnet: &Magnet<T>,
+        flux: [T; 2],
+    ) -> Magnetic<T> {
+        let mut field = Field {
+            i: [(flux[0] - magnet.flux[0]) * base.inverse_l_d, (flux[1] - magnet.flux[1]) * base.inverse_l_q],
+            slope: T::zero(),
+            inverse: [base.inverse_l_d, T::zero(), base.inverse_l_q],
+        };
+        for s in &self.slots {
+            s.effect.field(&p[s.parameters.clone()], flux, psi_m, base, &self.context, &mut field);
+        }
+        let i = field.i;
+        let turning = flux[0] * i[1] - flux[1] * i[0];
+        let pulling = i[0] * magnet.slope[0] + i[1] * magnet.slope[1] - field.slope;
+        Magnetic { i, tau_e: (turning + pulling) * (1.5 * self.context.n_p), inverse: field.inverse }
+    }
+
+    /// Time derivative of the electrical state `[λ_d, λ_q, extra …]` under the winding voltage command `v`
+    /// (d, q, rotor frame), equation (1) with the effects.
+    #[inline]
+    pub fn electrical_rhs<T: Real, const N: usize>(
+        &self,
+        p: &[T],
+        base: &Base<T>,
+        state: &[T; N],
+        v: [T; 2],
+        env: &Env<T>,
+    ) -> [T; N] {
+        let (flux, x) = ([state[0], state[1]], &state[2..]);
+        let (r_s, psi_m, magnet) = self.sources(p, base, x, env);
+        let i = self.magnetic(p, base, psi_m, &magnet, flux).i;
+        let mut derivative = [T::zero(); N];
+        let mut lost = [T::zero(); 2];
+        if !self.slots.is_empty() {
+            let sin_cos = if self.uses_angle { env.theta_e.sin_cos() } else { (T::zero(), T::one()) };
+            let at = Electrical { env: *env, sin_cos, i, r_s };
+            for s in &self.slots {
+                let (own, range) = (&p[s.parameters.clone()], s.electrical.clone());
+                s.effect.voltage(own, &x[range.clone()], &at, &self.context, &mut lost);
+                let dx = &mut derivative[2 + range.start..2 + range.end];
+                s.effect.electrical_states(own, &x[range], &at, &self.context, dx);
+            }
+        }
+        derivative[0] = v[0] - lost[0] - r_s * i[0] + env.omega_e * flux[1];
+        derivative[1] = v[1] - lost[1] - r_s * i[1] - env.omega_e * flux[0];
+        derivative
+    }
+
+    /// Current and torque of an electrical state `[λ_d, λ_q, extra …]`.
+    pub fn state_current<T: Real>(&self, p: &[T], base: &Base<T>, state: &[T], env: &Env<T>) -> Magnetic<T> {
+        let (_, psi_m, magnet) = self.sources(p, base, &state[2..], env);
+        self.magnetic(p, base, psi_m, &magnet, [state[0], state[1]])
+    }
+
+    /// Flux linkage and torque that belong to a current, by Newton's method on the energy's gradient; `x` are the
+    /// electrical extra states.
+    pub fn flux_of_current<T: Real>(
+        &self,
+        p: &[T],
+        base: &Base<T>,
+        i: [T; 2],
+        x: &[T],
+        env: &Env<T>,
+    ) -> ([T; 2], T) {
+        let (_, psi_m, magnet) = self.sources(p, base, x, env);
+        let mut flux = [magnet.flux[0] + base.l_d * i[0], magnet.flux[1] + base.l_q * i[1]];
+        let mut at = self.magnetic(p, base, psi_m, &magnet, flux);
+        if self.slots.iter().any(|s| s.effect.info().site == Site::Electrical) {
+            for _ in 0..6 {
+                let (e_d, e_q) = (i[0] - at.i[0], i[1] - at.i[1]);
+                let [a, b, c] = at.inverse;
+                let determinant = a * c - b * b;
+                flux[0] += (c * e_d - b * e_q) / determinant;
+                flux[1] += (a * e_q - b * e_d) / determinant;
+                at = self.magnetic(p, base, psi_m, &magnet, flux);
+            }
+        }
+        (flux, at.tau_e)
+    }
+
+    /// Time derivative of the mechanical state `[ω_m, extra …]` under the motor torque `tau_e` and the load
+    /// torque `tau_load`, equation (2) with the effects. `env.omega_e` is ignored in favour of the state.
+    #[inline]
+    pub fn mechanical_rhs<T: Real, const N: usize>(
+        &self,
+        p: &[T],
+        base: &Base<T>,
+        state: &[T; N],
+        tau_e: T,
+        tau_load: T,
+        env: &Env<T>,
+    ) -> [T; N] {
+        let at = self.mechanical_point(base, state[0], tau_e, tau_load, env);
+        let x = &state[1..];
+        let acceleration = self.acceleration(p, base, x, &at);
+        let mut derivative = [T::zero(); N];
+        derivative[0] = acceleration;
+        for s in &self.slots {
+            let range = s.mechanical.clone();
+            let dx = &mut derivative[1 + range.start..1 + range.end];
+            let own = &p[s.parameters.clone()];
+            s.effect.mechanical_states(own, &x[range], &at, acceleration, &self.context, dx);
+        }
+        derivative
+    }
+
+    fn mechanical_point<T: Real>(
+        &self,
+        base: &Base<T>,
+        omega_m: T,
+        tau_e: T,
+        tau_load: T,
+        env: &Env<T>,
+    ) -> Mechanical<T> {
+        let env = Env { omega_e: omega_m * self.context.n_p, ..*env };
+        Mechanical { env, omega_m, tau_e, tau_load, j: base.j }
+    }
+
+    fn acceleration<T: Real>(&self, p: &[T], base: &Base<T>, x: &[T], at: &Mechanical<T>) -> T {
+        let mut rotor = Rotor { inertia: base.j, loss: base.b * at.omega_m, load: at.tau_load };
+        for s in &self.slots {
+            let x = &x[s.mechanical.clone()];
+            s.effect.rotor(&p[s.parameters.clone()], x, at, &self.context, &mut rotor);
+        }
+        (at.tau_e - rotor.loss - rotor.load) / rotor.inertia
+    }
+
+    /// Quasi-static start of the mechanical extra states at mechanical speed `omega_m`.
+    pub fn mechanical_start<T: Real, const N: usize>(
+        &self,
+        p: &[T],
+        base: &Base<T>,
+        omega_m: T,
+        tau_e: T,
+        tau_load: T,
+        env: &Env<T>,
+    ) -> [T; N] {
+        let mut state = [T::zero(); N];
+        state[0] = omega_m;
+        let at = self.mechanical_point(base, omega_m, tau_e, tau_load, env);
+        let rigid = (tau_e - base.b * omega_m - tau_load) / base.j;
+        for s in &self.slots {
+            let x = &mut state[1 + s.mechanical.start..1 + s.mechanical.end];
+            s.effect.mechanical_start(&p[s.parameters.clone()], &at, rigid, &self.context, x);
+        }
+        state
+    }
+
+    /// What the sensors do at the measured angle of `env`.
+    pub fn sensor<T: Real>(&self, p: &[T], env: &Env<T>) -> Sensor<T> {
+        let mut sensor = Sensor {
+            gain: [T::one(); 3],
+            offset: [T::zero(); 3],
+            angle: T::zero(),
+            angle_slope: T::zero(),
+        };
+        for s in &self.slots {
+            s.effect.sensor(&p[s.parameters.clone()], env, &self.context, &mut sensor);
+        }
+        sensor
+    }
+
+    /// What the log shows for the true rotor-frame current `i`: `env` and the result are in the measured frame.
+    pub fn measured_current<T: Real>(&self, sensor: &Sensor<T>, i: [T; 2], theta_measured: T) -> [T; 2] {
+        let (s, c) = (theta_measured - sensor.angle).sin_cos();
+        let mut abc = inverse_park(i, c, s);
+        for x in 0..3 {
+            abc[x] = abc[x] * sensor.gain[x] + sensor.offset[x];
+        }
+        let (s, c) = theta_measured.sin_cos();
+        park(abc, c, s)
+    }
+
+    /// The true rotor-frame current behind logged phase currents: the inverse of [`Model::measured_current`].
+    pub fn true_current<T: Real>(&self, sensor: &Sensor<T>, abc: [f64; 3], theta_measured: T) -> [T; 2] {
+        let mut truth = [T::zero(); 3];
+        for x in 0..3 {
+            truth[x] = (T::constant(abc[x]) - sensor.offset[x]) / sensor.gain[x];
+        }
+        let (s, c) = (theta_measured - sensor.angle).sin_cos();
+        park(truth, c, s)
+    }
+}

@@ -1,0 +1,171 @@
+//! How large the residual of a perfect model would be: the sensors' own noise, measured without any model, plus what
+//! noise on the driving signals does to a free-running simulation.
+
+use crate::experiment::{Channel, Experiment};
+use crate::recording::Kind;
+use crate::signals::Signals;
+use crate::transforms::{inverse_clarke, rotate};
+
+/// Noise of one channel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Floor {
+    /// The channel.
+    pub channel: Channel,
+    /// Standard deviation of the sensor's own noise.
+    pub sensor: f64,
+    /// Standard deviation that noise on the inputs of the simulation adds.
+    pub driven: f64,
+}
+
+impl Floor {
+    /// What remains of a perfect model: both parts together.
+    pub fn total(&self) -> f64 {
+        self.sensor.hypot(self.driven)
+    }
+}
+
+/// Standard deviation of white noise on a smooth signal, from third differences (binomial weights 1, 3, 3, 1: the
+/// variance of the difference is 20 times that of the noise). A cubic drops out entirely.
+pub fn white_noise(x: &[f64]) -> f64 {
+    if x.len() < 4 {
+        return 0.0;
+    }
+    let sum: f64 = x.windows(4).map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).powi(2)).sum();
+    (sum / (20.0 * (x.len() - 3) as f64)).sqrt()
+}
+
+/// Sensor noise of the currents in the rotor frame, A, from i_a + i_b + i_c, which is zero but for noise, offsets and
+/// gain errors. `None` unless three currents were logged.
+pub fn current_noise(signals: &Signals) -> Option<f64> {
+    let phases = signals.phases.as_ref().filter(|_| signals.three_currents)?;
+    let sum: Vec<f64> = (0..signals.len()).map(|k| phases[0][k] + phases[1][k] + phases[2][k]).collect();
+    let noise = white_noise(&sum) / 3f64.sqrt() * (2.0f64 / 3.0).sqrt();
+    (noise > 0.0).then_some(noise)
+}
+
+/// The floors of the channels of `experiment`, whose own noise figures are ignored. `p` is a fitted parameter vector: where
+/// noise cannot be read from the log itself it is read from what the model leaves.
+pub fn floors(experiment: &Experiment, p: &[f64]) -> Vec<Floor> {
+    let signals = experiment.signals;
+    let prediction = experiment.predict(p);
+    let rest = |at: usize| -> Vec<f64> {
+        let measured = experiment.measured(experiment.channels[at].0);
+        measured.iter().zip(&prediction[at]).map(|(m, x)| m - x).collect()
+    };
+    let mut floors: Vec<Floor> = experiment
+        .channels
+        .iter()
+        .enumerate()
+        .map(|(at, (channel, _))| {
+            let sensor = match channel {
+                Channel::ID | Channel::IQ => {
+                    current_noise(signals).unwrap_or_else(|| white_noise(&rest(at)))
+                }
+                Channel::OmegaE => white_noise(&signals.omega_e),
+                Channel::VD | Channel::VQ => neighbour_noise(&rest(at), &signals.omega_e),
+            };
+            // A noiseless log still has a resolution; nothing can be told below it.
+            let scale = experiment.measured(*channel).iter().fold(0.0f64, |m, x| m.max(x.abs()));
+            Floor { channel: *channel, sensor: sensor.max(1e-6 * scale).max(f64::MIN_POSITIVE), driven: 0.0 }
+        })
+        .collect();
+    if signals.kind != Kind::OperatingPoints {
+        add_driven(experiment, p, &prediction, &mut floors);
+    }
+    floors
+}
+
+/// Runs the model once more on inputs with as much noise again and takes the difference.
+fn add_driven(experiment: &Experiment, p: &[f64], clean: &[Vec<f64>], floors: &mut [Floor]) {
+    let sensor = |channel: Channel| floors.iter().find(|f| f.channel == channel).map_or(0.0, |f| f.sensor);
+    let (sigma_i, sigma_w) = (sensor(Channel::ID), sensor(Channel::OmegaE));
+    let mut noisy = experiment.signals.clone();
+    let mut random = Gaussian::new(0x6d6f_746f_72);
+    if noisy.speed_known {
+        for w in &mut noisy.omega_e {
+            *w += sigma_w * random.next();
+        }
+    }
+    if let Some(phases) = &mut noisy.phases {
+        for k in 0..phases[0].len() {
+            let dq = [sigma_i * random.next(), sigma_i * random.next()];
+            let (s, c) = noisy.theta_e[k].sin_cos();
+            let abc = inverse_clarke(rotate(dq, c, s));
+            for x in 0..3 {
+                phases[x][k] += abc[x];
+            }
+        }
+    }
+    // Only the inputs are noisy: the initial currents and speeds come from the clean log.
+    let again = Experiment { signals: &noisy, ..experiment.clone() };
+    let disturbed = again.predict(p);
+    for (at, floor) in floors.iter_mut().enumerate() {
+        let difference = clean[at].iter().zip(&disturbed[at]).map(|(a, b)| (a - b).powi(2));
+        let mean = difference.sum::<f64>() / clean[at].len() as f64;
+        // In the speed the fitted initial value answers to the added sensor noise, too; that part is small.
+        floor.driven = if mean.is_finite() { mean.sqrt() } else { 0.0 };
+    }
+}
+
+/// Noise of operating points: half the mean squared difference between neighbours in speed.
+fn neighbour_noise(rest: &[f64], omega: &[f64]) -> f64 {
+    let mut order: Vec<usize> = (0..rest.len()).collect();
+    order.sort_by(|a, b| omega[*a].total_cmp(&omega[*b]));
+    let squares = order.windows(2).map(|w| (rest[w[1]] - rest[w[0]]).powi(2));
+    let mut squares: Vec<f64> = squares.collect();
+    squares.sort_by(f64::total_cmp);
+    // The median of a squared normal difference is 2·0.455·σ².
+    (squares[squares.len() / 2] / (2.0 * 0.4549)).sqrt()
+}
+
+/// Normal deviates by counter, the same on every machine.
+struct Gaussian {
+    counter: u64,
+}
+
+impl Gaussian {
+    fn new(seed: u64) -> Self {
+        Self { counter: seed }
+    }
+
+    fn uniform(&mut self) -> f64 {
+        self.counter = self.counter.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.counter;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn next(&mut self) -> f64 {
+        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
+        radius * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn third_differences_see_the_noise_and_not_the_signal() {
+        let mut random = Gaussian::new(1);
+        let x: Vec<f64> = (0..20_000)
+            .map(|k| {
+                let t = f64::from(k) * 1e-3;
+                100.0 * (0.5 * t).sin() + 3.0 * t * t + 0.2 * random.next()
+            })
+            .collect();
+        assert!((white_noise(&x) / 0.2 - 1.0).abs() < 0.03, "{}", white_noise(&x));
+        assert!(white_noise(&(0..100).map(f64::from).collect::<Vec<_>>()) < 1e-12);
+    }
+
+    #[test]
+    fn deviates_are_normal() {
+        let mut random = Gaussian::new(7);
+        let x: Vec<f64> = (0..50_000).map(|_| random.next()).collect();
+        let mean = x.iter().sum::<f64>() / x.len() as f64;
+        let variance = x.iter().map(|v| v * v).sum::<f64>() / x.len() as f64;
+        let tail = x.iter().filter(|v| v.abs() > 1.96).count() as f64 / x.len() as f64;
+        assert!(mean.abs() < 0.02 && (variance - 1.0).abs() < 0.03 && (tail - 0.05).abs() < 0.005);
+    }
+}

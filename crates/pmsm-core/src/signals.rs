@@ -1,0 +1,423 @@
+//! A recording in the form in which the models are driven by it: rotor-frame voltages and currents, unwrapped angles,
+//! electrical speed, and the scales of the run.
+
+use crate::effect::Context;
+use crate::error::{Error, Result};
+use crate::machine::{BaseParameter, Machine};
+use crate::recording::{Kind, Load, Recording};
+use crate::transforms::{inverse_park, park};
+use serde::Serialize;
+use std::f64::consts::{PI, TAU};
+use std::ops::Range;
+
+/// Something about the data that a user should know, what follows from it and how to record better.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Finding {
+    /// What was found.
+    pub finding: String,
+    /// What it does to the answer.
+    pub consequence: String,
+    /// What to do about it.
+    pub fix: String,
+}
+
+/// Time signals of one recording; all vectors have one entry per sample.
+#[derive(Debug, Clone)]
+pub struct Signals {
+    /// Sample times, s, from zero.
+    pub t: Vec<f64>,
+    /// Runs of samples without a gap.
+    pub segments: Vec<Range<usize>>,
+    /// Median sample period, s.
+    pub period: f64,
+    /// Rotor-frame voltage acting from each sample to the next, V.
+    pub v: Option<[Vec<f64>; 2]>,
+    /// Rotor-frame current in the logged frame, A.
+    pub i: Option<[Vec<f64>; 2]>,
+    /// Phase currents as logged (a missing third completed to zero sum), A.
+    pub phases: Option<[Vec<f64>; 3]>,
+    /// Electrical angle, rad, unwrapped; integrated from the speed if `angle_known` is false.
+    pub theta_e: Vec<f64>,
+    /// Mechanical angle, rad, unwrapped; up to whole electrical turns unless the mechanical angle is logged.
+    pub theta_m: Vec<f64>,
+    /// Whether an angle was logged.
+    pub angle_known: bool,
+    /// Whether three phase currents were logged.
+    pub three_currents: bool,
+    /// Electrical speed, rad/s.
+    pub omega_e: Vec<f64>,
+    /// Whether the speed was logged (else differentiated from the angle).
+    pub speed_known: bool,
+    /// Motor torque where it was recorded, N·m.
+    pub tau_e: Option<Vec<f64>>,
+    /// Measured load torque, N·m.
+    pub tau_m: Option<Vec<f64>>,
+    /// Winding temperature above the first sample's, K.
+    pub heating: Option<Vec<f64>>,
+    /// Magnet temperature above the first sample's, K.
+    pub magnet_heating: Option<Vec<f64>>,
+    /// What is known of the load.
+    pub load: Load,
+    /// Which questions the recording can answer.
+    pub kind: Kind,
+    /// Pole pairs.
+    pub n_p: f64,
+    /// Scales of the run.
+    pub context: Context,
+    /// What the user should know of the data.
+    pub findings: Vec<Finding>,
+}
+
+impl Signals {
+    /// Puts a recording of `machine` in this form.
+    ///
+    /// # Errors
+    /// [`Error::Column`] if angle and speed contradict each other (mechanical taken for electrical, opposite sense), or if
+    /// the angle turns too far between samples to be unwrapped.
+    pub fn new(recording: &Recording, machine: &Machine) -> Result<Self> {
+        let n_p = f64::from(machine.n_p);
+        let n = recording.len();
+        let start = recording.t()[0];
+        let t: Vec<f64> = recording.t().iter().map(|x| x - start).collect();
+        let segments = recording.segments().to_vec();
+        let scaled = |name: &str, factor: f64| {
+            recording.column(name).map(|x| x.iter().map(|v| v * factor).collect::<Vec<f64>>())
+        };
+        let logged_speed = scaled("omega_e", 1.0).or_else(|| scaled("omega_m", n_p));
+        let mechanical = recording.column("theta_m").map(unwrap);
+        let logged_angle = recording
+            .column("theta_e")
+            .map(unwrap)
+            .or_else(|| mechanical.as_ref().map(|m| m.iter().map(|x| x * n_p).collect()));
+        let (angle_known, speed_known) = (logged_angle.is_some(), logged_speed.is_some());
+        let omega_e = match (&logged_speed, &logged_angle) {
+            (Some(speed), _) => speed.clone(),
+            (None, Some(angle)) => differentiate(&t, angle, &segments),
+            (None, None) => {
+                return Err(Error::unusable("there is neither a speed nor an angle", "record one of them"));
+            }
+        };
+        let operating_points = recording.kind() == Kind::OperatingPoints;
+        if let (Some(angle), true, false) = (&logged_angle, speed_known, operating_points) {
+            check_sense(&t, angle, &omega_e, &segments, machine.n_p)?;
+        }
+        let theta_e = logged_angle.unwrap_or_else(|| integrate(&t, &omega_e));
+        let theta_m = mechanical.unwrap_or_else(|| theta_e.iter().map(|x| x / n_p).collect());
+
+        let mut findings = Vec::new();
+        let (phases, three_currents) = phase_currents(recording, &theta_e, &mut findings);
+        let i = match (recording.column("i_d"), recording.column("i_q")) {
+            (Some(d), Some(q)) => Some([d.to_vec(), q.to_vec()]),
+            _ => phases.as_ref().map(|abc| to_rotor(abc, &theta_e)),
+        };
+        let v = match (recording.column("v_d"), recording.column("v_q")) {
+            (Some(d), Some(q)) => Some([d.to_vec(), q.to_vec()]),
+            _ => phase_voltages(recording, &t, &theta_e, &omega_e, angle_known),
+        };
+        let relative = |name: &str| {
+            recording.column(name).map(|x| x.iter().map(|v| v - x[0]).collect::<Vec<f64>>())
+        };
+        let (heating, magnet_heating) = (relative("temperature"), relative("temperature_magnet"));
+        let tau_e = scaled("tau_e", 1.0);
+        if segments.len() > 1 {
+            findings.push(Finding {
+                finding: format!("the log has {} gaps in time", segments.len() - 1),
+                consequence: "the models restart from the measurement behind each gap".into(),
+                fix: "record without interruption".into(),
+            });
+        }
+        let mut signals = Self {
+            t,
+            segments,
+            period: recording.period(),
+            v,
+            i,
+            phases,
+            theta_e,
+            theta_m,
+            angle_known,
+            three_currents,
+            omega_e,
+            speed_known,
+            tau_e,
+            tau_m: scaled("tau_m", 1.0),
+            heating,
+            magnet_heating,
+            load: recording.load(),
+            kind: recording.kind(),
+            n_p,
+            context: Context {
+                n_p,
+                i_max: 0.0,
+                v_max: 0.0,
+                omega_e_max: 0.0,
+                tau_max: 0.0,
+                psi_max: 0.0,
+                duration: recording.duration(),
+                period: recording.period(),
+                electrical_rate: electrical_rate(machine),
+                zero_sequence: 0.0,
+                has_temperature: recording.has(&["temperature"]),
+                has_magnet_temperature: recording.has(&["temperature_magnet"]),
+            },
+            findings,
+        };
+        signals.set_scales(machine, n);
+        Ok(signals)
+    }
+
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.t.len()
+    }
+
+    /// Never true for a checked recording.
+    pub fn is_empty(&self) -> bool {
+        self.t.is_empty()
+    }
+
+    fn set_scales(&mut self, machine: &Machine, n: usize) {
+        let largest = |x: &Option<[Vec<f64>; 2]>| {
+            x.as_ref().map_or(0.0, |[d, q]| {
+                d.iter().zip(q).map(|(d, q)| d.hypot(*q)).fold(0.0, f64::max)
+            })
+        };
+        let peak = |x: &[f64]| x.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        let cx = &mut self.context;
+        cx.i_max = largest(&self.i).max(1e-9);
+        cx.v_max = largest(&self.v).max(1e-9);
+        cx.omega_e_max = peak(&self.omega_e).max(1e-6);
+        // Without a nameplate the back-EMF at the highest speed bounds the flux.
+        let psi_m = machine.get(BaseParameter::PsiM).unwrap_or(cx.v_max / cx.omega_e_max.max(1.0));
+        let l = machine.get(BaseParameter::LQ).or(machine.get(BaseParameter::LD)).unwrap_or(0.0);
+        cx.psi_max = psi_m.max(1e-9).hypot(l * cx.i_max);
+        cx.tau_max = match &self.tau_e {
+            Some(tau) => peak(tau),
+            None => 1.5 * self.n_p * cx.psi_max * cx.i_max,
+        }
+        .max(1e-12);
+        if let (Some([a, b, c]), true) = (&self.phases, self.three_currents) {
+            cx.zero_sequence = (0..n).map(|k| a[k] + b[k] + c[k]).sum::<f64>() / (3.0 * n as f64);
+        }
+    }
+}
+
+/// r_s/l of the faster axis; where the nameplate is silent, that of a small servo motor.
+fn electrical_rate(machine: &Machine) -> f64 {
+    let r_s = machine.get(BaseParameter::RS);
+    let l = [BaseParameter::LD, BaseParameter::LQ].iter().filter_map(|p| machine.get(*p)).reduce(f64::min);
+    match (r_s, l) {
+        (Some(r_s), Some(l)) => r_s / l,
+        _ => 1000.0,
+    }
+}
+
+/// Removes the jumps of a wrapped angle.
+fn unwrap(angle: &[f64]) -> Vec<f64> {
+    let mut turns = 0.0;
+    let mut last = angle[0];
+    angle
+        .iter()
+        .map(|&x| {
+            let jump = x - last;
+            if jump.abs() > PI {
+                turns -= (jump / TAU).round();
+            }
+            last = x;
+            x + turns * TAU
+        })
+        .collect()
+}
+
+fn differentiate(t: &[f64], x: &[f64], segments: &[Range<usize>]) -> Vec<f64> {
+    let mut slope = vec![0.0; x.len()];
+    for segment in segments {
+        let (first, last) = (segment.start, segment.end - 1);
+        for k in segment.clone() {
+            let (a, b) = (k.saturating_sub(1).max(first), (k + 1).min(last));
+            slope[k] = if b > a { (x[b] - x[a]) / (t[b] - t[a]) } else { 0.0 };
+        }
+    }
+    slope
+}
+
+fn integrate(t: &[f64], rate: &[f64]) -> Vec<f64> {
+    let mut sum = 0.0;
+    (0..t.len())
+        .map(|k| {
+            if k > 0 {
+                sum += 0.5 * (rate[k] + rate[k - 1]) * (t[k] - t[k - 1]);
+            }
+            sum
+        })
+        .collect()
+}
+
+/// Compares how far the angle turned with the integral of the speed.
+fn check_sense(t: &[f64], theta: &[f64], omega: &[f64], segments: &[Range<usize>], n_p: u32) -> Result<()> {
+    let (mut product, mut square, mut travelled) = (0.0, 0.0, 0.0);
+    for segment in segments {
+        for k in segment.start + 1..segment.end {
+            let expected = 0.5 * (omega[k] + omega[k - 1]) * (t[k] - t[k - 1]);
+            if expected.abs() > PI {
+                return Err(Error::Sample {
+                    column: "theta_e".into(),
+                    row: k,
+                    problem: "the rotor turns more than half an electrical turn between two samples".into(),
+                    fix: "sample faster, or leave the angle out".into(),
+                });
+            }
+            product += expected * (theta[k] - theta[k - 1]);
+            square += expected * expected;
+            travelled += expected.abs();
+        }
+    }
+    if travelled < 2.0 * TAU {
+        return Ok(());
+    }
+    let (ratio, n_p) = (product / square, f64::from(n_p));
+    let near = |x: f64| (ratio / x - 1.0).abs() < 0.2;
+    let refuse = |problem: String, fix: String| Err(Error::Column { column: "theta_e".into(), problem, fix });
+    if near(1.0) {
+        Ok(())
+    } else if near(1.0 / n_p) {
+        refuse(
+            format!("the angle turns {ratio:.3} times as far as the speed says, which is 1/n_p"),
+            "one of the two is mechanical: map the angle to theta_m, or the speed to omega_m".into(),
+        )
+    } else if near(n_p) {
+        refuse(
+            format!("the angle turns {ratio:.3} times as far as the speed says, which is n_p"),
+            "one of the two is mechanical: map the speed to omega_m, or the angle to theta_e".into(),
+        )
+    } else {
+        refuse(
+            format!("the angle turns {ratio:.3} times as far as the integral of the speed"),
+            "check units, n_p and the sense of rotation (scale = -1 in [columns] turns a signal round)".into(),
+        )
+    }
+}
+
+fn phase_currents(
+    recording: &Recording,
+    theta: &[f64],
+    findings: &mut Vec<Finding>,
+) -> (Option<[Vec<f64>; 3]>, bool) {
+    let column = |name: &str| recording.column(name);
+    let rest = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| -x - y).collect::<Vec<f64>>();
+    let (a, b, c) = (column("i_a"), column("i_b"), column("i_c"));
+    let phases = match (a, b, c) {
+        (Some(a), Some(b), Some(c)) => return (Some([a.to_vec(), b.to_vec(), c.to_vec()]), true),
+        (Some(a), Some(b), None) => Some([a.to_vec(), b.to_vec(), rest(a, b)]),
+        (None, Some(b), Some(c)) => Some([rest(b, c), b.to_vec(), c.to_vec()]),
+        (Some(a), None, Some(c)) => Some([a.to_vec(), rest(a, c), c.to_vec()]),
+        _ => None,
+    };
+    if phases.is_some() {
+        findings.push(Finding {
+            finding: "only two phase currents are logged".into(),
+            consequence: "the currents' noise is estimated from the model, and a common offset cannot be seen".into(),
+            fix: "log the third phase current".into(),
+        });
+        return (phases, false);
+    }
+    let (Some(d), Some(q)) = (column("i_d"), column("i_q")) else { return (None, false) };
+    let mut abc = [Vec::with_capacity(d.len()), Vec::with_capacity(d.len()), Vec::with_capacity(d.len())];
+    for k in 0..d.len() {
+        let (s, c) = theta[k].sin_cos();
+        let x = inverse_park([d[k], q[k]], c, s);
+        for phase in 0..3 {
+            abc[phase].push(x[phase]);
+        }
+    }
+    (Some(abc), false)
+}
+
+fn to_rotor(abc: &[Vec<f64>; 3], theta: &[f64]) -> [Vec<f64>; 2] {
+    let mut dq = [Vec::with_capacity(theta.len()), Vec::with_capacity(theta.len())];
+    for k in 0..theta.len() {
+        let (s, c) = theta[k].sin_cos();
+        let [d, q] = park([abc[0][k], abc[1][k], abc[2][k]], c, s);
+        dq[0].push(d);
+        dq[1].push(q);
+    }
+    dq
+}
+
+/// Phase voltages held from sample to sample, seen from the rotor in the middle of the interval.
+fn phase_voltages(
+    recording: &Recording,
+    t: &[f64],
+    theta: &[f64],
+    omega: &[f64],
+    angle_known: bool,
+) -> Option<[Vec<f64>; 2]> {
+    let abc = [recording.column("v_a")?, recording.column("v_b")?, recording.column("v_c")?];
+    if !angle_known {
+        return None;
+    }
+    let n = t.len();
+    let mut dq = [Vec::with_capacity(n), Vec::with_capacity(n)];
+    for k in 0..n {
+        let h = if k + 1 < n { t[k + 1] - t[k] } else { recording.period() };
+        let (s, c) = (theta[k] + 0.5 * h.min(2.0 * recording.period()) * omega[k]).sin_cos();
+        let [d, q] = park([abc[0][k], abc[1][k], abc[2][k]], c, s);
+        dq[0].push(d);
+        dq[1].push(q);
+    }
+    Some(dq)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn turning(n: usize, speed: f64, angle_factor: f64) -> Recording {
+        let t: Vec<f64> = (0..n).map(|k| k as f64 * 1e-4).collect();
+        let wrapped = t.iter().map(|t| (speed * t * angle_factor).rem_euclid(TAU)).collect();
+        let constant = |x: f64| vec![x; n];
+        Recording::new(
+            vec![
+                ("theta_e".into(), wrapped),
+                ("omega_e".into(), constant(speed)),
+                ("v_d".into(), constant(1.0)),
+                ("v_q".into(), constant(2.0)),
+                ("i_d".into(), constant(3.0)),
+                ("i_q".into(), constant(4.0)),
+                ("t".into(), t),
+            ],
+            None,
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn wrapped_angles_are_unwrapped_and_scales_found() {
+        let signals = Signals::new(&turning(2000, 300.0, 1.0), &Machine::new(4).unwrap()).unwrap();
+        let last = signals.len() - 1;
+        assert!((signals.theta_e[last] - 300.0 * signals.t[last]).abs() < 1e-9);
+        assert!((signals.theta_m[last] - 75.0 * signals.t[last]).abs() < 1e-9);
+        assert_eq!(signals.context.i_max, 5.0);
+        assert_eq!(signals.context.omega_e_max, 300.0);
+    }
+
+    #[test]
+    fn a_mechanical_angle_in_place_of_an_electrical_one_is_refused() {
+        let machine = Machine::new(4).unwrap();
+        let error = Signals::new(&turning(4000, 300.0, 0.25), &machine).unwrap_err().to_string();
+        assert!(error.contains("1/n_p") && error.contains("theta_m"), "{error}");
+        assert!(Signals::new(&turning(4000, 300.0, 4.0), &machine).is_err());
+        assert!(Signals::new(&turning(4000, 300.0, -1.0), &machine).is_err());
+    }
+
+    #[test]
+    fn speed_follows_from_the_angle_where_it_is_not_logged() {
+        let t: Vec<f64> = (0..100).map(|k| f64::from(k) * 1e-3).collect();
+        let angle = t.iter().map(|t| 20.0 * t).collect();
+        let torque = vec![1.0; 100];
+        let given = vec![("t".into(), t), ("theta_m".into(), angle), ("tau_e".into(), torque)];
+        let recording = Recording::new(given, None).unwrap();
+        let signals = Signals::new(&recording, &Machine::new(3).unwrap()).unwrap();
+        assert!(signals.omega_e.iter().all(|w| (w - 60.0).abs() < 1e-9));
+    }
+}

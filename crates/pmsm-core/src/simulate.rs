@@ -1,0 +1,11 @@
+//! Free-run simulations of a model, each driven by what was measured on the other side.
+//!
+//! - [`electrical`]: currents from the logged voltage and the measured speed and angle.
+//! - [`mechanical`]: speed from the torque of the measured currents, in windows.
+//! - [`quasi_static`]: voltage left unexplained at each steady operating point.
+//! - [`coupled`]: currents and speed from voltage and load alone, the model (1)–(3) as the paper runs it.
+
+pub mod coupled;
+pub mod electrical;
+pub mod mechanical;
+pub mod quasi_static;

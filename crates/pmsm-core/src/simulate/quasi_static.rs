@@ -1,0 +1,31 @@
+//! Steady operating points: what voltage the model leaves unexplained at each measured current and speed.
+//!
+//! At a steady point dλ/dt = 0, so the right-hand side of the electrical equation, evaluated at the flux linkage that
+//! belongs to the measured current, is the unexplained voltage.
+
+use super::electrical::{measured_env, true_env};
+use crate::model::{Base, Model};
+use crate::real::Real;
+use crate::signals::Signals;
+use crate::transforms::rotate;
+
+/// Hands to `sink` the sample number and the d, q voltage that the model calls for there, V, in the logged frame.
+pub fn run<T: Real>(model: &Model, signals: &Signals, p: &[T], mut sink: impl FnMut(usize, [T; 2])) {
+    let (Some(v), Some(phases)) = (&signals.v, &signals.phases) else { return };
+    let base = Base::new(p);
+    let idle = vec![T::zero(); model.electrical_states()];
+    for k in 0..signals.len() {
+        let measured = measured_env(signals, k);
+        let sensor = model.sensor(p, &measured);
+        let env = true_env(&sensor, &measured, signals.n_p);
+        let i = model.true_current(&sensor, [phases[0][k], phases[1][k], phases[2][k]], measured.theta_e);
+        let (flux, _) = model.flux_of_current(p, &base, i, &idle, &env);
+        let mut state = [T::zero(); 12];
+        (state[0], state[1]) = (flux[0], flux[1]);
+        let (s, c) = sensor.angle.sin_cos();
+        let command = rotate([T::constant(v[0][k]), T::constant(v[1][k])], c, s);
+        let rest = model.electrical_rhs(p, &base, &state, command, &env);
+        let rest = rotate([rest[0], rest[1]], c, -s);
+        sink(k, [T::constant(v[0][k]) - rest[0], T::constant(v[1][k]) - rest[1]]);
+    }
+}

@@ -1,0 +1,140 @@
+//! First values of the base parameters: the nameplate's, and for what the nameplate leaves open a linear regression
+//! of the equations integrated over short stretches.
+
+use crate::error::{Error, Result};
+use crate::machine::{BaseParameter, Machine};
+use crate::model::BASE;
+use crate::recording::Kind;
+use crate::signals::Signals;
+use nalgebra::{DMatrix, DVector};
+
+/// Samples integrated over in the electrical regression.
+const ELECTRICAL_STRETCH: usize = 8;
+/// Stretch of the mechanical regression, s.
+const MECHANICAL_STRETCH: f64 = 0.02;
+
+/// Base parameters to start from, in the order of [`BaseParameter::ALL`].
+///
+/// # Errors
+/// [`Error::Unusable`] if a parameter is neither on the nameplate nor visible in the recording.
+pub fn values(signals: &Signals, machine: &Machine) -> Result<[f64; BASE]> {
+    let mut found = [f64::NAN; BASE];
+    if BaseParameter::ELECTRICAL.iter().any(|p| machine.get(*p).is_none()) {
+        if let Some(x) = electrical(signals) {
+            found[..4].copy_from_slice(&x);
+        }
+    }
+    let mut psi = machine.get(BaseParameter::PsiM);
+    psi = psi.or(Some(found[BaseParameter::PsiM.index()]).filter(|x| x.is_finite()));
+    if BaseParameter::MECHANICAL.iter().any(|p| machine.get(*p).is_none()) {
+        if let Some(x) = mechanical(signals, psi) {
+            found[4..].copy_from_slice(&x);
+        }
+    }
+    let mut out = [0.0; BASE];
+    for p in BaseParameter::ALL {
+        let (low, high) = p.physical_range();
+        out[p.index()] = match machine.get(p) {
+            Some(value) => value,
+            None if found[p.index()].is_finite() => found[p.index()].clamp(low, high),
+            None if !needed(signals, p) => stand_in(p),
+            None => {
+                return Err(Error::unusable(
+                    format!("{} is not on the nameplate and this recording does not show it", p.name()),
+                    format!("give {} in {} under [machine]", p.name(), p.unit()),
+                ));
+            }
+        };
+    }
+    Ok(out)
+}
+
+/// Whether the recording's equations contain the parameter at all.
+pub fn needed(signals: &Signals, parameter: BaseParameter) -> bool {
+    let electrical = BaseParameter::ELECTRICAL.contains(&parameter);
+    match signals.kind {
+        Kind::Full => true,
+        Kind::Electrical | Kind::OperatingPoints => electrical,
+        Kind::Mechanical => !electrical || (signals.tau_e.is_none() && parameter == BaseParameter::PsiM),
+    }
+}
+
+/// A harmless value for a parameter that no equation of the recording contains.
+fn stand_in(parameter: BaseParameter) -> f64 {
+    [1.0, 1e-3, 1e-3, 0.1, 1e-3, 0.0][parameter.index()]
+}
+
+/// r_s, l_d, l_q, psi_m from ∫v dt = r_s∫i dt + ΔΛ + rotation, per stretch.
+fn electrical(signals: &Signals) -> Option<[f64; 4]> {
+    let (v, i) = (signals.v.as_ref()?, signals.i.as_ref()?);
+    let steady = signals.kind == Kind::OperatingPoints;
+    let mut rows: Vec<([f64; 4], f64)> = Vec::new();
+    for segment in &signals.segments {
+        let mut k = segment.start;
+        let stretch = if steady { 1 } else { ELECTRICAL_STRETCH };
+        while k + stretch < segment.end || (steady && k < segment.end) {
+            let mut sum = [0.0; 7];
+            for m in k..k + stretch {
+                let n = if steady { m } else { m + 1 };
+                let h = if steady { 1.0 } else { signals.t[n] - signals.t[m] };
+                let mean = |x: &[f64]| 0.5 * (x[m] + x[n]);
+                let w = mean(&signals.omega_e);
+                let (d, q) = (mean(&i[0]), mean(&i[1]));
+                for (s, x) in sum.iter_mut().zip([v[0][m], v[1][m], d, q, w * d, w * q, w]) {
+                    *s += x * h;
+                }
+            }
+            let change = |x: &[f64]| if steady { 0.0 } else { x[k + stretch] - x[k] };
+            rows.push(([sum[2], change(&i[0]), -sum[5], 0.0], sum[0]));
+            rows.push(([sum[3], sum[4], change(&i[1]), sum[6]], sum[1]));
+            k += stretch;
+        }
+    }
+    solve(&rows)
+}
+
+/// j and b from ∫τ_e dt = J·Δω_m + b·∫ω_m dt + level, per stretch.
+fn mechanical(signals: &Signals, psi: Option<f64>) -> Option<[f64; 2]> {
+    let n_p = signals.n_p;
+    let torque: Vec<f64> = match (&signals.tau_e, &signals.i) {
+        (Some(tau), _) => tau.clone(),
+        (None, Some(i)) => i[1].iter().map(|q| 1.5 * n_p * psi.unwrap_or(0.0) * q).collect(),
+        _ => return None,
+    };
+    let stretch = ((MECHANICAL_STRETCH / signals.period) as usize).max(1);
+    let mut rows: Vec<([f64; 3], f64)> = Vec::new();
+    for segment in &signals.segments {
+        let mut k = segment.start;
+        while k + stretch < segment.end {
+            let (mut tau, mut turned) = (0.0, 0.0);
+            for m in k..k + stretch {
+                let h = signals.t[m + 1] - signals.t[m];
+                tau += 0.5 * (torque[m] + torque[m + 1]) * h;
+                turned += 0.5 * (signals.omega_e[m] + signals.omega_e[m + 1]) / n_p * h;
+            }
+            let change = (signals.omega_e[k + stretch] - signals.omega_e[k]) / n_p;
+            let load = signals.tau_m.as_ref().map_or(0.0, |x| x[k] * stretch as f64 * signals.period);
+            rows.push(([change, turned, signals.t[k + stretch] - signals.t[k]], tau - load));
+            k += stretch;
+        }
+    }
+    solve(&rows).map(|[j, b, _]| [j, b])
+}
+
+fn solve<const N: usize>(rows: &[([f64; N], f64)]) -> Option<[f64; N]> {
+    if rows.len() < 2 * N {
+        return None;
+    }
+    let matrix = DMatrix::from_fn(rows.len(), N, |r, c| rows[r].0[c]);
+    let rhs = DVector::from_fn(rows.len(), |r, _| rows[r].1);
+    let scale: Vec<f64> = matrix.column_iter().map(|c| c.norm()).collect();
+    let scaled = DMatrix::from_fn(rows.len(), N, |r, c| matrix[(r, c)] / scale[c].max(f64::MIN_POSITIVE));
+    let solution = scaled.svd(true, true).solve(&rhs, 1e-9).ok()?;
+    let mut out = [f64::NAN; N];
+    for c in 0..N {
+        if scale[c] > 0.0 {
+            out[c] = solution[c] / scale[c];
+        }
+    }
+    Some(out)
+}

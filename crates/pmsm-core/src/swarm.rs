@@ -1,0 +1,527 @@
+//! Particle swarm of Liu, Liu & Cartes 2008, eq. (5) and Fig. 2:
+//!
+//! ```text
+//! v ← w·v + c₁·r₁·(pbest − x) + c₂·r₂·(gbest − x)        (5a)
+//! x ← x + v                                              (5b)
+//! ```
+//!
+//! with r₁, r₂ uniform in [0, 1), drawn anew for every particle and dimension, and velocities and positions clamped
+//! to their limits after (5a) and (5b). The swarm advances one generation at a time: the caller evaluates
+//! [`Swarm::positions`] in any order and hands the costs to [`Swarm::tell`]. A random number is a function of (seed,
+//! generation, particle, dimension), so a run depends on neither evaluation order nor thread count.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+use crate::monitor::Monitor;
+
+/// Largest accepted number of particles and of iterations: memory is reserved for them in advance.
+const MAX_COUNT: usize = 1_000_000;
+
+/// Settings of the swarm. The default is the paper's: 10 particles, 30 iterations, w = 0.8, c₁ = c₂ = 2; the paper
+/// leaves the velocity limit open, here it is 0.2 of each range.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SwarmSettings {
+    /// Number of particles, at least 1.
+    pub particles: usize,
+    /// Number of moves, at least 1; a full run evaluates `iterations + 1` generations.
+    pub iterations: usize,
+    /// w: share of the velocity that is kept, ≥ 0.
+    pub inertia: f64,
+    /// c₁: pull towards the particle's own best point, ≥ 0.
+    pub cognitive: f64,
+    /// c₂: pull towards the swarm's best point, ≥ 0.
+    pub social: f64,
+    /// Largest move per generation and dimension as a share of that dimension's range, in (0, 1].
+    pub velocity_limit: f64,
+}
+
+impl Default for SwarmSettings {
+    fn default() -> Self {
+        Self { particles: 10, iterations: 30, inertia: 0.8, cognitive: 2.0, social: 2.0, velocity_limit: 0.2 }
+    }
+}
+
+impl SwarmSettings {
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// [`Error::Quantity`] naming the first setting that is out of range.
+    pub fn validate(&self) -> Result<()> {
+        for (name, count) in [("particles", self.particles), ("iterations", self.iterations)] {
+            if !(1..=MAX_COUNT).contains(&count) {
+                return Err(Error::quantity(name, count as f64, "", "it must be between 1 and 1000000"));
+            }
+        }
+        for (name, weight) in
+            [("inertia", self.inertia), ("cognitive", self.cognitive), ("social", self.social)]
+        {
+            if !(weight.is_finite() && weight >= 0.0) {
+                return Err(Error::quantity(name, weight, "", "it must be finite and not negative"));
+            }
+        }
+        if !(self.velocity_limit > 0.0 && self.velocity_limit <= 1.0) {
+            let expected = "it must be above 0 and at most 1 (a share of each range)";
+            return Err(Error::quantity("velocity_limit", self.velocity_limit, "", expected));
+        }
+        Ok(())
+    }
+}
+
+/// A swarm between two generations. Allocates when built and never again.
+#[derive(Debug, Clone)]
+pub struct Swarm {
+    settings: SwarmSettings,
+    bounds: Vec<(f64, f64)>,
+    seed: u64,
+    positions: Vec<f64>,
+    velocities: Vec<f64>,
+    personal: Vec<f64>,
+    personal_costs: Vec<f64>,
+    best: Vec<f64>,
+    best_cost: f64,
+    history: Vec<f64>,
+}
+
+impl Swarm {
+    /// Draws generation 0: positions uniform within `bounds` (one `(low, high)` per dimension), velocities uniform
+    /// within their limits. A dimension with `low == high` stays fixed.
+    ///
+    /// # Errors
+    /// Settings that [`SwarmSettings::validate`] refuses; no dimension; a bound that is not finite or is reversed.
+    pub fn new(settings: &SwarmSettings, bounds: &[(f64, f64)], seed: u64) -> Result<Self> {
+        settings.validate()?;
+        if bounds.is_empty() {
+            return Err(Error::unusable("the swarm has no dimension", "give at least one pair of bounds"));
+        }
+        for (k, &(low, high)) in bounds.iter().enumerate() {
+            if !((high - low).is_finite() && low <= high) {
+                return Err(Error::unusable(
+                    format!("the bounds of dimension {k} are {low} and {high}"),
+                    "both must be finite, the lower one first",
+                ));
+            }
+        }
+        let (n, dims) = (settings.particles, bounds.len());
+        let mut swarm = Self {
+            settings: *settings,
+            bounds: bounds.to_vec(),
+            seed,
+            positions: vec![0.0; n * dims],
+            velocities: vec![0.0; n * dims],
+            personal: vec![0.0; n * dims],
+            personal_costs: vec![f64::INFINITY; n],
+            best: vec![0.0; dims],
+            best_cost: f64::INFINITY,
+            history: Vec::with_capacity(settings.iterations + 1),
+        };
+        for i in 0..n {
+            for (k, &(low, high)) in bounds.iter().enumerate() {
+                let (r1, r2) = uniform_pair(seed, 0, i, k);
+                swarm.positions[i * dims + k] = (low + r1 * (high - low)).clamp(low, high);
+                swarm.velocities[i * dims + k] = (2.0 * r2 - 1.0) * settings.velocity_limit * (high - low);
+            }
+        }
+        swarm.personal.copy_from_slice(&swarm.positions);
+        swarm.best.copy_from_slice(&swarm.positions[..dims]);
+        Ok(swarm)
+    }
+
+    /// Warm start: moves particle 0 to `point`, clamped to the bounds, before the first generation is evaluated.
+    ///
+    /// # Errors
+    /// [`Error::Unusable`] if `point` has another dimension or a value that is not finite, or if costs were told.
+    pub fn with_start(&mut self, point: &[f64]) -> Result<()> {
+        if point.len() != self.bounds.len() || !point.iter().all(|x| x.is_finite()) {
+            return Err(Error::unusable(
+                format!("the swarm cannot start from {point:?}"),
+                format!("give {} finite values", self.bounds.len()),
+            ));
+        }
+        if !self.history.is_empty() {
+            return Err(Error::unusable("the swarm is already under way", "set its start before any cost"));
+        }
+        for (k, (&x, &(low, high))) in point.iter().zip(&self.bounds).enumerate() {
+            let x = x.clamp(low, high);
+            self.positions[k] = x;
+            self.personal[k] = x;
+            self.best[k] = x;
+        }
+        Ok(())
+    }
+
+    /// The points to evaluate now: row-major, particles × dimensions.
+    pub fn positions(&self) -> &[f64] {
+        &self.positions
+    }
+
+    /// Best cost of each particle so far. A sum of squares that has passed it may be abandoned and told as infinite
+    /// without changing the swarm's path.
+    pub fn personal_costs(&self) -> &[f64] {
+        &self.personal_costs
+    }
+
+    /// Takes the cost of each position in order and moves the swarm on. NaN counts as infinite. While a particle, or
+    /// the swarm, has seen no cost below infinity, it has no best point and is not pulled towards one.
+    ///
+    /// # Errors
+    /// [`Error::Unusable`] if the number of costs is not the number of particles, or if the swarm is done.
+    pub fn tell(&mut self, costs: &[f64]) -> Result<()> {
+        if costs.len() != self.settings.particles {
+            return Err(Error::unusable(
+                format!("{} costs for {} particles", costs.len(), self.settings.particles),
+                "give one cost per particle",
+            ));
+        }
+        if self.done() {
+            return Err(Error::unusable("the swarm has made all its iterations", "build a new one"));
+        }
+        let dims = self.bounds.len();
+        for (i, &cost) in costs.iter().enumerate() {
+            let row = i * dims..(i + 1) * dims;
+            // Comparisons with NaN are false: it never becomes a best.
+            if cost < self.personal_costs[i] {
+                self.personal_costs[i] = cost;
+                self.personal[row.clone()].copy_from_slice(&self.positions[row.clone()]);
+            }
+            if cost < self.best_cost {
+                self.best_cost = cost;
+                self.best.copy_from_slice(&self.positions[row]);
+            }
+        }
+        self.history.push(self.best_cost);
+        if !self.done() {
+            self.advance();
+        }
+        Ok(())
+    }
+
+    /// Eq. (5) with both clamps.
+    fn advance(&mut self) {
+        let SwarmSettings { inertia, cognitive, social, velocity_limit, .. } = self.settings;
+        let (generation, dims) = (self.generation(), self.bounds.len());
+        let social = if self.best_cost < f64::INFINITY { social } else { 0.0 };
+        for i in 0..self.settings.particles {
+            let cognitive = if self.personal_costs[i] < f64::INFINITY { cognitive } else { 0.0 };
+            for (k, &(low, high)) in self.bounds.iter().enumerate() {
+                let (r1, r2) = uniform_pair(self.seed, generation, i, k);
+                let at = i * dims + k;
+                let x = self.positions[at];
+                let limit = velocity_limit * (high - low);
+                let v = inertia * self.velocities[at]
+                    + cognitive * r1 * (self.personal[at] - x)
+                    + social * r2 * (self.best[k] - x);
+                self.velocities[at] = v.clamp(-limit, limit);
+                self.positions[at] = (x + self.velocities[at]).clamp(low, high);
+            }
+        }
+    }
+
+    /// Best point so far and its cost. While no cost was below infinity: particle 0's first position and infinity.
+    pub fn best(&self) -> (&[f64], f64) {
+        (&self.best, self.best_cost)
+    }
+
+    /// Number of generations whose costs were told, which is also the index of the present positions until
+    /// [`Swarm::done`].
+    pub fn generation(&self) -> usize {
+        self.history.len()
+    }
+
+    /// Best cost after each generation: `iterations + 1` entries after a full run, never rising.
+    pub fn history(&self) -> &[f64] {
+        &self.history
+    }
+
+    /// True once all iterations are made and their last generation was evaluated.
+    pub fn done(&self) -> bool {
+        self.history.len() > self.settings.iterations
+    }
+}
+
+/// Outcome of [`minimise`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct SwarmResult {
+    /// Best point found.
+    pub parameters: Vec<f64>,
+    /// Its cost; infinite if no evaluated point had a cost below infinity.
+    pub cost: f64,
+    /// Best cost after each generation, an interrupted one included.
+    pub history: Vec<f64>,
+    /// Number of cost evaluations.
+    pub evaluations: usize,
+    /// True if the monitor stopped the run before its last evaluation.
+    pub interrupted: bool,
+}
+
+/// Runs a whole swarm, evaluating the particles of a generation in parallel in the caller's rayon pool. The result has
+/// the same bits for any number of threads. `start` places one particle (see [`Swarm::with_start`]). The monitor is
+/// asked before every generation and every evaluation; once it says stop, the best point so far is returned.
+///
+/// # Errors
+/// Those of [`Swarm::new`] and [`Swarm::with_start`].
+pub fn minimise(
+    settings: &SwarmSettings,
+    bounds: &[(f64, f64)],
+    seed: u64,
+    start: Option<&[f64]>,
+    cost: &(dyn Fn(&[f64]) -> f64 + Sync),
+    monitor: &dyn Monitor,
+) -> Result<SwarmResult> {
+    let mut swarm = Swarm::new(settings, bounds, seed)?;
+    if let Some(point) = start {
+        swarm.with_start(point)?;
+    }
+    let mut costs = vec![f64::INFINITY; settings.particles];
+    let evaluations = AtomicUsize::new(0);
+    let mut interrupted = false;
+    while !swarm.done() && !interrupted {
+        if monitor.cancelled() {
+            interrupted = true;
+            break;
+        }
+        let before = evaluations.load(Ordering::Relaxed);
+        swarm.positions().par_chunks(bounds.len()).zip(costs.par_iter_mut()).for_each(|(point, slot)| {
+            *slot = f64::INFINITY;
+            if !monitor.cancelled() {
+                *slot = cost(point);
+                evaluations.fetch_add(1, Ordering::Relaxed);
+            }
+        });
+        let evaluated = evaluations.load(Ordering::Relaxed) - before;
+        interrupted = evaluated < settings.particles;
+        if evaluated > 0 {
+            swarm.tell(&costs)?;
+        }
+        monitor.report("particle swarm", swarm.generation() as f64 / (settings.iterations + 1) as f64);
+    }
+    let (parameters, cost) = swarm.best();
+    Ok(SwarmResult {
+        parameters: parameters.to_vec(),
+        cost,
+        history: swarm.history().to_vec(),
+        evaluations: evaluations.into_inner(),
+        interrupted,
+    })
+}
+
+/// Two numbers in [0, 1) with 53 bits each, belonging to this place in the run and no other.
+fn uniform_pair(seed: u64, generation: usize, particle: usize, dimension: usize) -> (f64, f64) {
+    let word =
+        philox([generation as u32, particle as u32, dimension as u32, 0], [seed as u32, (seed >> 32) as u32]);
+    let unit =
+        |high: u32, low: u32| ((u64::from(high) << 32 | u64::from(low)) >> 11) as f64 * (0.5 * f64::EPSILON);
+    (unit(word[0], word[1]), unit(word[2], word[3]))
+}
+
+/// Philox4x32-10: counter-based generator of Salmon, Moraes, Dror & Shaw, "Parallel random numbers: as easy as 1, 2,
+/// 3", SC11.
+fn philox(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
+    for _ in 0..10 {
+        let a = u64::from(counter[0]) * 0xD251_1F53;
+        let b = u64::from(counter[2]) * 0xCD9E_8D57;
+        counter = [
+            (b >> 32) as u32 ^ counter[1] ^ key[0],
+            b as u32,
+            (a >> 32) as u32 ^ counter[3] ^ key[1],
+            a as u32,
+        ];
+        key = [key[0].wrapping_add(0x9E37_79B9), key[1].wrapping_add(0xBB67_AE85)];
+    }
+    counter
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::monitor::{Silent, StopFlag};
+
+    fn sphere(x: &[f64]) -> f64 {
+        x.iter().map(|v| v * v).sum()
+    }
+
+    #[test]
+    fn philox_gives_its_published_answers() {
+        assert_eq!(philox([0; 4], [0; 2]), [0x6627_e8d5, 0xe169_c58d, 0xbc57_ac4c, 0x9b00_dbd8]);
+        assert_eq!(
+            philox([u32::MAX; 4], [u32::MAX; 2]),
+            [0x408f_276d, 0x41c8_3b0e, 0xa20b_c7c6, 0x6d54_51fd]
+        );
+        let pi = [0x243f_6a88, 0x85a3_08d3, 0x1319_8a2e, 0x0370_7344];
+        assert_eq!(
+            philox(pi, [0xa409_3822, 0x299f_31d0]),
+            [0xd16c_fe09, 0x94fd_cceb, 0x5001_e420, 0x2412_6ea1]
+        );
+    }
+
+    #[test]
+    fn numbers_are_uniform_and_differ_by_every_index() {
+        let n = 20_000;
+        let (mut sum, mut square, mut product) = (0.0, 0.0, 0.0);
+        for i in 0..n {
+            let (a, b) = uniform_pair(5, i, 3, 1);
+            assert!((0.0..1.0).contains(&a) && (0.0..1.0).contains(&b));
+            sum += a;
+            square += a * a;
+            product += (a - 0.5) * (b - 0.5);
+        }
+        let n = n as f64;
+        assert!((sum / n - 0.5).abs() < 0.01 && (square / n - 1.0 / 3.0).abs() < 0.01);
+        assert!((product / n).abs() < 0.003);
+        let here = uniform_pair(1, 2, 3, 4);
+        for other in [
+            uniform_pair(1 << 32 | 1, 2, 3, 4),
+            uniform_pair(1, 3, 3, 4),
+            uniform_pair(1, 2, 4, 4),
+            uniform_pair(1, 2, 3, 5),
+        ] {
+            assert_ne!(here, other);
+        }
+    }
+
+    #[test]
+    fn one_move_is_equation_5() {
+        let settings = SwarmSettings { particles: 2, velocity_limit: 1.0, ..SwarmSettings::default() };
+        let mut swarm = Swarm::new(&settings, &[(-1e3, 1e3)], 7).unwrap();
+        swarm.velocities = vec![1.0, -2.0];
+        swarm.with_start(&[10.0]).unwrap();
+        let x = swarm.positions().to_vec();
+        swarm.tell(&[3.0, 4.0]).unwrap();
+        // Both sit on their own best point; only particle 1 is pulled, towards particle 0.
+        let (_, r2) = uniform_pair(7, 1, 1, 0);
+        assert_eq!(swarm.velocities[0], 0.8);
+        assert_eq!(swarm.velocities[1], 0.8 * -2.0 + 2.0 * r2 * (x[0] - x[1]));
+        assert_eq!(swarm.positions()[1], x[1] + swarm.velocities[1]);
+        let x = swarm.positions().to_vec();
+        let v = swarm.velocities.clone();
+        swarm.tell(&[5.0, 6.0]).unwrap();
+        let (r1, _) = uniform_pair(7, 2, 0, 0);
+        let (_, r2) = uniform_pair(7, 2, 0, 0);
+        assert_eq!(swarm.velocities[0], 0.8 * v[0] + 2.0 * r1 * (10.0 - x[0]) + 2.0 * r2 * (10.0 - x[0]));
+    }
+
+    #[test]
+    fn history_has_an_entry_per_generation_and_never_rises() {
+        let result =
+            minimise(&SwarmSettings::default(), &[(-5.0, 5.0); 3], 1, None, &sphere, &Silent).unwrap();
+        assert_eq!((result.history.len(), result.evaluations), (31, 310));
+        assert!(result.history.windows(2).all(|w| w[1] <= w[0]) && !result.interrupted);
+        assert_eq!(result.cost, *result.history.last().unwrap());
+        assert_eq!(result.cost, sphere(&result.parameters));
+    }
+
+    #[test]
+    fn a_warm_start_is_never_lost_and_is_clamped() {
+        let settings = SwarmSettings::default();
+        let run = |p: &[f64]| minimise(&settings, &[(-5.0, 5.0); 2], 3, Some(p), &sphere, &Silent).unwrap();
+        assert_eq!(run(&[0.0, 0.0]).cost, 0.0);
+        let mut swarm = Swarm::new(&settings, &[(-5.0, 5.0); 2], 3).unwrap();
+        swarm.with_start(&[9.0, 1.0]).unwrap();
+        assert_eq!(&swarm.positions()[..2], &[5.0, 1.0]);
+        assert!(swarm.with_start(&[1.0]).is_err() && swarm.with_start(&[f64::NAN, 0.0]).is_err());
+        swarm.tell(&[1.0; 10]).unwrap();
+        assert!(swarm.with_start(&[1.0, 1.0]).is_err());
+    }
+
+    #[test]
+    fn abandoned_evaluations_do_not_change_the_path() {
+        let mut whole = Swarm::new(&SwarmSettings::default(), &[(-5.0, 5.0); 3], 9).unwrap();
+        let mut cut = whole.clone();
+        while !whole.done() {
+            let costs: Vec<f64> = whole.positions().chunks(3).map(sphere).collect();
+            whole.tell(&costs).unwrap();
+            let short: Vec<f64> = costs
+                .iter()
+                .zip(cut.personal_costs())
+                .map(|(&c, &own)| if c > own { f64::INFINITY } else { c })
+                .collect();
+            cut.tell(&short).unwrap();
+            assert_eq!(whole.positions(), cut.positions());
+        }
+    }
+
+    #[test]
+    fn nan_and_infinite_costs_never_win() {
+        let half = |x: &[f64]| if x[0] < 0.0 { f64::NAN } else { sphere(x) };
+        let result = minimise(&SwarmSettings::default(), &[(-5.0, 5.0); 2], 2, None, &half, &Silent).unwrap();
+        assert!(result.cost.is_finite() && result.parameters[0] >= 0.0);
+        let none = |_: &[f64]| f64::NAN;
+        let result = minimise(&SwarmSettings::default(), &[(-5.0, 5.0); 2], 2, None, &none, &Silent).unwrap();
+        assert_eq!(result.cost, f64::INFINITY);
+        assert!(result.parameters.iter().all(|x| x.is_finite()) && !result.interrupted);
+    }
+
+    #[test]
+    fn an_interrupted_run_keeps_its_best() {
+        let flag = StopFlag::default();
+        let calls = AtomicUsize::new(0);
+        let cost = |x: &[f64]| {
+            if calls.fetch_add(1, Ordering::Relaxed) == 24 {
+                flag.stop();
+            }
+            sphere(x)
+        };
+        let result = minimise(&SwarmSettings::default(), &[(-5.0, 5.0); 2], 2, None, &cost, &flag).unwrap();
+        assert!(result.interrupted && (25..40).contains(&result.evaluations));
+        assert_eq!(result.cost, sphere(&result.parameters));
+        let at_once = minimise(&SwarmSettings::default(), &[(-5.0, 5.0); 2], 2, None, &cost, &flag).unwrap();
+        assert!(at_once.interrupted && at_once.evaluations == 0 && at_once.history.is_empty());
+    }
+
+    #[test]
+    fn what_makes_no_sense_is_refused() {
+        let ok = SwarmSettings::default();
+        for bad in [
+            SwarmSettings { particles: 0, ..ok },
+            SwarmSettings { iterations: 0, ..ok },
+            SwarmSettings { particles: usize::MAX, ..ok },
+            SwarmSettings { inertia: f64::NAN, ..ok },
+            SwarmSettings { cognitive: -1.0, ..ok },
+            SwarmSettings { social: f64::INFINITY, ..ok },
+            SwarmSettings { velocity_limit: 0.0, ..ok },
+            SwarmSettings { velocity_limit: 1.5, ..ok },
+        ] {
+            assert!(matches!(bad.validate(), Err(Error::Quantity { .. })), "{bad:?}");
+        }
+        for bounds in [vec![], vec![(1.0, 0.0)], vec![(0.0, f64::INFINITY)], vec![(f64::NAN, 1.0)]] {
+            assert!(Swarm::new(&ok, &bounds, 1).is_err(), "{bounds:?}");
+        }
+        let mut swarm = Swarm::new(&SwarmSettings { iterations: 1, ..ok }, &[(0.0, 1.0)], 1).unwrap();
+        assert!(swarm.tell(&[0.0; 9]).is_err());
+        swarm.tell(&[0.0; 10]).unwrap();
+        swarm.tell(&[0.0; 10]).unwrap();
+        assert!(swarm.done() && swarm.tell(&[0.0; 10]).is_err());
+    }
+
+    proptest! {
+        #[test]
+        fn positions_and_velocities_stay_within_their_limits(
+            seed: u64,
+            box_ in proptest::collection::vec((-1e6..1e6f64, 0.0..1e6f64), 1..5),
+            limit in 0.01..1.0f64,
+            inertia in 0.0..3.0f64,
+            pull in 0.0..5.0f64,
+            costs in proptest::collection::vec(proptest::num::f64::ANY, 7 * 6),
+        ) {
+            let bounds: Vec<(f64, f64)> = box_.iter().map(|&(low, width)| (low, low + width)).collect();
+            let settings = SwarmSettings {
+                particles: 7, iterations: 5, inertia, cognitive: pull, social: pull, velocity_limit: limit,
+            };
+            let mut swarm = Swarm::new(&settings, &bounds, seed).unwrap();
+            for told in costs.chunks(7) {
+                for at in 0..swarm.positions.len() {
+                    let (low, high) = bounds[at % bounds.len()];
+                    prop_assert!((low..=high).contains(&swarm.positions[at]));
+                    prop_assert!(swarm.velocities[at].abs() <= limit * (high - low));
+                }
+                swarm.tell(told).unwrap();
+            }
+            prop_assert!(swarm.done());
+            prop_assert!(!swarm.best().1.is_nan());
+        }
+    }
+}

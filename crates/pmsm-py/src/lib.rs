@@ -1,0 +1,31 @@
+//! Python bindings of pmsm-core: arrays in, results out, errors mapped in one place.
+
+mod catalogue;
+mod errors;
+mod machine;
+mod recording;
+mod supervise;
+
+use pyo3::prelude::*;
+
+/// The Rust core of pmsm_rs.
+#[pymodule]
+mod _core {
+    #[pymodule_export]
+    use super::catalogue::effects;
+    #[pymodule_export]
+    use super::errors::{
+        DataError, InternalError, MachineError, NotIdentifiableError, PmsmError, UsageError,
+    };
+    #[pymodule_export]
+    use super::machine::PyMachine;
+    #[pymodule_export]
+    use super::recording::PyRecording;
+    use super::{Bound, PyModule, PyModuleMethods, PyResult, supervise};
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        supervise::remember_panics();
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+}

@@ -1,0 +1,125 @@
+//! Long computations: on a thread of their own in a local pool, watched by the calling thread for signals.
+
+use crate::errors::{InternalError, UsageError, to_python};
+use pmsm_core::error::Result as CoreResult;
+use pmsm_core::monitor::Monitor;
+use pyo3::exceptions::PyKeyboardInterrupt;
+use pyo3::prelude::*;
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// How often the calling thread looks for signals and progress.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Where the last panic of this library happened; panics are reported as exceptions, not on standard error.
+static LAST_PANIC: Mutex<Option<String>> = Mutex::new(None);
+
+/// Keeps the place of a panic for the exception that reports it.
+pub fn remember_panics() {
+    std::panic::set_hook(Box::new(|info| *lock(&LAST_PANIC) = info.location().map(ToString::to_string)));
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The monitor that a computation sees, and the calling thread's side of it.
+#[derive(Debug, Default)]
+struct Watch {
+    stop: AtomicBool,
+    latest: Mutex<Option<(String, f64)>>,
+    done: Mutex<bool>,
+    finished: Condvar,
+}
+
+impl Monitor for Watch {
+    fn cancelled(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+    fn report(&self, stage: &str, fraction: f64) {
+        *lock(&self.latest) = Some((stage.to_owned(), fraction));
+    }
+}
+
+impl Watch {
+    /// Waits until the computation is done, at most [`LOOK`]; true once it is.
+    fn wait(&self) -> bool {
+        let guard = lock(&self.done);
+        let (done, _) = self
+            .finished
+            .wait_timeout_while(guard, LOOK, |done| !*done)
+            .unwrap_or_else(PoisonError::into_inner);
+        *done
+    }
+}
+
+/// Runs `job` and returns its result and whether Ctrl-C cut it short.
+///
+/// The job runs detached from Python in a pool of `threads` threads (all processors when `None`); meanwhile this
+/// thread forwards progress to `progress(stage, fraction)` and handles signals. A signal or an exception from the
+/// callback raises the stop flag; the job then returns its best so far.
+pub fn run<T: Send>(
+    py: Python<'_>,
+    threads: Option<usize>,
+    progress: Option<&Bound<'_, PyAny>>,
+    job: impl FnOnce(&dyn Monitor) -> CoreResult<T> + Send,
+) -> PyResult<(T, bool)> {
+    if threads == Some(0) {
+        return Err(UsageError::new_err("threads is 0; give at least 1, or None for all processors"));
+    }
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.unwrap_or(0))
+        .build()
+        .map_err(|error| InternalError::new_err(format!("no threads could be started: {error}")))?;
+    let watch = Watch::default();
+    let mut interrupted = false;
+    let mut trouble = None;
+    let outcome = std::thread::scope(|scope| {
+        let worker = scope.spawn(|| {
+            let outcome = catch_unwind(AssertUnwindSafe(|| pool.install(|| job(&watch))));
+            *lock(&watch.done) = true;
+            watch.finished.notify_all();
+            outcome
+        });
+        while !py.detach(|| watch.wait()) {
+            let told = py.check_signals().and_then(|()| tell(&watch, progress));
+            if let Err(error) = told {
+                watch.stop.store(true, Ordering::Relaxed);
+                if error.is_instance_of::<PyKeyboardInterrupt>(py) {
+                    interrupted = true;
+                } else {
+                    trouble = trouble.take().or(Some(error));
+                }
+            }
+        }
+        py.detach(|| worker.join())
+    });
+    if let Some(error) = trouble {
+        return Err(error);
+    }
+    match outcome {
+        Ok(Ok(result)) => result.map(|value| (value, interrupted)).map_err(|error| to_python(py, &error)),
+        Ok(Err(payload)) | Err(payload) => Err(internal(payload.as_ref())),
+    }
+}
+
+fn tell(watch: &Watch, progress: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+    let latest = lock(&watch.latest).take();
+    match (latest, progress) {
+        (Some((stage, fraction)), Some(callback)) => callback.call1((stage, fraction)).map(drop),
+        _ => Ok(()),
+    }
+}
+
+fn internal(payload: &(dyn Any + Send)) -> PyErr {
+    let what = payload
+        .downcast_ref::<&str>()
+        .map(ToString::to_string)
+        .or_else(|| payload.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "a panic without a message".to_owned());
+    let place = lock(&LAST_PANIC).take().map(|place| format!(" at {place}")).unwrap_or_default();
+    InternalError::new_err(format!("{what}{place}; please report it"))
+}

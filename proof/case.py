@@ -1,0 +1,219 @@
+"""Writes a concealed case: recordings and machine file for the tool, the truth in a folder of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from .bench import degrade
+from .effects import EQUATION, Effects, build, effect_values
+from .manoeuvres import Manoeuvre, make
+from .parameters import Machine
+from .plant import Run, simulate
+from .reference import fit_plain, park
+
+BASE = ("r_s", "l_d", "l_q", "psi_m", "n_p", "j", "b")
+
+
+def atomically(path: Path, write: Callable[[str], None]) -> None:
+    """Let `write` fill a temporary file beside `path`, then rename it: readers see all of it or nothing."""
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    os.close(handle)
+    try:
+        write(temporary)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file atomically."""
+
+    def write(name: str) -> None:
+        with open(name, "w", encoding="utf-8") as f:
+            f.write(text)
+
+    atomically(path, write)
+
+
+def write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    """Write a compressed npz atomically."""
+
+    def write(name: str) -> None:
+        # given a name instead of a file, numpy would append a suffix
+        with open(name, "wb") as f:
+            np.savez_compressed(f, **arrays)
+
+    atomically(path, write)
+
+
+def write_parquet(path: Path, run: Run) -> None:
+    """Write the log: t as float64, everything else as float32, zstd on split byte streams."""
+    table = pa.table({"t": run.t, **{k: v.astype(np.float32) for k, v in run.log.items()}})
+    atomically(
+        path,
+        lambda name: pq.write_table(
+            table,
+            name,
+            compression="zstd",
+            compression_level=19,
+            use_dictionary=False,
+            use_byte_stream_split=True,
+        ),
+    )
+
+
+def nameplate_of(machine: Machine, seed: int) -> Machine:
+    """The machine as its nameplate tells it: every base parameter but n_p 5 to 20 % off, either way."""
+    rng = np.random.default_rng([seed, 11])
+
+    def off(value: float) -> float:
+        return float(f"{value * (1 + rng.choice([-1, 1]) * rng.uniform(0.05, 0.2)):.5g}")
+
+    m = machine
+    return replace(
+        m, r_s=off(m.r_s), l_d=off(m.l_d), l_q=off(m.l_q), psi_m=off(m.psi_m), j=off(m.j), b=off(m.b)
+    )
+
+
+def machine_file(nameplate: Machine, manoeuvre: Manoeuvre) -> str:
+    """Text of machine.toml."""
+    lines = ["# nameplate values (data sheet, each may be off by 5 to 20 %)", "[machine]"]
+    units = ("ohm", "H", "H", "V s, peak per phase", "pole pairs", "kg m^2, everything that turns", "N m s")
+    lines += [f"{k} = {getattr(nameplate, k)!r}  # {u}" for k, u in zip(BASE, units, strict=True)]
+    lines += ["", "[drive]", f"v_dc = {nameplate.v_dc:g}  # V", f"i_rated = {nameplate.i_rated:g}  # A peak"]
+    lines += [f"f_sample = {nameplate.f_sample:g}  # Hz", "", "[load]", f'kind = "{manoeuvre.load}"']
+    if manoeuvre.load == "known_constant":
+        lines.append(f"value = {float(manoeuvre.tau_load[0])!r}  # N m")
+    return "\n".join(lines) + "\n"
+
+
+def clean_channels(machine: Machine, effects: Effects, run: Run) -> dict[str, np.ndarray]:
+    """What the sensors would have shown without noise and quantisation: i_a, i_b, i_c, omega_e, each (n,)."""
+    p, t = build(machine, effects), run.truth
+    gains = {"i_a": (p.g_a, p.o_a), "i_b": (p.g_b, p.o_b), "i_c": (p.g_c, p.o_c)}
+    out = {k: (1.0 + g) * t[k] + o for k, (g, o) in gains.items()}
+    out["omega_e"] = t["omega_m"] * (p.n_p + p.eccentricity * np.cos(t["theta_m"] + p.phase_ecc))
+    return out
+
+
+def account(machine: Machine, effects: Effects, manoeuvre: Manoeuvre, run: Run) -> dict[str, Any]:
+    """Noise of a run, and the plain machine's residual over it at the true and at re-fitted base
+    parameters."""
+    clean, theta = clean_channels(machine, effects, run), run.log["theta_e"]
+    noise = {k: run.log[k] - v for k, v in clean.items()}
+    n_d, n_q = park(noise["i_a"], noise["i_b"], noise["i_c"], theta)
+    rms = {
+        k: float(np.sqrt(np.mean(v**2)))
+        for k, v in (("i_d", n_d), ("i_q", n_q), ("omega_e", noise["omega_e"]))
+    }
+    load = manoeuvre.tau_load[manoeuvre.settle :]
+    breaks = tuple(int(k) for k in np.flatnonzero(np.diff(load)) + 1) if "unknown" in manoeuvre.load else ()
+    base = {k: float(getattr(machine, k)) for k in BASE}
+    out: dict[str, Any] = {"noise_rms": rms, "load_breaks": list(breaks)}
+    for name, refit in (("plain_true", False), ("plain_refit", True)):
+        fit = fit_plain(
+            base,
+            run.log,
+            1.0 / machine.f_sample,
+            load=manoeuvre.load,
+            load_value=float(load[0]),
+            breaks=breaks,
+            refit=refit,
+        )
+        out[name] = {k: round(v / rms[k], 4) for k, v in fit.rms().items()}
+    out["refit_base"] = fit.base
+    return out
+
+
+def make_case(
+    folder: str | os.PathLike[str],
+    machine: Machine,
+    effects: Effects,
+    manoeuvre: str = "rich",
+    load: str = "none",
+    seed: int = 1,
+    *,
+    truth_folder: str | os.PathLike[str],
+    duration: float = 2.0,
+    degraded: str | None = None,
+    stator_hold: bool = False,
+    log_v_dc: bool = False,
+) -> dict[str, Any]:
+    """Make recording.parquet, validation.parquet and machine.toml in `folder`, the truth in `truth_folder`.
+
+    The validation run is another manoeuvre of the same kind on the same machine, with its own load unless
+    that is known and constant.  `degraded` names a poorer logger (`bench.KINDS`); the truth's `runs` describe
+    the log before it.  Effects outside the package's catalogue begin with x_; "unknown" is then expected.
+    Returns what truth.json holds; clean.npz beside it holds the validation run without sensor noise.  Raises
+    ValueError if the truth would end up where the tool may see it, and whatever `manoeuvres.make`,
+    `plant.simulate` and `bench.degrade` raise.
+    """
+    opened, sealed = Path(folder), Path(truth_folder)
+    if sealed.resolve() == opened.resolve():
+        raise ValueError("the truth must not lie in the folder the tool sees")
+    opened.mkdir(parents=True, exist_ok=True)
+    sealed.mkdir(parents=True, exist_ok=True)
+    filled, nameplate = effect_values(effects), nameplate_of(machine, seed)
+    runs: dict[str, Any] = {}
+    clean: dict[str, np.ndarray] = {}
+    unknown = any(k.startswith("x_") for k in filled)
+    moves = [make(machine, manoeuvre, load, duration=duration, seed=1000 * seed + k) for k in (0, 1)]
+    if load == "known_constant":
+        # the machine file states one value, so it holds for both runs
+        moves[1] = replace(moves[1], tau_load=np.full_like(moves[1].tau_load, moves[0].tau_load[0]))
+    for number, name in enumerate(("recording", "validation")):
+        m, run_seed = replace(moves[number], log_v_dc=log_v_dc), 1000 * seed + number
+        run = simulate(machine, effects, m, seed=run_seed, nameplate=nameplate, stator_hold=stator_hold)
+        runs[name] = account(machine, effects, m, run)
+        clean = {k: v.astype(np.float32) for k, v in clean_channels(machine, effects, run).items()}
+        if degraded is not None:
+            run = degrade(run, degraded, machine, run_seed)
+        write_parquet(opened / f"{name}.parquet", run)
+    write_arrays(
+        sealed / "clean.npz",
+        {"a": clean["i_a"], "b": clean["i_b"], "c": clean["i_c"], "omega": clean["omega_e"]},
+    )
+    write_text(opened / "machine.toml", machine_file(nameplate, moves[0]))
+    label = "+".join(filled) if filled else "none"
+    truth: dict[str, Any] = {
+        "version": "1.0",
+        "source": "proof/plant",
+        "effect": label,
+        "components": [] if unknown else list(filled),
+        "expected": "unknown" if unknown else label,
+        "equation": {k: EQUATION[k][0] for k in filled},
+        "accept": {k: list(EQUATION[k]) for k in filled},
+        "parameters": filled,
+        "also_accept": [],
+        "indistinguishable": [],
+        "base_true": {k: getattr(machine, k) for k in BASE},
+        "nameplate": {k: getattr(nameplate, k) for k in BASE},
+        "machine": machine.name,
+        "manoeuvre": manoeuvre,
+        "load": load,
+        "load_const": float(moves[0].tau_load[0]) if "constant" in load else 0.0,
+        "seed": seed,
+        "f_sample": machine.f_sample,
+        "duration": duration,
+        "v_dc": machine.v_dc,
+        "noise": {k: v for k, v in asdict(machine).items() if k.startswith(("noise", "lsb", "encoder"))},
+        "runs": runs,
+    }
+    if degraded is not None:
+        truth["degraded"] = degraded
+    if degraded == "short":
+        truth["shortened"] = True
+    write_text(sealed / "truth.json", json.dumps(truth, indent=1) + "\n")
+    return truth

@@ -1,0 +1,91 @@
+"""Machines of the proof, with bench noise of the size their drives have."""
+
+from __future__ import annotations
+
+from .parameters import Machine
+
+# industrial servo of 2 kW coupled to a test bench, slight saliency, 17 bit encoder
+SERVO = Machine(
+    "servo",
+    r_s=1.15,
+    l_d=7.4e-3,
+    l_q=8.7e-3,
+    psi_m=0.19,
+    n_p=4,
+    j=5.2e-3,
+    b=1.1e-3,
+    i_rated=8.0,
+    w_rated=230.0,
+    v_dc=540.0,
+    f_sample=10_000.0,
+    noise_i=0.025,
+    lsb_i=0.01,
+    noise_w=0.15,
+    encoder_bits=17,
+    noise_tau=0.02,
+)
+
+# wheel hub motor on a battery: many poles, low voltage, heavy rotor
+HUB = Machine(
+    "hub48",
+    r_s=0.058,
+    l_d=1.55e-4,
+    l_q=1.75e-4,
+    psi_m=0.0182,
+    n_p=15,
+    j=0.034,
+    b=0.011,
+    i_rated=55.0,
+    w_rated=38.0,
+    v_dc=48.0,
+    f_sample=16_000.0,
+    noise_i=0.12,
+    lsb_i=0.05,
+    noise_w=0.25,
+    encoder_bits=16,
+    noise_tau=0.05,
+)
+
+# traction motor with buried magnets: strong saliency, large currents
+TRACTION = Machine(
+    "traction50",
+    r_s=0.016,
+    l_d=2.1e-4,
+    l_q=5.6e-4,
+    psi_m=0.071,
+    n_p=4,
+    j=0.062,
+    b=0.013,
+    i_rated=300.0,
+    w_rated=420.0,
+    v_dc=350.0,
+    f_sample=10_000.0,
+    noise_i=0.5,
+    lsb_i=0.2,
+    noise_w=0.2,
+    encoder_bits=17,
+    noise_tau=0.25,
+)
+
+# slow, high-voltage machine of an industrial drive
+PUMP = Machine(
+    "pump2k",
+    r_s=3.0,
+    l_d=0.036,
+    l_q=0.047,
+    psi_m=0.51,
+    n_p=3,
+    j=0.013,
+    b=2.4e-3,
+    i_rated=6.0,
+    w_rated=160.0,
+    v_dc=540.0,
+    f_sample=10_000.0,
+    noise_i=0.012,
+    lsb_i=0.006,
+    noise_w=0.08,
+    encoder_bits=18,
+    noise_tau=0.03,
+)
+
+MACHINES = {m.name: m for m in (SERVO, HUB, TRACTION, PUMP)}

@@ -1,0 +1,87 @@
+"""Finds out what a model of a permanent-magnet synchronous motor leaves out, from recordings of the motor.
+
+Everything is in SI units, the rotor frame has its d axis on the magnet flux, the Park transform keeps
+amplitudes, and a positive i_q drives with positive speed::
+
+    import pmsm_rs as pm
+
+    recording = pm.load("run.csv", machine="machine.toml")
+    other = pm.load("other.csv", machine="machine.toml")
+    answer = pm.diagnose(recording, pm.Machine(n_p=3, r_s=0.9), validation=other)
+    print(answer.verdict)
+    answer.report("report.html")
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ._core import (
+        DataError,
+        InternalError,
+        Machine,
+        MachineError,
+        NotIdentifiableError,
+        PmsmError,
+        UsageError,
+        __version__,
+    )
+    from .load import load
+    from .recording import Recording
+    from .results import Diagnosis, Identification
+    from .run import Swarm, diagnose, effects, identify
+
+_HOME = {
+    "DataError": "_core",
+    "Diagnosis": "results",
+    "Identification": "results",
+    "InternalError": "_core",
+    "Machine": "_core",
+    "MachineError": "_core",
+    "NotIdentifiableError": "_core",
+    "PmsmError": "_core",
+    "Recording": "recording",
+    "Swarm": "run",
+    "UsageError": "_core",
+    "__version__": "_core",
+    "diagnose": "run",
+    "effects": "run",
+    "identify": "run",
+    "load": "load",
+}
+
+__all__ = [
+    "DataError",
+    "Diagnosis",
+    "Identification",
+    "InternalError",
+    "Machine",
+    "MachineError",
+    "NotIdentifiableError",
+    "PmsmError",
+    "Recording",
+    "Swarm",
+    "UsageError",
+    "__version__",
+    "diagnose",
+    "effects",
+    "identify",
+    "load",
+]
+
+
+def __getattr__(name: str) -> Any:
+    # Names are fetched on first use, so that neither `import pmsm_rs` nor `pmsm-rs --help` pays for
+    # what it does not need.
+    home = _HOME.get(name)
+    if home is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f".{home}", __name__), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,118 @@
+"""The Rust core: arrays in, results out."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Self, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+__version__: str
+
+class PmsmError(Exception):
+    """Whatever this package refuses or fails at."""
+
+class DataError(PmsmError):
+    """A recording that cannot be used; attributes row, column, problem and fix where they apply."""
+
+class MachineError(PmsmError):
+    """A nameplate or machine file that makes no sense."""
+
+class UsageError(PmsmError):
+    """A call that asks for something that does not exist."""
+
+class NotIdentifiableError(PmsmError):
+    """The recording does not determine what is asked for."""
+
+class InternalError(PmsmError):
+    """A fault of this package, not of the data."""
+
+@final
+class Machine:
+    """Nameplate of a motor and its drive in SI units; what is unknown is None."""
+
+    def __new__(
+        cls,
+        *,
+        n_p: int,
+        r_s: float | None = None,
+        l_d: float | None = None,
+        l_q: float | None = None,
+        psi_m: float | None = None,
+        j: float | None = None,
+        b: float | None = None,
+        v_dc: float | None = None,
+        i_rated: float | None = None,
+        f_sample: float | None = None,
+    ) -> Self: ...
+    @property
+    def n_p(self) -> int: ...
+    @property
+    def r_s(self) -> float | None: ...
+    @property
+    def l_d(self) -> float | None: ...
+    @property
+    def l_q(self) -> float | None: ...
+    @property
+    def psi_m(self) -> float | None: ...
+    @property
+    def j(self) -> float | None: ...
+    @property
+    def b(self) -> float | None: ...
+    @property
+    def v_dc(self) -> float | None: ...
+    @property
+    def i_rated(self) -> float | None: ...
+    @property
+    def f_sample(self) -> float | None: ...
+    def __eq__(self, other: object, /) -> bool: ...
+    def __hash__(self) -> int: ...
+    def __reduce__(self) -> tuple[Any, ...]: ...
+
+class Recording:
+    """Checked columns of one run, each of shape (samples,), SI units."""
+
+    def __new__(
+        cls,
+        columns: Mapping[str, NDArray[np.float64]],
+        *,
+        load: str | None = None,
+        load_value: float | None = None,
+    ) -> Self: ...
+    def __len__(self) -> int: ...
+    @property
+    def names(self) -> list[str]: ...
+    def column(self, name: str) -> NDArray[np.float64]: ...
+    @property
+    def duration(self) -> float: ...
+    @property
+    def kind(self) -> str: ...
+    @property
+    def load(self) -> str: ...
+    @property
+    def load_value(self) -> float | None: ...
+
+def identify(
+    recording: Recording,
+    machine: Machine,
+    *,
+    fit: Mapping[str, tuple[float, float] | None],
+    method: str,
+    particles: int,
+    iterations: int,
+    inertia: float,
+    cognitive: float,
+    social: float,
+    seed: int,
+    threads: int | None,
+    progress: Callable[[str, float], None] | None,
+) -> str: ...
+def diagnose(
+    recordings: Sequence[Recording],
+    machine: Machine,
+    validation: Recording | None,
+    *,
+    seed: int,
+    threads: int | None,
+    progress: Callable[[str, float], None] | None,
+) -> tuple[str, dict[str, dict[str, NDArray[np.float64]]]]: ...
+def effects() -> str: ...

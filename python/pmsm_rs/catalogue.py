@@ -1,0 +1,44 @@
+"""The catalogue of effects as text."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .run import effect, effects
+from .words import EQUATIONS, number, unit
+
+
+def overview() -> str:
+    """One line per effect."""
+    entries = effects()
+    wide = max(len(entry["id"]) for entry in entries)
+    lines = [f"{entry['id']:<{wide}}  {entry['sentence']}" for entry in entries]
+    return "\n".join([*lines, "", "pmsm-rs effects NAME shows one of them."])
+
+
+def entry(name: str) -> str:
+    """Equation, parameters, signature and look-alikes of one effect.
+
+    Raises UsageError naming the nearest ids.
+    """
+    item = effect(name)
+    facts = [
+        ("Equation", item["equation"]),
+        ("Acts in", EQUATIONS.get(item["acts_in"], item["acts_in"])),
+        ("Shows as", item["fingerprint"]),
+        ("Resembles", ", ".join(item["look_alikes"]) or "nothing else in the catalogue"),
+        ("Source", item["source"]),
+    ]
+    lines = [f"{item['title']} ({item['id']})", item["sentence"], ""]
+    lines += [f"{label + ':':<11}{text}" for label, text in facts]
+    if item["parameters"]:
+        lines += ["", "Parameters, with ranges for a typical servo motor"]
+        lines += [_parameter(parameter) for parameter in item["parameters"]]
+    return "\n".join(lines)
+
+
+def _parameter(item: dict[str, Any]) -> str:
+    sign = unit(item["unit"])
+    bounds = f"{number(item['low'])} to {number(item['high'])} {sign}".rstrip()
+    typical = f"typically {number(item['typical'])} {sign}".rstrip()
+    return f"  {item['symbol']}: {item['meaning']}; {bounds}, {typical}"

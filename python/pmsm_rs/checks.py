@@ -1,0 +1,76 @@
+"""Contradictions between columns that would make every later answer wrong, found before anything is
+computed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._core import DataError
+from .errors import refuse
+
+_FEW = 32
+_LARGEST_STEP = math.pi / 2
+
+
+def angle_against_speed(
+    columns: Mapping[str, NDArray[np.float64]], n_p: int | None, file: str | None
+) -> None:
+    """Raises DataError where the logged angle turns at another rate or in another direction than the logged
+    speed.
+
+    The ratio of the two is 1 if both are what their names say, n_p or 1/n_p if electrical and mechanical were
+    mixed up, and π/180 or 2π if a unit is wrong. Too slow a sampling to follow the angle decides nothing.
+    """
+    for angle, speed, pairs in (
+        ("theta_e", "omega_e", 1.0),
+        ("theta_m", "omega_m", 1.0),
+        ("theta_e", "omega_m", float(n_p or 0)),
+        ("theta_m", "omega_e", 1.0 / n_p if n_p else 0.0),
+    ):
+        if angle in columns and speed in columns and pairs:
+            ratio = _ratio(columns["t"], columns[angle], columns[speed] * pairs)
+            if ratio is not None and not 0.8 < ratio < 1.25:
+                raise _explain(angle, speed, ratio, n_p, file)
+
+
+def _ratio(t: NDArray[np.float64], angle: NDArray[np.float64], speed: NDArray[np.float64]) -> float | None:
+    """Median of measured over expected angle step, over the samples that turn fast enough to tell."""
+    if not len(t) == len(angle) == len(speed):
+        return None
+    expected = 0.5 * (speed[1:] + speed[:-1]) * np.diff(t)
+    size = np.abs(expected)
+    usable = (size < _LARGEST_STEP) & (size > 0.3 * np.max(size, initial=0.0, where=size < _LARGEST_STEP))
+    if usable.sum() < _FEW or np.median(size[usable]) < 1e-4:
+        return None
+    # Steps of logged angles wrap at 2π; unwrapped ones do not, and for both this gives the short way round.
+    step = np.remainder(np.diff(angle)[usable] + math.pi, 2.0 * math.pi) - math.pi
+    return float(np.median(step / expected[usable]))
+
+
+def _explain(angle: str, speed: str, ratio: float, n_p: int | None, file: str | None) -> DataError:
+    def near(target: float) -> bool:
+        return abs(ratio / target - 1.0) < 0.12
+
+    other = {"theta_e": "theta_m", "theta_m": "theta_e"}[angle]
+    twin = {"omega_e": "omega_m", "omega_m": "omega_e"}[speed]
+    if ratio < 0:
+        problem = f"{angle} turns against {speed}"
+        fix = f"give {angle} or {speed} scale = -1 in [columns], whichever does not agree with the currents"
+    elif n_p and n_p > 1 and (near(1.0 / n_p) or near(float(n_p))):
+        problem = (
+            f"{angle} turns {ratio:.3g} times as fast as {speed} says, "
+            f"as if electrical and mechanical were mixed up (n_p = {n_p})"
+        )
+        fix = f"map the angle to {other}, or the speed to {twin}, in [columns], or correct n_p"
+    elif near(math.pi / 180.0) or near(180.0 / math.pi):
+        problem = f"{angle} and {speed} differ by 180/π, as if one were in degrees"
+        fix = f'give {angle if ratio > 1 else speed} its unit in [columns], such as unit = "deg" or "deg/s"'
+    else:
+        problem = f"{angle} turns {ratio:.3g} times as fast as {speed} says"
+        fix = "check the units of both, n_p, and which is electrical and which mechanical"
+    return refuse(DataError, problem, file=file, column=angle, fix=fix)

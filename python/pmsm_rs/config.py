@@ -1,0 +1,229 @@
+"""The machine file: TOML in, everything wrong with it said at once."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from ._core import Machine, MachineError, UsageError
+from .columns import Rule, Rules
+from .errors import did_you_mean, refuse
+from .quantities import CANONICAL
+from .units import canonical, suggest
+
+_LARGEST_FILE = 1 << 20
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class _Machine(_Table):
+    n_p: Annotated[int, Field(ge=1)]
+    r_s: Positive | None = None
+    l_d: Positive | None = None
+    l_q: Positive | None = None
+    psi_m: NotNegative | None = None
+    j: Positive | None = None
+    b: NotNegative | None = None
+
+
+class _Drive(_Table):
+    v_dc: Positive | None = None
+    i_rated: Positive | None = None
+    f_sample: Positive | None = None
+
+
+class _Load(_Table):
+    kind: (
+        Literal["none", "known_constant", "measured", "unknown_constant", "unknown_piecewise", "locked"]
+        | None
+    ) = None
+    value: Number | None = None
+
+    @model_validator(mode="after")
+    def _value_goes_with_kind(self) -> _Load:
+        if self.kind == "known_constant" and self.value is None:
+            raise ValueError("a known_constant load needs value = ... in N m")
+        if self.kind != "known_constant" and self.value is not None:
+            raise ValueError("value goes with kind = 'known_constant' only")
+        return self
+
+
+class _Column(_Table):
+    source: Annotated[str | None, Field(alias="from")] = None
+    unit: str | None = None
+    scale: Number = 1.0
+    offset: Number = 0.0
+    period: Positive | None = None
+
+    @model_validator(mode="after")
+    def _one_origin(self) -> _Column:
+        if (self.source is None) == (self.period is None):
+            raise ValueError("say either from = '...' or, for t only, period = ... in s")
+        if self.scale == 0.0:
+            raise ValueError("scale = 0 would erase the column")
+        return self
+
+
+_TABLES: dict[str, type[_Table]] = {"machine": _Machine, "drive": _Drive, "load": _Load}
+
+
+@dataclass(frozen=True)
+class MachineFile:
+    """A machine file: the nameplate, what is known of the load, and how a recording's columns are called."""
+
+    path: str
+    machine: Machine
+    load: str | None
+    load_value: float | None
+    columns: Rules
+
+
+def read_machine(path: str | os.PathLike[str]) -> MachineFile:
+    """The machine file at `path`.
+
+    Raises UsageError where there is no such file, and MachineError naming every wrong entry by its path.
+    """
+    name = str(path)
+    content = _parse(name)
+    errors = [f"{table}: unknown table ({hint})" for table, hint in _misspelt(content)]
+    parts = {table: _table(model, table, content.get(table), errors) for table, model in _TABLES.items()}
+    columns = _columns(content.get("columns", {}), errors)
+    if errors:
+        raise refuse(MachineError, "; ".join(errors), file=name, fix="correct the machine file")
+    plate, drive, load = parts["machine"], parts["drive"], parts["load"]
+    assert isinstance(plate, _Machine)
+    assert isinstance(drive, _Drive)
+    assert isinstance(load, _Load)
+    try:
+        machine = Machine(**plate.model_dump(), **drive.model_dump())
+    except MachineError as error:
+        raise refuse(MachineError, f"[machine] {error}", file=name, fix="correct the machine file") from error
+    return MachineFile(name, machine, load.kind, load.value, columns)
+
+
+def _parse(name: str) -> dict[str, Any]:
+    file = Path(name)
+    try:
+        if file.is_dir():
+            raise refuse(UsageError, "this is a folder", file=name, fix="name the machine file in it")
+        if file.stat().st_size > _LARGEST_FILE:
+            raise refuse(
+                MachineError, "it is far too large for a machine file", file=name, fix="name the TOML file"
+            )
+        return tomllib.loads(file.read_bytes().decode("utf-8"))
+    except FileNotFoundError:
+        raise refuse(
+            UsageError, "there is no such file", file=name, fix="check the name and the folder"
+        ) from None
+    except OSError as error:
+        raise refuse(
+            UsageError, f"cannot be read ({error.strerror})", file=name, fix="check its access rights"
+        ) from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        what = (
+            "it is no UTF-8 text"
+            if isinstance(error, UnicodeDecodeError)
+            else str(error) or "nested too deeply"
+        )
+        raise refuse(
+            MachineError, f"this is no valid TOML ({what})", file=name, fix="correct it at that place"
+        ) from error
+
+
+def _misspelt(content: dict[str, Any]) -> list[tuple[str, str]]:
+    known = [*_TABLES, "columns"]
+    hints = ((table, did_you_mean(table, known)) for table in content if table not in known)
+    # Other tools keep tables of their own in the file; only one that nearly has a known name is a mistake.
+    return [
+        (table, hint) for table, hint in hints if hint.startswith("did you mean") and _close(table, known)
+    ]
+
+
+def _close(name: str, known: list[str]) -> bool:
+    import difflib
+
+    return bool(difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.8))
+
+
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+def _table(model: type[_Model], name: str, content: object, errors: list[str]) -> _Model | None:
+    if content is None:
+        if name == "machine":
+            errors.append("machine: this table is missing; at least n_p is needed")
+            return None
+        content = {}
+    if not isinstance(content, dict):
+        errors.append(f"{name}: write it as a table [{name}]")
+        return None
+    try:
+        # TOML tells 4 from 4.0; for a physical value both are the same number.
+        return model.model_validate({key: _number(key, value) for key, value in content.items()})
+    except ValidationError as error:
+        errors.extend(_words(name, model, error))
+        return None
+
+
+def _number(key: str, value: object) -> object:
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) and key != "n_p" else value
+
+
+def _words(name: str, model: type[BaseModel], error: ValidationError) -> list[str]:
+    out = []
+    for item in error.errors(include_url=False):
+        path = ".".join([name, *(str(part) for part in item["loc"])])
+        if item["type"] == "extra_forbidden":
+            known = [field.alias or key for key, field in model.model_fields.items()]
+            text = f"unknown key ({did_you_mean(str(item['loc'][-1]), known)})"
+        elif item["type"] == "missing":
+            text = "is missing"
+        elif item["type"] == "literal_error":
+            text = f"'{item['input']}' is not known ({did_you_mean(str(item['input']), _LOADS)})"
+        elif item["type"] == "value_error":
+            text = str(item["ctx"]["error"])
+        else:
+            text = f"{item['msg'][0].lower()}{item['msg'][1:]}, not {item['input']!r}"
+        out.append(f"{path}: {text}")
+    return out
+
+
+_LOADS = ("none", "known_constant", "measured", "unknown_constant", "unknown_piecewise", "locked")
+
+
+def _columns(content: object, errors: list[str]) -> dict[str, Rule | None]:
+    if not isinstance(content, dict):
+        errors.append("columns: write it as a table [columns]")
+        return {}
+    rules: dict[str, Rule | None] = {}
+    for name, entry in content.items():
+        path = f"columns.{name}"
+        if name not in CANONICAL:
+            errors.append(f"{path}: there is no such column ({did_you_mean(name, CANONICAL)})")
+        elif entry is False:
+            rules[name] = None
+        elif isinstance(entry, str):
+            rules[name] = Rule(entry)
+        else:
+            column = _table(_Column, path, entry if isinstance(entry, dict) else None or {}, errors)
+            if column is None:
+                continue
+            if column.period is not None and name != "t":
+                errors.append(f"{path}.period: only t can have a period")
+            if column.unit is not None and canonical(column.unit, CANONICAL[name].dimension) is None:
+                errors.append(
+                    f"{path}.unit: '{column.unit}' is no unit of {CANONICAL[name].dimension} "
+                    f"({suggest(column.unit, CANONICAL[name].dimension)})"
+                )
+            rules[name] = Rule(column.source, column.unit, column.scale, column.offset, column.period)
+    return rules

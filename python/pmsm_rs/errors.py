@@ -1,0 +1,54 @@
+"""How this package says no: one plain sentence that names file, place, column and the way out."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from typing import TypeVar
+
+from ._core import PmsmError
+
+Refusal = TypeVar("Refusal", bound=PmsmError)
+
+
+def refuse(
+    kind: type[Refusal],
+    problem: str,
+    *,
+    fix: str,
+    file: str | None = None,
+    row: int | None = None,
+    place: str | None = None,
+    column: str | None = None,
+) -> Refusal:
+    """An error of `kind` whose message reads "file, place, column: problem; fix".
+
+    `row` is the line of the file (from 1) for text formats and the row (from 0) otherwise; `place` says which
+    of the two, in words. The same facts are attributes of the error: `file`, `row`, `column`, `problem`,
+    `fix`.
+    """
+    where = [part for part in (file, place, f"column '{column}'" if column else None) if part]
+    message = f"{', '.join(where)}: {problem}; {fix}" if where else f"{problem}; {fix}"
+    error = kind(" ".join(message.split()))
+    return _annotate(error, file=file, row=row, column=column, problem=problem, fix=fix)
+
+
+def _annotate(error: Refusal, **facts: object) -> Refusal:
+    for name, value in facts.items():
+        setattr(error, name, value)
+    return error
+
+
+def fact(error: BaseException, name: str) -> object:
+    """Attribute `name` of an error, None where it has none."""
+    return getattr(error, name, None)
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """A clause that names the nearest of `known`, or all of them where none is near."""
+    choices = sorted(known)
+    lowered = {choice.lower(): choice for choice in choices}
+    near = difflib.get_close_matches(name.lower(), list(lowered), n=3, cutoff=0.6)
+    if near:
+        return "did you mean " + " or ".join(f"'{lowered[hit]}'" for hit in near) + "?"
+    return "known: " + ", ".join(choices) if choices else "none is known"

@@ -1,0 +1,94 @@
+"""Readers, one file per format.
+
+Each turns a file into a Source; which one is chosen by content, not by name alone.
+"""
+
+from __future__ import annotations
+
+import os
+from importlib import import_module
+from pathlib import Path
+
+from .._core import DataError, UsageError
+from ..errors import refuse
+from .source import Source
+
+_MAGIC = (
+    (b"PAR1", "parquet"),
+    (b"ARROW1", "feather"),
+    (b"PK\x03\x04", "npz"),
+    (b"MATLAB 5.0", "mat"),
+    (b"\xff\xff\xff\xff", "feather"),
+)
+_STRANGERS = (
+    (
+        b"\x89HDF",
+        "an HDF5 or MATLAB v7.3 file",
+        "save it from MATLAB with save(..., '-v7'), or export it as Parquet or CSV",
+    ),
+    (b"MATLAB 7.3", "a MATLAB v7.3 file", "save it from MATLAB with save(..., '-v7')"),
+    (b"MDF ", "an ASAM MDF file", "export the channels you need as Parquet or CSV"),
+    (b"TDSm", "an NI TDMS file", "export the channels you need as CSV"),
+    (b"FEA1", "a Feather file of version 1", "save it again as Feather version 2 or Parquet"),
+    (
+        b"\x93NUMPY",
+        "a single array (.npy) without column names",
+        "save named columns with numpy.savez(file, t=..., i_d=...)",
+    ),
+    (b"\x1f\x8b", "a gzip archive", "unpack it first"),
+    (b"\xd0\xcf\x11\xe0", "a spreadsheet", "export it as CSV"),
+    (b"%PDF", "a PDF document", "name the recording itself"),
+    (b"\x89PNG", "a picture", "name the recording itself"),
+    (b"\x7fELF", "a program", "name the recording itself"),
+)
+_SUFFIX = {".parquet": "parquet", ".feather": "feather", ".arrow": "feather", ".npz": "npz", ".mat": "mat"}
+
+
+def open_source(path: str | os.PathLike[str], max_bytes: int) -> Source:
+    """The columns of the file at `path`, none of them read yet.
+
+    Raises UsageError where there is no such file, DataError where it is no recording or would take more than
+    `max_bytes` bytes of memory.
+    """
+    file = Path(path)
+    name = str(file)
+    try:
+        if file.is_dir():
+            raise refuse(UsageError, "this is a folder", file=name, fix="name a file in it")
+        size = file.stat().st_size
+        with file.open("rb") as handle:
+            head = handle.read(128)
+    except FileNotFoundError:
+        raise refuse(
+            UsageError, "there is no such file", file=name, fix="check the name and the folder"
+        ) from None
+    except OSError as error:
+        raise refuse(
+            UsageError, f"cannot be read ({error.strerror})", file=name, fix="check its access rights"
+        ) from error
+    if size == 0:
+        raise refuse(DataError, "the file is empty", file=name, fix="record or export it again")
+    if size > max_bytes:
+        raise refuse(
+            DataError,
+            f"the file has {size} bytes, more than the {max_bytes} allowed",
+            file=name,
+            fix="cut the recording, or raise max_bytes",
+        )
+    for magic, what, fix in _STRANGERS:
+        if head.startswith(magic):
+            raise refuse(DataError, f"this is {what}, which is not read here", file=name, fix=fix)
+    kind = next((kind for magic, kind in _MAGIC if head.startswith(magic)), "csv")
+    claimed = _SUFFIX.get(file.suffix.lower())
+    if kind == "csv" and claimed is not None:
+        raise refuse(
+            DataError,
+            f"the name says {claimed} but the content is not",
+            file=name,
+            fix="export it again; it may be cut short or damaged",
+        )
+    source: Source = import_module(f".{kind}", __name__).open_file(file, max_bytes)
+    return source
+
+
+__all__ = ["Source", "open_source"]

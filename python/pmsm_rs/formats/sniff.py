@@ -1,0 +1,225 @@
+"""Where in a text file the table starts, how it is separated, and what its columns and units are called."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from dataclasses import dataclass
+
+from .._core import DataError
+from ..errors import refuse
+from ..units import is_unit
+
+SAMPLE_LINES = 400
+_SEPARATORS = (",", ";", "\t", "|", " ")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
+_COMMA_NUMBER = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?$")
+_NO_NUMBER = frozenset({"", "nan", "inf", "-inf", "+inf", "null", "na", "n/a"})
+_BRACKETED = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]\s*$")
+_IN_UNIT = re.compile(r"^(?P<name>.*?)\s*\bin\s+(?P<unit>\S+)$")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What was found. Lines count from 0; `units` has an entry for each column that states one."""
+
+    separator: str
+    comma: bool
+    header_line: int
+    first_line: int
+    names: tuple[str, ...]
+    units: dict[str, str]
+
+
+def skipped(line: str) -> bool:
+    """Whether a line is blank or a comment."""
+    plain = line.strip()
+    return not plain or plain[0] in "#%"
+
+
+def split(line: str, separator: str) -> list[str]:
+    """The fields of one line, without quotes and outer blanks."""
+    if separator == " ":
+        return line.split()
+    return [field.strip() for field in next(csv.reader([line], delimiter=separator), [])]
+
+
+def is_number(field: str, comma: bool) -> bool:
+    """Whether a field is written as a number, with a decimal comma where `comma`."""
+    return bool(_NUMBER.match(field) or (comma and _COMMA_NUMBER.match(field)))
+
+
+def name_and_unit(field: str) -> tuple[str, str | None]:
+    """Name and stated unit of a header field: 'speed [rpm]', 'speed (rpm)', 'C1 in V', 'in s'."""
+    for pattern in (_BRACKETED, _IN_UNIT):
+        part = pattern.match(field)
+        if part and (pattern is _BRACKETED or is_unit(part["unit"])):
+            return part["name"].strip() or "column", part["unit"].strip()
+    return field, None
+
+
+def sniff(lines: list[str], file: str) -> Layout:
+    """The layout of a table from its first lines. Raises DataError where there is none, or only a header."""
+    rows = {i: line for i, line in enumerate(lines) if not skipped(line)}
+    best: tuple[int, int, Layout | None] = (0, 0, None)
+    trouble: DataError | None = None
+    for separator in _SEPARATORS:
+        try:
+            found = _with_separator(lines, rows, separator, file)
+        except csv.Error:
+            continue
+        except DataError as error:
+            trouble = trouble or error
+            continue
+        if found is not None:
+            layout, count = found
+            if (count, len(layout.names)) > best[:2]:
+                best = (count, len(layout.names), layout)
+    if best[2] is not None:
+        return best[2]
+    if trouble is not None:
+        raise trouble
+    problem = "it has a header but no rows" if 0 < len(rows) < 3 else "no table of numbers was found"
+    raise refuse(
+        DataError, problem, file=file, fix="export it as CSV with one header line and one sample per line"
+    )
+
+
+def _with_separator(
+    lines: list[str], rows: dict[int, str], separator: str, file: str
+) -> tuple[Layout, int] | None:
+    fields = {i: split(line, separator) for i, line in rows.items()}
+    comma = separator in ";\t " and _decimal_comma(fields)
+    # The table's width is that of the rows made of numbers, which preamble and header are not.
+    widths = Counter(
+        len(f) for f in fields.values() if sum(is_number(x, comma) for x in f) * 2 >= len(f) and f
+    )
+    if not widths:
+        return None
+    width, count = max(widths.items(), key=lambda item: (item[1], item[0]))
+    if width < 2 and separator != ",":
+        return None
+    table = {i: f for i, f in fields.items() if len(f) == width}
+    numeric = [
+        c
+        for c in range(width)
+        if 2 * sum(is_number(f[c], comma) for f in table.values()) > len(table)
+        or (len(table) <= 4 and is_number(list(table.values())[-1][c], comma))
+    ]
+    if not numeric:
+        return None
+    first = next(
+        (
+            i
+            for i, f in table.items()
+            if all(is_number(f[c], comma) or f[c].lower() in _NO_NUMBER for c in numeric)
+            and any(is_number(f[c], comma) for c in numeric)
+        ),
+        None,
+    )
+    if first is None:
+        return None
+    above = [i for i in fields if i < first]
+    header = _header(lines, fields, above, first, width, numeric, comma, separator, file)
+    names, units = _names(*header[1:], file=file)
+    return Layout(separator, comma, header[0], first, names, units), count
+
+
+def _decimal_comma(fields: dict[int, list[str]]) -> bool:
+    flat = [x for f in fields.values() for x in f]
+    commas = sum(bool(_COMMA_NUMBER.match(x)) for x in flat)
+    points = sum("." in x and bool(_NUMBER.match(x)) for x in flat)
+    return commas > points
+
+
+def _header(
+    lines: list[str],
+    fields: dict[int, list[str]],
+    above: list[int],
+    first: int,
+    width: int,
+    numeric: list[int],
+    comma: bool,
+    separator: str,
+    file: str,
+) -> tuple[int, list[str], list[str] | None]:
+    """Line of the header, its fields, and the fields of a units row below it."""
+    if above:
+        last = above[-1]
+        below = fields[last]
+        if _is_units_row(below, numeric) and len(above) > 1:
+            head = fields[above[-2]]
+            if len(head) <= width and not all(is_number(x, comma) for x in head):
+                pad = [""] * (width - len(head))
+                return above[-2], head + pad, (below + [""] * width)[:width]
+        trailing = len(below) == width + 1 and not below[-1]
+        if len(below) == width or trailing:
+            wrong = next((c for c in numeric if is_number(below[c], comma)), None)
+            if wrong is not None and len(numeric) > 1:
+                bad = next(c for c in numeric if not is_number(below[c], comma))
+                raise refuse(
+                    DataError,
+                    f"'{below[bad]}' is no number",
+                    file=file,
+                    row=last + 1,
+                    place=f"line {last + 1}",
+                    fix="correct or remove the line",
+                )
+            return last, below[:width], None
+        raise refuse(
+            DataError,
+            f"the header has {len(below)} fields but the rows have {width}",
+            file=file,
+            row=last + 1,
+            place=f"line {last + 1}",
+            fix="give each column one name, and use another separator than the decimal comma",
+        )
+    # A header behind a comment sign, as numpy.savetxt writes it.
+    for i in range(first - 1, -1, -1):
+        text = lines[i].strip().lstrip("#%").strip()
+        named = split(text, separator) if text else []
+        if len(named) == width and not any(is_number(x, comma) for x in named):
+            return i, named, None
+    raise refuse(
+        DataError,
+        "there is no header line with column names",
+        file=file,
+        row=first + 1,
+        place=f"line {first + 1}",
+        fix="put a line with the names of the columns above the numbers",
+    )
+
+
+def _is_units_row(fields: list[str], numeric: list[int]) -> bool:
+    stated = [fields[c].strip("[]()") for c in numeric if c < len(fields) and fields[c].strip("[]()-")]
+    return bool(stated) and all(
+        is_unit(x) or x in {"1", "%", "bool", "W", "J", "Ohm", "H", "F", "sample"} for x in stated
+    )
+
+
+def _names(
+    header: list[str], below: list[str] | None, *, file: str
+) -> tuple[tuple[str, ...], dict[str, str]]:
+    names: list[str] = []
+    units: dict[str, str] = {}
+    for c, text in enumerate(header):
+        name, unit = name_and_unit(text.strip())
+        unit = unit or (below[c].strip("[]() ") if below else None)
+        if not name:
+            name = f"column {c + 1}"
+        if name in names:
+            # Two headers that differ in their units only are two columns; two that do not are a mistake.
+            if text.strip() in names or header.count(text) > 1:
+                raise refuse(
+                    DataError,
+                    f"two columns are called '{name}'",
+                    file=file,
+                    column=name,
+                    fix="rename one of them",
+                )
+            name = text.strip()
+        names.append(name)
+        if unit:
+            units[name] = unit
+    return tuple(names), units

@@ -1,0 +1,69 @@
+"""Recordings that are in memory already: Arrow streams, pandas frames, structured arrays, mappings of
+arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ._core import DataError
+from .errors import refuse
+from .formats.arrow import from_reader
+from .formats.source import Source, from_arrays
+from .quantities import CANONICAL
+
+
+def is_frame(data: object) -> bool:
+    """Whether `data` is a table in memory rather than the name of a file."""
+    return (
+        isinstance(data, Mapping)
+        or hasattr(data, "__arrow_c_stream__")
+        or _is_pandas(data)
+        or (isinstance(data, np.ndarray) and data.dtype.names is not None)
+    )
+
+
+def frame_source(data: Any, max_bytes: int) -> Source:
+    """The columns of a table in memory. Raises DataError where it is none."""
+    if isinstance(data, Mapping):
+        return from_arrays(None, {str(name): plain(values, str(name)) for name, values in data.items()})
+    if isinstance(data, np.ndarray) and data.dtype.names is not None:
+        return from_arrays(None, {name: data[name] for name in data.dtype.names})
+    if _is_pandas(data):
+        names = [str(name) for name in data.columns]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise refuse(
+                DataError, f"two columns are called '{twice}'", column=twice, fix="rename one of them"
+            )
+        return from_arrays(None, {name: data.iloc[:, i].to_numpy() for i, name in enumerate(names)})
+    if hasattr(data, "__arrow_c_stream__"):
+        import arro3.core
+
+        table = arro3.core.Table.from_arrow(data)
+        return from_reader(None, lambda: arro3.core.RecordBatchReader.from_stream(table), max_bytes)
+    raise refuse(
+        DataError,
+        f"a {type(data).__name__} is no recording",
+        fix="give a file name, a mapping of arrays, a structured array, or a frame",
+    )
+
+
+def plain(values: Any, name: str) -> Any:
+    """`values` without its unit: quantities of pint and alike (`.to(unit).magnitude`) are converted to SI
+    first.
+    """
+    if hasattr(values, "to") and hasattr(values, "magnitude"):
+        unit = CANONICAL[name].unit if name in CANONICAL else None
+        spelled = {"N·m": "newton * meter", "°C": "degC"}.get(unit or "", unit)
+        return values.to(spelled).magnitude if spelled else values.magnitude
+    return values.to_numpy() if hasattr(values, "to_numpy") else values
+
+
+def _is_pandas(data: object) -> bool:
+    return (
+        type(data).__module__.split(".")[0] == "pandas" and hasattr(data, "iloc") and hasattr(data, "columns")
+    )

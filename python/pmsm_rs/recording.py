@@ -1,0 +1,64 @@
+"""A recording: checked columns in SI units and what is known of the load."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Self
+
+from . import _core
+from ._core import DataError
+from .columns import assemble, unknown_column
+from .errors import refuse
+from .frames import frame_source
+from .quantities import CANONICAL
+
+DEFAULT_MAX_BYTES = 2 << 30
+
+
+class Recording(_core.Recording):
+    """Columns of one run under their canonical names, each of shape (samples,), in SI units.
+
+    Give arrays by keyword, `Recording(t=..., v_d=..., v_q=..., i_d=..., i_q=..., omega_e=...)`, or one
+    mapping; `n` in rpm is taken as `omega_m`. `load` is what is known of the load torque (none,
+    known_constant with `load_value` in N·m, measured, unknown_constant, unknown_piecewise, locked); left out,
+    it is measured where there is a column tau_m and unknown_constant otherwise. Raises DataError naming
+    column and row.
+    """
+
+    def __new__(
+        cls,
+        columns: Mapping[str, Any] | None = None,
+        /,
+        *,
+        load: str | None = None,
+        load_value: float | None = None,
+        **arrays: Any,
+    ) -> Self:
+        """Checks the columns and takes a copy of them."""
+        given = {**(columns or {}), **arrays}
+        for name in given:
+            if name not in CANONICAL:
+                raise refuse(
+                    DataError,
+                    f"there is no column '{name}' in a recording",
+                    column=name,
+                    fix=unknown_column(name),
+                )
+        source = frame_source(given, DEFAULT_MAX_BYTES)
+        return super().__new__(cls, assemble(source), load=load, load_value=load_value)
+
+    def __init__(self, *_: Any, **__: Any) -> None:
+        """Nothing is left to do: __new__ has checked and stored everything."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickles as its columns and the load."""
+        return _restore, ({name: self.column(name) for name in self.names}, self.load, self.load_value)
+
+    def __repr__(self) -> str:
+        return (
+            f"<Recording of {len(self)} samples, {self.duration:.6g} s, {self.kind}: {', '.join(self.names)}>"
+        )
+
+
+def _restore(columns: dict[str, Any], load: str, load_value: float | None) -> Recording:
+    return Recording(columns, load=load, load_value=load_value)

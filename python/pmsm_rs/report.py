@@ -1,0 +1,192 @@
+"""The report: one self-contained HTML page of a diagnosis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from . import figures, plot, words
+from .results import Candidate, Diagnosis, Estimate
+from .summary import headline
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+_VERDICTS = {
+    "no_mismatch": ("Model complete", "good"),
+    "named": ("Effect named", "found"),
+    "ambiguous": ("Ambiguous", "doubt"),
+    "unknown": ("Unknown physics", "doubt"),
+    "undetermined": ("Undetermined", "poor"),
+}
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """A parameter as the report shows it."""
+
+    name: str
+    meaning: str
+    value: str
+    spread: str
+    unit: str
+    interval: str
+    why_none: str
+
+
+@dataclass(frozen=True)
+class FitRow:
+    """Residuals of one channel in units of its noise, and as bars of a logarithmic scale."""
+
+    symbol: str
+    unit: str
+    noise: str
+    before: str
+    after: str
+    before_ratio: float | None
+    after_ratio: float | None
+    before_bar: float
+    after_bar: float
+
+
+def render(answer: Diagnosis, title: str | None = None) -> str:
+    """The page as HTML text. The same answer and title give the same text."""
+    chip, tone = _VERDICTS.get(answer.verdict, (answer.verdict, "poor"))
+    judged = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
+    return _template().render(
+        answer=answer,
+        title=title or "Diagnosis",
+        chip=chip,
+        tone=tone,
+        headline=headline(answer),
+        leading=_leading(answer),
+        candidates=[(c, words.title(c.effect), _rows(c)) for c in answer.ranking[:8]],
+        unlisted=max(0.0, 1.0 - sum(c.probability for c in answer.ranking)),
+        effects=[
+            (words.title(c.effect), _rows(c))
+            for c in answer.ranking
+            if c.effect in answer.effects and c.parameters
+        ],
+        base=[_row(name, entry, _BASE.get(name, "")) for name, entry in answer.base.items()],
+        judged=judged,
+        fit=_fit(answer, judged),
+        trained=_fit(answer, "recording") if judged == "validation" else [],
+        located=figures.located(answer) if answer.located else [],
+        before_after=figures.before_after(answer),
+        shown=answer.shown,
+        places=[
+            (place, words.EQUATIONS.get(place.equation, place.equation), _where(place.where))
+            for place in answer.located
+        ],
+        blind=[(item, words.title(item["effect"])) for item in answer.cannot_see],
+        colours={"before": plot.BEFORE, "after": plot.AFTER, "measured": plot.MEASURED, "noise": plot.NOISE},
+    )
+
+
+_BASE = {
+    "r_s": "stator resistance",
+    "l_d": "d-axis inductance",
+    "l_q": "q-axis inductance",
+    "psi_m": "magnet flux linkage",
+    "j": "inertia",
+    "b": "viscous friction",
+    "tau_load": "load torque",
+}
+
+
+@cache
+def _template() -> Template:
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("pmsm_rs"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(
+        percent=words.percent,
+        number=words.number,
+        effect=words.title,
+        probability=words.probability,
+        typeset=_typeset,
+    )
+    return environment.get_template("report.html.j2")
+
+
+def _typeset(text: str) -> str:
+    """`text` escaped, its symbols with subscripts."""
+    from markupsafe import Markup, escape
+
+    return Markup(words.subscripted(str(escape(text)), "<sub>", "</sub>"))
+
+
+def _leading(answer: Diagnosis) -> Candidate | None:
+    named = answer.verdict in {"named", "ambiguous"} and answer.ranking
+    return answer.ranking[0] if named else None
+
+
+def _rows(candidate: Candidate) -> list[ParameterRow]:
+    meanings = _meanings().get(candidate.effect, {})
+    return [_row(name, entry, meanings.get(name, "")) for name, entry in candidate.parameters.items()]
+
+
+@cache
+def _meanings() -> dict[str, dict[str, str]]:
+    from .run import effects
+
+    return {entry["id"]: {p["name"]: p["meaning"] for p in entry["parameters"]} for entry in effects()}
+
+
+def _row(name: str, entry: Estimate, meaning: str) -> ParameterRow:
+    value, spread, unit = words.estimate(entry)
+    return ParameterRow(name, meaning, value, spread, unit, words.interval(entry), entry.why_none or "")
+
+
+def _fit(answer: Diagnosis, run: str) -> list[FitRow]:
+    import math
+
+    part = answer.fit.get(run, {})
+    before, after = part.get("before", {}), part.get("after", {})
+    ratios = {
+        name: (
+            before[name] / floor if floor else None,
+            after[name] / floor if floor and name in after else None,
+        )
+        for name in before
+        for floor in [answer.noise_floor.get(name)]
+    }
+    peak = max([2.0, *(r for pair in ratios.values() for r in pair if r)])
+
+    def bar(ratio: float | None) -> float:
+        # Logarithmic from the noise itself (a sliver) to the worst channel (the full width).
+        return 0.0 if not ratio else round(4 + 96 * max(0.0, math.log(ratio)) / math.log(peak), 1)
+
+    rows = []
+    for name, value in before.items():
+        symbol, unit = words.channel(name)
+        first, second = ratios[name]
+        rows.append(
+            FitRow(
+                symbol,
+                unit,
+                words.number(answer.noise_floor.get(name)),
+                words.number(value),
+                words.number(after.get(name)),
+                first,
+                second,
+                bar(first),
+                bar(second),
+            )
+        )
+    return rows
+
+
+def _where(ranges: tuple[Any, ...]) -> str:
+    parts = []
+    for item in ranges:
+        bounds = f"{words.number(item['low'])} to {words.number(item['high'])} {words.unit(item['unit'])}"
+        parts.append(f"{item['variable']} from {bounds}".rstrip())
+    return words.listed(parts)

@@ -1,0 +1,254 @@
+"""Answers as plain frozen values over the JSON that is written to files."""
+
+from __future__ import annotations
+
+import html
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Self
+
+from . import atomic
+
+if TYPE_CHECKING:
+    import numpy as np
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+Traces = Mapping[str, "Mapping[str, NDArray[np.float64]]"]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """An estimated parameter: `value` and `stderr` in `unit`, the 95 % interval, or why there is no
+    uncertainty.
+    """
+
+    value: float | None
+    stderr: float | None
+    ci95: tuple[float, float] | None
+    unit: str
+    why_none: str | None
+
+    @classmethod
+    def of(cls, entry: Mapping[str, Any]) -> Self:
+        """From its JSON object."""
+        interval = entry.get("ci95")
+        return cls(
+            entry.get("value"),
+            entry.get("stderr"),
+            (interval[0], interval[1]) if interval else None,
+            entry["unit"],
+            entry.get("why_none"),
+        )
+
+
+def _estimates(entries: Mapping[str, Any]) -> dict[str, Estimate]:
+    return {name: Estimate.of(entry) for name, entry in entries.items()}
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Estimated parameters of the dq-model.
+
+    `history` holds the best cost of each generation, `rms` measured minus model per channel in its SI unit,
+    and `cannot_show` the parameters that this recording does not determine, with the reason.
+    """
+
+    parameters: Mapping[str, Estimate]
+    cost: float
+    history: tuple[float, ...]
+    method: str
+    evaluations: int
+    converged: bool
+    interrupted: bool
+    rms: Mapping[str, float]
+    cannot_show: tuple[Mapping[str, Any], ...]
+    seed: int
+    version: str
+    data: Mapping[str, Any] = field(repr=False, compare=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """From what `to_json` writes."""
+        data = json.loads(text)
+        return cls(
+            parameters=_estimates(data["parameters"]),
+            cost=data["cost"],
+            history=tuple(data["history"]),
+            method=data["method"],
+            evaluations=data["evaluations"],
+            converged=data["converged"],
+            interrupted=data["interrupted"],
+            rms=data["rms"],
+            cannot_show=tuple(data["cannot_show"]),
+            seed=data["seed"],
+            version=data["version"],
+            data=data,
+        )
+
+    def to_json(self) -> str:
+        """The whole answer as JSON text."""
+        return json.dumps(self.data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+    def __str__(self) -> str:
+        from .summary import identification
+
+        return identification(self)
+
+
+@dataclass(frozen=True)
+class Location:
+    """Where a mismatch sits: the equation (d, q, mechanical, sensor), its share, and the operating points."""
+
+    equation: str
+    share: float
+    sentence: str
+    where: tuple[Mapping[str, Any], ...]
+    order_electrical: float | None
+    order_mechanical: float | None
+    frequency_hz: float | None
+    trend: str | None
+    p_value: float | None
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An omitted effect that would explain the mismatch, with its probability, parameters and look-alikes."""
+
+    effect: str
+    probability: float
+    sentence: str
+    equation: str
+    parameters: Mapping[str, Estimate]
+    equivalent_to: tuple[str, ...]
+    gain_held_out: float | None
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What the dq-model leaves out; every field is that of the JSON answer.
+
+    `traces["recording"]` and, where a validation run was given, `traces["validation"]` hold arrays of shape
+    (samples,): `t` in s and per channel `NAME_measured`, `NAME_before`, `NAME_after`.
+    """
+
+    verdict: str
+    data_quality: tuple[Mapping[str, str], ...]
+    located: tuple[Location, ...]
+    ranking: tuple[Candidate, ...]
+    effects: tuple[str, ...]
+    base: Mapping[str, Estimate]
+    cannot_see: tuple[Mapping[str, Any], ...]
+    next_experiment: str | None
+    noise_floor: Mapping[str, float]
+    fit: Mapping[str, Mapping[str, Mapping[str, float]]]
+    recording_kind: str | None
+    interrupted: bool
+    seed: int
+    version: str
+    data: Mapping[str, Any] = field(repr=False, compare=False)
+    traces: Traces = field(repr=False, compare=False, default_factory=dict)
+
+    @classmethod
+    def from_json(cls, text: str, traces: Traces | None = None) -> Self:
+        """From what `to_json` writes, with the traces where they are at hand."""
+        data = json.loads(text)
+        return cls(
+            verdict=data["verdict"],
+            data_quality=tuple(data["data_quality"]),
+            located=tuple(_location(entry) for entry in data["located"]),
+            ranking=tuple(_candidate(entry) for entry in data["ranking"]),
+            effects=tuple(data["model"]["effects"]),
+            base=_estimates(data["model"]["base"]),
+            cannot_see=tuple(data["cannot_see"]),
+            next_experiment=data["next_experiment"],
+            noise_floor=data["noise_floor"],
+            fit=data["fit"],
+            recording_kind=data.get("recording_kind"),
+            interrupted=bool(data.get("interrupted", False)),
+            seed=data["seed"],
+            version=data["version"],
+            data=data,
+            traces={name: trace for name, trace in (traces or {}).items() if len(trace)},
+        )
+
+    @property
+    def model(self) -> Mapping[str, Any]:
+        """The model that was settled on: `effects` and `base`, as in the JSON answer."""
+        model: Mapping[str, Any] = self.data["model"]
+        return model
+
+    @property
+    def shown(self) -> str | None:
+        """Which traces are judged and drawn: "validation" where there is one, else "recording", None
+        without traces.
+        """
+        return next((name for name in ("validation", "recording") if name in self.traces), None)
+
+    def to_json(self) -> str:
+        """The whole answer as JSON text, schema pmsm-rs.diagnosis/1."""
+        return json.dumps(self.data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+    def report(self, path: str | os.PathLike[str], title: str | None = None) -> None:
+        """Writes one self-contained HTML page.
+
+        The same answer gives the same bytes. Raises UsageError if it cannot.
+        """
+        from .report import render
+
+        atomic.write_text(path, render(self, title))
+
+    def trajectories(self, path: str | os.PathLike[str]) -> None:
+        """Writes t and the measured, before and after values per channel as Parquet.
+
+        Raises UsageError if it cannot.
+        """
+        from .trajectories import write
+
+        write(self, path)
+
+    def plot(self) -> Figure:
+        """A matplotlib figure: measured minus model before and after over time, and over the operating
+        points.
+        """
+        from .plot import overview
+
+        return overview(self)
+
+    def __str__(self) -> str:
+        from .summary import diagnosis
+
+        return diagnosis(self)
+
+    def _repr_html_(self) -> str:
+        from .summary import headline
+
+        return f"<p><strong>{html.escape(headline(self))}</strong></p><pre>{html.escape(str(self))}</pre>"
+
+
+def _location(entry: Mapping[str, Any]) -> Location:
+    return Location(
+        entry["equation"],
+        entry["share"],
+        entry["sentence"],
+        tuple(entry.get("where") or ()),
+        entry.get("order_electrical"),
+        entry.get("order_mechanical"),
+        entry.get("frequency_hz"),
+        entry.get("trend"),
+        entry.get("p_value"),
+    )
+
+
+def _candidate(entry: Mapping[str, Any]) -> Candidate:
+    return Candidate(
+        entry["effect"],
+        entry["probability"],
+        entry["sentence"],
+        entry["equation"],
+        _estimates(entry["parameters"]),
+        tuple(entry["equivalent_to"]),
+        entry.get("gain_held_out"),
+    )

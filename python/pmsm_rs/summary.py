@@ -1,0 +1,128 @@
+"""Answers in a few plain lines, for terminals and as headlines."""
+
+from __future__ import annotations
+
+from .results import Diagnosis, Identification
+from .words import EQUATIONS, channel, estimate, listed, lower_first, number, percent, title
+
+
+def headline(answer: Diagnosis) -> str:
+    """The verdict in one plain sentence."""
+    names = [lower_first(title(effect)) for effect in answer.effects]
+    if answer.verdict == "no_mismatch":
+        return "Nothing is missing: the dq-model explains this recording down to its noise."
+    if answer.verdict == "named":
+        return f"The model leaves out {listed(names or _first(answer))}."
+    if answer.verdict == "ambiguous":
+        choices = _alternatives(answer)
+        if len(choices) == 1:
+            return f"The model probably leaves out {choices[0]}, but this recording cannot settle it."
+        return f"The model leaves out {listed(choices, 'or')}; this recording cannot tell which."
+    if answer.verdict == "unknown":
+        where = EQUATIONS.get(answer.located[0].equation, "") if answer.located else ""
+        return f"Something is missing{f' in the {where}' if where else ''} that is not in the catalogue."
+    return "This recording is too poor to say what the model leaves out."
+
+
+def _first(answer: Diagnosis) -> list[str]:
+    return [lower_first(title(answer.ranking[0].effect))] if answer.ranking else ["something"]
+
+
+def _alternatives(answer: Diagnosis) -> list[str]:
+    if not answer.ranking:
+        return ["something"]
+    first = answer.ranking[0]
+    return [lower_first(title(effect)) for effect in dict.fromkeys([first.effect, *first.equivalent_to])]
+
+
+def diagnosis(answer: Diagnosis) -> str:
+    """A diagnosis as text: the finding, where it sits, candidates, parameters, fit, what is not seen, what
+    next.
+    """
+    lines = [headline(answer)]
+    if answer.interrupted:
+        lines.append("Interrupted: this is the best so far.")
+    lines += [
+        f"  ! {item['finding'].rstrip('.')}: {lower_first(item['consequence'])} {item['fix']}"
+        for item in answer.data_quality
+    ]
+    if answer.located:
+        lines += ["", "Where it sits"]
+        lines += [f"  {percent(place.share):>6}  {place.sentence}" for place in answer.located[:4]]
+    if answer.ranking:
+        lines += ["", "Candidates"]
+        for candidate in answer.ranking[:5]:
+            twins = (
+                f"   cannot be told from {', '.join(candidate.equivalent_to)}"
+                if candidate.equivalent_to
+                else ""
+            )
+            lines.append(f"  {percent(candidate.probability):>6}  {candidate.effect}{twins}")
+    chosen = [c for c in answer.ranking if c.effect in answer.effects]
+    found = [(f"{c.effect}.{name}", entry) for c in chosen for name, entry in c.parameters.items()]
+    lines += _parameters([*found, *answer.base.items()])
+    run = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
+    lines += _fit(answer, run)
+    if answer.cannot_see:
+        lines += ["", "What this recording cannot see"]
+        lines += [f"  {item['effect']}: {item['why']}" for item in answer.cannot_see[:6]]
+        if len(answer.cannot_see) > 6:
+            lines.append(f"  and {len(answer.cannot_see) - 6} more")
+    if answer.next_experiment:
+        lines += ["", "Next", f"  {answer.next_experiment}"]
+    return "\n".join(lines)
+
+
+def _parameters(entries: list[tuple[str, object]]) -> list[str]:
+    from .results import Estimate
+
+    rows = [
+        (name, *estimate(entry), entry.why_none) for name, entry in entries if isinstance(entry, Estimate)
+    ]
+    if not rows:
+        return []
+    wide = max(len(row[0]) for row in rows)
+    lines = ["", "Parameters"]
+    for name, value, spread, sign, why in rows:
+        tail = f" ± {spread}" if spread else ""
+        lines.append(
+            f"  {name:<{wide}}  {value}{tail} {sign}".rstrip() + (f"   ({why})" if why and not spread else "")
+        )
+    return lines
+
+
+def _fit(answer: Diagnosis, run: str) -> list[str]:
+    before, after = answer.fit.get(run, {}).get("before", {}), answer.fit.get(run, {}).get("after", {})
+    if not before:
+        return []
+    lines = [
+        "",
+        f"Measured minus model on the {run}, rms",
+        f"  {'':<8} {'before':>10} {'after':>10} {'noise':>10}",
+    ]
+    for name, value in before.items():
+        cells = [number(value), number(after.get(name)), number(answer.noise_floor.get(name))]
+        lines.append(f"  {name:<8} " + " ".join(f"{cell:>10}" for cell in cells) + f"  {channel(name)[1]}")
+    return lines
+
+
+def identification(answer: Identification) -> str:
+    """An identification as text."""
+    state = (
+        "interrupted, best so far"
+        if answer.interrupted
+        else "converged"
+        if answer.converged
+        else "not converged"
+    )
+    lines = [f"{answer.method}: {state} after {answer.evaluations} evaluations, cost {answer.cost:.6g}"]
+    lines += _parameters(list(answer.parameters.items()))
+    if answer.rms:
+        lines += ["", "Measured minus model, rms"]
+        lines += [
+            f"  {name:<8} {number(value):>10}  {channel(name)[1]}" for name, value in answer.rms.items()
+        ]
+    if answer.cannot_show:
+        lines += ["", "What this recording cannot show"]
+        lines += [f"  {', '.join(item['parameters'])}: {item['why']}" for item in answer.cannot_show]
+    return "\n".join(lines)

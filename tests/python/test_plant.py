@@ -1,0 +1,270 @@
+"""The independent plant: it is the plain machine when nothing is switched on, keeps its energy, and hides
+nothing."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("numba")
+pq = pytest.importorskip("pyarrow.parquet")
+integrate = pytest.importorskip("scipy.integrate")
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+
+from proof import bench, make_demo  # noqa: E402
+from proof.case import account, clean_channels, make_case, nameplate_of  # noqa: E402
+from proof.effects import CATALOGUE, EQUATION  # noqa: E402
+from proof.machines import HUB, PUMP, SERVO  # noqa: E402
+from proof.manoeuvres import make  # noqa: E402
+from proof.plant import simulate  # noqa: E402
+
+# one noticeable strength per effect, for the servo
+STRENGTH: dict[str, dict[str, float]] = {
+    "coulomb_friction": {"tau_c": 0.2},
+    "stribeck_friction": {"tau_c": 0.15, "tau_s": 0.3, "w_s": 8.0},
+    "asymmetric_friction": {"tau_c_pos": 0.3, "tau_c_neg": 0.15, "b_pos": 2e-4},
+    "load_dependent_friction": {"mu": 0.03},
+    "quadratic_drag": {"k": 1.5e-5},
+    "cogging_torque": {"tau_cog": 0.2, "second_rel": 0.2},
+    "load_torque_pulsation": {"tau_pul": 0.4},
+    "time_varying_load": {"amplitude": 0.8, "f": 3.0},
+    "two_mass_shaft": {"f_antires": 45.0, "f_res": 80.0},
+    "back_emf_harmonics": {"e5_rel": 0.03, "e7_rel": 0.02},
+    "saturation_d": {"drop_at_rated": 0.3},
+    "saturation_q": {"drop_at_rated": 0.2},
+    "cross_saturation": {"psi_drop_at_rated": 0.05},
+    "inductance_harmonics": {"rel_6": 0.03, "rel_4": 0.03},
+    "rs_thermal_drift": {"rise_at_rated": 1.0, "tau": 1.0},
+    "magnet_thermal_drift": {"psi_drop_final": 0.1, "tau": 1.0},
+    "iron_loss": {"r_c": 600.0},
+    "dead_time": {"v_err": 1.0},
+    "voltage_delay": {"extra_samples": 0.3},
+    "dc_link_sag": {"r_source": 3.0},
+    "phase_resistance_imbalance": {"r_excess_rel": 0.1},
+    "inter_turn_short": {"share": 0.03, "r_fault": 0.05},
+    "current_offset": {"o_a": 0.08, "o_b": -0.03},
+    "current_gain_imbalance": {"g_a": 0.03},
+    "encoder_angle_offset": {"offset_el_rad": 0.03},
+    "encoder_eccentricity": {"amplitude_el_rad": 0.01},
+    "x_tight_spot": {"tau": 0.5},
+    "x_loose_terminal": {"r_extra": 0.3},
+}
+# parameters that shape an effect without giving it strength
+SHAPE = {
+    "coulomb_friction": {"tau_c": 0.0, "w_smooth": 0.4},
+    "stribeck_friction": {"tau_c": 0.0, "tau_s": 0.0, "w_s": 3.0},
+    "cogging_torque": {"tau_cog": 0.0, "order_mech": 12.0, "phase": 1.0, "second_rel": 0.5},
+    "load_torque_pulsation": {"tau_pul": 0.0, "per_rev": 2.0, "phase": 1.0},
+    "time_varying_load": {"amplitude": 0.0, "f": 9.0},
+    "two_mass_shaft": {"f_antires": 0.0, "f_res": 70.0},
+    "back_emf_harmonics": {"e5_rel": 0.0, "phase5": 2.0},
+    "rs_thermal_drift": {"rise_at_rated": 0.0, "tau": 0.3},
+    "magnet_thermal_drift": {"psi_drop_final": 0.0, "tau": 0.3, "speed_share": 0.5},
+    "iron_loss": {"r_c": 0.0, "leakage_share": 0.3},
+    "dead_time": {"v_err": 0.0, "i_th": 0.5},
+    "dc_link_sag": {"r_source": 0.0, "c_dc": 5e-3},
+    "inter_turn_short": {"share": 0.0, "r_fault": 0.2},
+}
+
+
+def dq_residual(machine, log, t_s):
+    """Measured minus simulated i_d, i_q (n, 2) of the plain dq machine, its flux form integrated by DOP853.
+
+    With voltage held and speed linear within an interval the equations are linear in the flux, so the
+    transition of every interval is integrated at once and the intervals are chained afterwards.
+    """
+    w0, w1 = log["omega_e"][:-1], log["omega_e"][1:]
+    v = np.stack([log["v_d"][:-1], log["v_q"][:-1]])
+    a, b = machine.r_s / machine.l_d, machine.r_s / machine.l_q
+
+    def slope(s, x):
+        # rows: two columns of the transition matrix, then the forced response, each as flux d, flux q
+        d, q = x.reshape(3, 2, -1)[:, 0], x.reshape(3, 2, -1)[:, 1]
+        w = w0 + s * (w1 - w0)
+        out = np.stack([-a * d + w * q, -b * q - w * d], axis=1)
+        out[2, 0] += v[0] + a * machine.psi_m
+        out[2, 1] += v[1]
+        return t_s * out.ravel()
+
+    x = np.zeros((3, 2, len(w0)))
+    x[0, 0] = x[1, 1] = 1.0
+    done = integrate.solve_ivp(slope, (0.0, 1.0), x.ravel(), method="DOP853", rtol=1e-10, atol=1e-13)
+    col_d, col_q, forced = done.y[:, -1].reshape(3, 2, -1).transpose(0, 2, 1)
+    flux = np.empty((len(w0) + 1, 2))
+    flux[0] = machine.psi_m, 0.0
+    for k in range(len(w0)):
+        flux[k + 1] = col_d[k] * flux[k, 0] + col_q[k] * flux[k, 1] + forced[k]
+    model = np.stack([(flux[:, 0] - machine.psi_m) / machine.l_d, flux[:, 1] / machine.l_q], axis=1)
+    return np.stack(park(log["i_a"], log["i_b"], log["i_c"], log["theta_e"]), axis=1) - model
+
+
+def park(a, b, c, theta):
+    """Amplitude-invariant Park transform, written out by its definition."""
+    angles = theta[None] - np.array([0.0, 1.0, 2.0])[:, None] * 2.0 * np.pi / 3.0
+    phases = np.stack([a, b, c])
+    return 2.0 / 3.0 * (phases * np.cos(angles)).sum(0), -2.0 / 3.0 * (phases * np.sin(angles)).sum(0)
+
+
+def rms(x):
+    return float(np.sqrt(np.mean(np.square(x))))
+
+
+@pytest.mark.parametrize("machine", [SERVO, HUB, PUMP], ids=lambda m: m.name)
+def test_nothing_switched_on_is_the_plain_dq_machine(machine):
+    run = simulate(machine, {}, make(machine, "rich", "none", duration=1.0, seed=4), seed=8)
+    rest = dq_residual(machine, run.log, 1.0 / machine.f_sample)
+    clean, theta = clean_channels(machine, {}, run), run.log["theta_e"]
+    noise = park(*(run.log[k] - clean[k] for k in ("i_a", "i_b", "i_c")), theta)
+    # power invariance leaves two thirds of a phase sensor's variance; the ADC step adds its own
+    expected = np.sqrt(2.0 / 3.0 * (machine.noise_i**2 + machine.lsb_i**2 / 12.0))
+    for axis in (0, 1):
+        assert rms(noise[axis]) == pytest.approx(expected, rel=0.02)
+        assert rms(rest[:, axis]) == pytest.approx(rms(noise[axis]), rel=0.02)
+
+
+def test_without_noise_the_plain_dq_machine_agrees_to_a_millionth():
+    run = simulate(SERVO, {}, make(SERVO, "rich", "none", duration=0.5, seed=4), seed=8, noise=False)
+    # what is left is the curvature of the speed within an interval
+    assert np.abs(dq_residual(SERVO, run.log, 1.0 / SERVO.f_sample)).max() < 1e-5 * SERVO.i_rated
+
+
+def test_torque_and_speed_obey_the_mechanical_equation():
+    run = simulate(SERVO, {}, make(SERVO, "rich", "none", duration=1.0, seed=4), seed=8, noise=False)
+    w, tau = run.truth["omega_m"], run.truth["tau_e"]
+    i_d, i_q = park(*(run.truth[k] for k in ("i_a", "i_b", "i_c")), SERVO.n_p * run.truth["theta_m"])
+    textbook = 1.5 * SERVO.n_p * (SERVO.psi_m * i_q + (SERVO.l_d - SERVO.l_q) * i_d * i_q)
+    assert np.abs(tau - textbook).max() < 1e-9 * SERVO.tau_rated
+    push = np.concatenate([[0.0], np.cumsum(0.5 * (tau[1:] + tau[:-1]) - SERVO.b * 0.5 * (w[1:] + w[:-1]))])
+    assert np.abs(w - w[0] - push / SERVO.j / SERVO.f_sample).max() < 1e-3 * SERVO.w_rated
+
+
+@pytest.mark.parametrize("effect", [None, *(e for e in CATALOGUE if e != "magnet_thermal_drift")])
+def test_power_balances(effect):
+    """Energy taken in = lost in resistances + given to the shaft + gained by the field (a fading magnet
+    excepted)."""
+    effects = {} if effect is None else {effect: STRENGTH[effect]}
+    run = simulate(SERVO, effects, make(SERVO, "rich", "none", duration=0.3, seed=2), seed=8)
+    t = run.truth
+    gap = t["e_in"] - t["e_lost"] - t["e_shaft"] - (t["e_field"] - t["e_field"][0])
+    assert np.abs(gap).max() < 1e-7 * np.abs(t["e_in"]).max()
+
+
+@pytest.mark.parametrize("effect", CATALOGUE)
+def test_strength_zero_is_off_bit_for_bit(effect):
+    manoeuvre = make(SERVO, "rich", "unknown_piecewise", duration=0.2, seed=2)
+    off = simulate(SERVO, {}, manoeuvre, seed=8)
+    zero = simulate(SERVO, {effect: SHAPE.get(effect, {})}, manoeuvre, seed=8)
+    assert off.log.keys() == zero.log.keys()
+    for name, column in off.log.items():
+        assert np.array_equal(column, zero.log[name]), name
+
+
+@pytest.mark.parametrize("effect", CATALOGUE)
+def test_every_effect_shows_in_the_equation_it_belongs_to(effect):
+    manoeuvre = make(SERVO, "rich", "none", duration=1.0, seed=3)
+    effects = {effect: STRENGTH[effect]}
+    plain = account(SERVO, effects, manoeuvre, simulate(SERVO, effects, manoeuvre, seed=8))["plain_refit"]
+    if EQUATION[effect][0] == "mechanical":
+        assert plain["omega_e"] > 1.5
+        assert max(plain["i_d"], plain["i_q"]) < 1.02
+    else:
+        assert max(plain["i_d"], plain["i_q"]) > 1.1
+
+
+def test_the_noise_does_not_depend_on_what_is_switched_on():
+    manoeuvre = make(SERVO, "locked", "locked", duration=0.2, seed=3)
+    fine = replace(SERVO, lsb_i=0.0)
+    noises = []
+    for effects in ({}, {"current_offset": STRENGTH["current_offset"]}):
+        run = simulate(fine, effects, manoeuvre, seed=8)
+        noises.append(run.log["i_a"] - clean_channels(fine, effects, run)["i_a"])
+    assert np.allclose(*noises, atol=1e-12)
+
+
+def test_unknown_names_are_refused():
+    manoeuvre = make(SERVO, "rich", "none", duration=0.1)
+    with pytest.raises(KeyError):
+        simulate(SERVO, {"gremlins": {}}, manoeuvre, seed=1)
+    with pytest.raises(KeyError, match="v_error"):
+        simulate(SERVO, {"dead_time": {"v_error": 1.0}}, manoeuvre, seed=1)
+    with pytest.raises(ValueError, match="locked"):
+        make(SERVO, "rich", "locked")
+
+
+def test_a_case_hides_its_truth_and_states_only_the_nameplate(tmp_path):
+    effects = {"coulomb_friction": {"tau_c": 0.2}}
+    truth = make_case(
+        tmp_path / "open",
+        SERVO,
+        effects,
+        "rich",
+        "known_constant",
+        5,
+        truth_folder=tmp_path / "sealed",
+        duration=0.6,
+    )
+    assert sorted(p.name for p in (tmp_path / "open").iterdir()) == [
+        "machine.toml", "recording.parquet", "validation.parquet"
+    ]  # fmt: skip
+    assert json.loads((tmp_path / "sealed" / "truth.json").read_text()) == truth
+    machine = tomllib.loads((tmp_path / "open" / "machine.toml").read_text())
+    for name, value in machine["machine"].items():
+        off = abs(value / getattr(SERVO, name) - 1.0)
+        assert off == 0.0 if name == "n_p" else 0.0499 < off < 0.2001
+    assert machine["load"] == {"kind": "known_constant", "value": truth["load_const"]}
+    for name in ("recording", "validation"):
+        table = pq.read_table(tmp_path / "open" / f"{name}.parquet")
+        assert [str(f.type) for f in table.schema] == ["double"] + 7 * ["float"]
+        assert table.num_rows == 6000
+        assert truth["runs"][name]["plain_refit"]["omega_e"] > 1.5
+    with pytest.raises(ValueError, match="truth"):
+        make_case(tmp_path, SERVO, {}, truth_folder=tmp_path)
+
+
+def test_an_effect_outside_the_catalogue_is_expected_to_be_called_unknown(tmp_path):
+    effects = {"x_tight_spot": {"tau": 0.5}}
+    truth = make_case(tmp_path / "open", SERVO, effects, truth_folder=tmp_path / "sealed", duration=0.3)
+    assert truth["expected"] == "unknown"
+    assert truth["components"] == []
+
+
+@pytest.mark.parametrize("kind", bench.KINDS)
+def test_a_lesser_logger_keeps_rows_and_truth_together(kind):
+    run = simulate(SERVO, {}, make(SERVO, "rich", "none", duration=0.2, seed=3), seed=8)
+    worse = bench.degrade(run, kind, SERVO, 8)
+    for column in (*worse.log.values(), *worse.truth.values()):
+        assert column.shape == worse.t.shape
+    assert np.all(np.diff(worse.t) > 0.0)
+    assert ("i_c" in worse.log) == (kind != "two_currents")
+    changed = len(worse.t) < len(run.t) or worse.log.keys() != run.log.keys()
+    assert changed or any(not np.array_equal(run.log[k], worse.log[k]) for k in run.log)
+
+
+def test_the_demo_is_what_its_recipe_makes():
+    demo = ROOT / "python" / "pmsm_rs" / "demo_data"
+    effects = {make_demo.EFFECT: make_demo.PARAMETERS}
+    sealed = json.loads((demo / "sealed.json").read_text())
+    assert {sealed["effect"]: sealed["parameters"]} == effects
+    assert sealed["base_true"] == {k: getattr(SERVO, k) for k in sealed["base_true"]}
+    nameplate = nameplate_of(SERVO, make_demo.SEED)
+    for number, name in enumerate(("recording", "validation")):
+        assert (demo / f"{name}.parquet").stat().st_size < make_demo.LARGEST
+        table = pq.read_table(demo / f"{name}.parquet")
+        assert table.num_rows == 20_000
+        seed = 1000 * make_demo.SEED + number
+        manoeuvre = make(SERVO, "rich", "unknown_constant", duration=2.0, seed=seed)
+        run = simulate(SERVO, effects, manoeuvre, seed=seed, nameplate=nameplate)
+        for column, values in run.log.items():
+            # another platform's libm may move single samples across an ADC or encoder step
+            same = np.isclose(table[column].to_numpy(), values, rtol=1e-3, atol=1e-3 * np.abs(values).max())
+            assert same.mean() > 0.99, column
+        plain = account(SERVO, effects, manoeuvre, run)["plain_refit"]
+        assert 5.0 < max(plain["i_d"], plain["i_q"]) < 8.0
