@@ -28,7 +28,7 @@ if TYPE_CHECKING:
         UsageError,
         __version__,
     )
-    from .load import load
+    from .loader import load
     from .recording import Recording
     from .results import Diagnosis, Identification
     from .run import Swarm, diagnose, effects, identify
@@ -49,7 +49,7 @@ _HOME = {
     "diagnose": "run",
     "effects": "run",
     "identify": "run",
-    "load": "load",
+    "load": "loader",
 }
 
 __all__ = [

@@ -76,7 +76,7 @@ def cli() -> None:
 def demo(report_file: str, json_file: str | None, threads: int | None, seed: int) -> int:
     """Diagnose a recording that ships with the package, then open the seal on what was put into it."""
     from .demo import compare, recording_files
-    from .load import load
+    from .loader import load
     from .run import diagnose as run
 
     recording, validation, machine_file = recording_files()
@@ -128,7 +128,7 @@ def identify(
 ) -> int:
     """Estimate the parameters of the dq-model from RECORDING."""
     from .config import read_machine
-    from .load import load
+    from .loader import load
     from .run import identify as run
 
     names = [name.strip() for name in fit.split(",") if name.strip()] if fit is not None else None
@@ -185,7 +185,7 @@ def diagnose(
     from pathlib import Path
 
     from .config import read_machine
-    from .load import load
+    from .loader import load
     from .run import diagnose as run
 
     machine = read_machine(machine_file)
@@ -261,6 +261,12 @@ def _code(error: Exception) -> int:
     return next((code for kind, code in codes if isinstance(error, kind)), INTERNAL)
 
 
+def _ours(error: Exception) -> bool:
+    from ._core import PmsmError
+
+    return isinstance(error, PmsmError)
+
+
 def main(arguments: list[str] | None = None) -> NoReturn:
     """The `pmsm-rs` command.
 
@@ -286,8 +292,6 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         code = _code(error)
         if code != INTERNAL:
             _fail(code, str(error))
-        _fail(
-            INTERNAL,
-            f"internal fault ({type(error).__name__}: {' '.join(str(error).split())}); please report it",
-        )
+        what = str(error) if _ours(error) else f"{type(error).__name__}: {error}; please report it"
+        _fail(INTERNAL, f"internal fault: {' '.join(what.split())}")
     sys.exit(code if isinstance(code, int) else 0)

@@ -158,7 +158,9 @@ def _suffix(key: str) -> tuple[str, str | None]:
     known = alias(head)
     names = (known[0],) if known else DOUBTFUL.get(head, ())
     for name in names:
-        unit = canonical(tail, CANONICAL[name].dimension)
+        dimension = CANONICAL[name].dimension
+        effective = {"current": "Arms", "voltage": "Vrms"}.get(dimension) if tail == "rms" else None
+        unit = canonical(tail, dimension) or effective
         if unit is not None:
             return head, unit
     return key, None

@@ -100,10 +100,11 @@ def located(answer: Diagnosis) -> list[Picture]:
     if _varies(trace, "op_omega_e") and _varies(trace, "op_i_q"):
         paint = partial(plot.residual_map, trace=trace, name=worst)
         out.append(_picture(paint, f"{symbol}: mean mismatch before, over speed and torque current"))
-    for angle, kind in (("op_theta_e", "electrical"), ("op_theta_m", "mechanical")):
-        if _turns(trace, angle) >= _FEWEST_TURNS:
-            paint = partial(plot.order_spectrum, trace=trace, name=worst, angle=angle)
-            out.append(_picture(paint, f"{symbol}: mismatch by order of the {kind} angle"))
+    angle = _telling_angle(answer, trace, worst)
+    if angle is not None:
+        kind = "mechanical" if angle == "op_theta_m" else "electrical"
+        paint = partial(plot.order_spectrum, trace=trace, name=worst, angle=angle)
+        out.append(_picture(paint, f"{symbol}: mismatch by order of the {kind} angle"))
     return out
 
 
@@ -118,6 +119,22 @@ def _telling(answer: Diagnosis, trace: plot.Trace) -> str:
         answer.located[0].equation, ()
     )
     return next((name for name in direct if name in ranked), ranked[0])
+
+
+def _telling_angle(answer: Diagnosis, trace: plot.Trace, name: str) -> str | None:
+    """The angle of which the mismatch is a function: the one that was located, else the one with the
+    higher peak.
+    """
+    turning = [angle for angle in ("op_theta_e", "op_theta_m") if _turns(trace, angle) >= _FEWEST_TURNS]
+    if not turning:
+        return None
+    first = answer.located[0]
+    if first.order_electrical is None and first.order_mechanical is not None and "op_theta_m" in turning:
+        return "op_theta_m"
+    if first.order_electrical is not None:
+        return turning[0]
+    before = plot.residual(trace, name, "before")
+    return max(turning, key=lambda angle: float(plot.amplitudes(trace[angle], before, plot.orders()).max()))
 
 
 def before_after(answer: Diagnosis) -> list[Picture]:

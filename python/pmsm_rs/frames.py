@@ -16,16 +16,6 @@ from .formats.source import Source, from_arrays
 from .quantities import CANONICAL
 
 
-def is_frame(data: object) -> bool:
-    """Whether `data` is a table in memory rather than the name of a file."""
-    return (
-        isinstance(data, Mapping)
-        or hasattr(data, "__arrow_c_stream__")
-        or _is_pandas(data)
-        or (isinstance(data, np.ndarray) and data.dtype.names is not None)
-    )
-
-
 def frame_source(data: Any, max_bytes: int) -> Source:
     """The columns of a table in memory. Raises DataError where it is none."""
     if isinstance(data, Mapping):

@@ -29,6 +29,7 @@ BEFORE: Final = "#d55e00"
 AFTER: Final = "#0072b2"
 NOISE: Final = "#8a939c"
 _BINS: Final = 420
+_FEW: Final = 400
 
 
 def channels(trace: Trace) -> list[str]:
@@ -77,7 +78,8 @@ def residual_over_time(ax: Axes, trace: Trace, name: str, noise: float | None = 
             ax.axhline(edge, color=MEASURED, lw=0.7, ls=(0, (4, 3)), zorder=5)
     for when, colour in (("before", BEFORE), ("after", AFTER)):
         t, values = envelope(trace["t"], residual(trace, name, when))
-        ax.plot(t, values, color=colour, lw=0.6, label=when)
+        dots = {"ls": "none", "marker": "o", "ms": 2.0} if len(t) < _FEW else {"lw": 0.6}
+        ax.plot(t, values, color=colour, label=when, **dots)
     _label(ax, "t in s", f"{symbol} measured − model in {unit}")
 
 
@@ -167,12 +169,12 @@ def _span(values: Array) -> tuple[float, float]:
     return (low, high) if high > low else (low - 0.5, low + 0.5)
 
 
-def order_spectrum(ax: Axes, trace: Trace, name: str, angle: str = "op_theta_e", orders: int = 14) -> None:
+def order_spectrum(ax: Axes, trace: Trace, name: str, angle: str = "op_theta_e") -> None:
     """Amplitude of the residual, before and after, at whole orders of the electrical (or mechanical)
     angle.
     """
     symbol, unit = symbol_of(name)
-    k = np.arange(1, orders + 1)
+    k = orders()
     for when, colour, shift in (("before", BEFORE, -0.19), ("after", AFTER, 0.19)):
         ax.bar(
             k + shift,
@@ -182,24 +184,29 @@ def order_spectrum(ax: Axes, trace: Trace, name: str, angle: str = "op_theta_e",
             label=when,
         )
     kind = "mechanical" if angle.endswith("_m") else "electrical"
-    ax.set_xticks(k if orders <= 15 else k[1::2])
+    ax.set_xticks(k)
     _label(ax, f"order of the {kind} angle", f"{symbol} amplitude in {unit}")
 
 
-def amplitudes(angle: Array, values: Array, orders: NDArray[np.int_]) -> Array:
-    """Amplitude of `values` at each order of `angle` (rad), every angle weighing the same however fast it
-    was passed.
+def orders() -> NDArray[np.int_]:
+    """The orders that a spectrum shows."""
+    return np.arange(1, 15)
+
+
+def amplitudes(angle: Array, values: Array, at: NDArray[np.int_]) -> Array:
+    """Amplitude of `values` at each order `at` of `angle` (rad), every angle weighing the same however fast
+    it was passed.
     """
     turn = np.abs(np.gradient(np.unwrap(angle))) if len(angle) > 1 else np.zeros(len(angle))
     ok = np.isfinite(values) & np.isfinite(turn)
     weight = np.where(ok, turn, 0.0)
     total = float(weight.sum())
     if total == 0.0:
-        return np.zeros(len(orders))
+        return np.zeros(len(at))
     weighted = weight * np.where(ok, values, 0.0)
     mean = weighted.sum() / total
     centred = weighted - mean * weight
-    return np.array([2.0 * abs(np.sum(centred * np.exp(-1j * order * angle))) / total for order in orders])
+    return np.array([2.0 * abs(np.sum(centred * np.exp(-1j * order * angle))) / total for order in at])
 
 
 def rated(trace: Trace, noise: Mapping[str, float]) -> list[str]:

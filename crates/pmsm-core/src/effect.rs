@@ -61,6 +61,8 @@ pub enum Need {
     Angle,
     /// A transient recording, not operating points.
     Transients,
+    /// A rotor that turns.
+    Motion,
     /// Operating points or transients over a measured temperature or long enough to heat up by themselves.
     Time,
 }
@@ -109,6 +111,8 @@ pub struct Context {
     pub duration: f64,
     /// Sample period, s.
     pub period: f64,
+    /// Nominal DC-link voltage, V; without a nameplate the smallest one that could give the largest voltage.
+    pub v_dc: f64,
     /// Reciprocal of the shortest electrical time constant of the nameplate, rad/s.
     pub electrical_rate: f64,
     /// Mean of the three phase currents, A (zero where fewer than three are logged).
@@ -154,6 +158,23 @@ pub struct Electrical<T> {
     pub i: [T; 2],
     /// Stator resistance now, Ω.
     pub r_s: T,
+    /// Commanded voltage d, q, V.
+    pub v: [T; 2],
+    /// Voltage induced in the winding, dλ/dt and rotation, d, q, V (zero until the voltage losses are known).
+    pub emf: [T; 2],
+}
+
+/// Where the field energy is evaluated.
+#[derive(Debug, Clone, Copy)]
+pub struct FieldPoint<T> {
+    /// Total flux linkage d, q, V s.
+    pub flux: [T; 2],
+    /// The magnet's part of it, V s.
+    pub magnet: [T; 2],
+    /// Fundamental of the magnet's flux, V s.
+    pub psi_m: T,
+    /// Sine and cosine of the electrical angle (of zero where no effect asks for the angle).
+    pub sin_cos: (T, T),
 }
 
 /// The mechanical state at which a hook is evaluated.
@@ -253,15 +274,34 @@ pub trait Effect {
     fn magnet<T: Real>(p: &[T], psi_m: T, env: &Env<T>, cx: &Context, out: &mut Magnet<T>) {
         let _ = (p, psi_m, env, cx, out);
     }
-    /// Adds to the currents that the total flux `flux` (λ_d, λ_q) calls for; the magnet alone must call for none.
-    fn field<T: Real>(p: &[T], flux: [T; 2], psi_m: T, base: &Base<T>, cx: &Context, out: &mut Field<T>) {
-        let _ = (p, flux, psi_m, base, cx, out);
+    /// Adds to the currents that the flux linkage calls for; the magnet alone must call for none.
+    fn field<T: Real>(p: &[T], at: &FieldPoint<T>, base: &Base<T>, cx: &Context, out: &mut Field<T>) {
+        let _ = (p, at, base, cx, out);
+    }
+    /// Turns the logged voltage command into the one that acts: `taps` are the commands of this and the two samples before,
+    /// each in the rotor frame of its own interval, `turn` the electrical angle per interval.
+    fn command<T: Real>(p: &[T], taps: &[[T; 2]; 3], turn: T, cx: &Context, v: &mut [T; 2]) {
+        let _ = (p, taps, turn, cx, v);
+    }
+    /// Adds to the terminal current what bypasses the magnetising branch (d, q), A.
+    fn shunt<T: Real>(p: &[T], x: &[T], sin_cos: (T, T), cx: &Context, i: &mut [T; 2]) {
+        let _ = (p, x, sin_cos, cx, i);
+    }
+    /// Quasi-static start of its own electrical states at the induced voltage `emf` (d, q); zero by default.
+    fn electrical_start<T: Real>(p: &[T], emf: [T; 2], sin_cos: (T, T), cx: &Context, x: &mut [T]) {
+        let _ = (p, emf, sin_cos, cx, x);
+    }
+    /// The same effect seen from a mechanical zero that lies `shift` (rad) further; only effects that know whole
+    /// mechanical turns change. Returns whether it is one of them.
+    fn turned(p: &mut [f64], shift: f64) -> bool {
+        let _ = (p, shift);
+        false
     }
     /// Adds to the voltage lost between command and winding (d, q), V.
     fn voltage<T: Real>(p: &[T], x: &[T], at: &Electrical<T>, cx: &Context, lost: &mut [T; 2]) {
         let _ = (p, x, at, cx, lost);
     }
-    /// Derivatives of its own electrical or thermal states, which start at zero.
+    /// Derivatives of its own electrical or thermal states; `at.emf` is known.
     fn electrical_states<T: Real>(p: &[T], x: &[T], at: &Electrical<T>, cx: &Context, dx: &mut [T]) {
         let _ = (p, x, at, cx, dx);
     }

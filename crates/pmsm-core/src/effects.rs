@@ -1,7 +1,7 @@
 //! The catalogue of omitted effects: the only registry. An effect is one file below `effects/` and one line here.
 
 use crate::effect::{
-    Context, Drift, Effect, Electrical, Env, Field, Info, Magnet, Mechanical, Output, Rotor, Sensor,
+    Context, Drift, Effect, Electrical, Env, Field, FieldPoint, Info, Magnet, Mechanical, Output, Rotor, Sensor,
 };
 use crate::error::{Error, Result};
 use crate::model::Base;
@@ -38,7 +38,11 @@ macro_rules! catalogue {
                 fn fitted[](cx: &Context, index: usize) -> bool;
                 fn drift[T](p: &[T], x: &[T], env: &Env<T>, cx: &Context, out: &mut Drift<T>) -> ();
                 fn magnet[T](p: &[T], psi_m: T, env: &Env<T>, cx: &Context, out: &mut Magnet<T>) -> ();
-                fn field[T](p: &[T], flux: [T; 2], psi_m: T, base: &Base<T>, cx: &Context, out: &mut Field<T>) -> ();
+                fn field[T](p: &[T], at: &FieldPoint<T>, base: &Base<T>, cx: &Context, out: &mut Field<T>) -> ();
+                fn command[T](p: &[T], taps: &[[T; 2]; 3], turn: T, cx: &Context, v: &mut [T; 2]) -> ();
+                fn shunt[T](p: &[T], x: &[T], sin_cos: (T, T), cx: &Context, i: &mut [T; 2]) -> ();
+                fn electrical_start[T](p: &[T], emf: [T; 2], sin_cos: (T, T), cx: &Context, x: &mut [T]) -> ();
+                fn turned[](p: &mut [f64], shift: f64) -> bool;
                 fn voltage[T](p: &[T], x: &[T], at: &Electrical<T>, cx: &Context, lost: &mut [T; 2]) -> ();
                 fn electrical_states[T](p: &[T], x: &[T], at: &Electrical<T>, cx: &Context, dx: &mut [T]) -> ();
                 fn rotor[T](p: &[T], x: &[T], at: &Mechanical<T>, cx: &Context, out: &mut Rotor<T>) -> ();
@@ -68,18 +72,31 @@ macro_rules! dispatch {
 
 catalogue! {
     coulomb_friction::CoulombFriction,
+    stribeck_friction::StribeckFriction,
     asymmetric_friction::AsymmetricFriction,
+    load_dependent_friction::LoadDependentFriction,
     quadratic_drag::QuadraticDrag,
     cogging_torque::CoggingTorque,
+    load_torque_pulsation::LoadTorquePulsation,
+    time_varying_load::TimeVaryingLoad,
     two_mass_shaft::TwoMassShaft,
     back_emf_harmonics::BackEmfHarmonics,
     saturation_d::SaturationD,
     saturation_q::SaturationQ,
+    cross_saturation::CrossSaturation,
+    inductance_harmonics::InductanceHarmonics,
     rs_thermal_drift::RsThermalDrift,
     magnet_thermal_drift::MagnetThermalDrift,
+    iron_loss::IronLoss,
     dead_time::DeadTime,
+    voltage_delay::VoltageDelay,
+    dc_link_sag::DcLinkSag,
+    phase_resistance_imbalance::PhaseResistanceImbalance,
+    inter_turn_short::InterTurnShort,
     current_offset::CurrentOffset,
+    current_gain_imbalance::CurrentGainImbalance,
     encoder_angle_offset::EncoderAngleOffset,
+    encoder_eccentricity::EncoderEccentricity,
 }
 
 impl EffectId {

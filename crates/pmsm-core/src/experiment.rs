@@ -68,6 +68,8 @@ pub struct Experiment<'a> {
     pub channels: Vec<(Channel, f64)>,
     /// Samples that do not count (held out), if any.
     pub held_out: Option<&'a [bool]>,
+    /// What is known beforehand: parameter, value, standard deviation. It decides only what the recording does not show.
+    pub prior: &'a [(usize, f64, f64)],
 }
 
 /// Residuals and their derivatives at one point.
@@ -101,7 +103,7 @@ impl<'a> Experiment<'a> {
     }
 
     /// Whether parameter `index` reaches the voltage equations or the measurement.
-    fn is_electrical(&self, index: usize) -> bool {
+    pub fn is_electrical(&self, index: usize) -> bool {
         if index < BASE {
             return index < BaseParameter::J.index();
         }
@@ -358,6 +360,13 @@ struct Fitting<'a> {
 }
 
 impl Fitting<'_> {
+    /// Prior knowledge of the free parameters: position among them, value, standard deviation.
+    fn known(&self) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
+        self.experiment.prior.iter().filter_map(|(parameter, value, sd)| {
+            self.free.iter().position(|f| f == parameter).map(|k| (k, *value, *sd))
+        })
+    }
+
     fn whole(&self, point: &[f64]) -> Vec<f64> {
         let mut p = self.start.to_vec();
         for (index, value) in self.free.iter().zip(point) {
@@ -373,16 +382,26 @@ impl Problem for Fitting<'_> {
     }
 
     fn cost(&self, point: &[f64]) -> f64 {
-        self.experiment.residual(&self.whole(point)).norm_squared()
+        let whole = self.whole(point);
+        let known: f64 = self.known().map(|(k, value, sd)| ((whole[self.free[k]] - value) / sd).powi(2)).sum();
+        self.experiment.residual(&whole).norm_squared() + known
     }
 
     fn normal(&self, point: &[f64]) -> Normal {
-        let linear = self.experiment.linearise(&self.whole(point), self.free);
-        Normal {
+        let whole = self.whole(point);
+        let linear = self.experiment.linearise(&whole, self.free);
+        let mut normal = Normal {
             cost: linear.residual.norm_squared(),
             jtj: linear.jacobian.tr_mul(&linear.jacobian),
             jtr: linear.jacobian.tr_mul(&linear.residual),
+        };
+        for (k, value, sd) in self.known() {
+            let off = (whole[self.free[k]] - value) / sd;
+            normal.cost += off * off;
+            normal.jtj[(k, k)] += 1.0 / (sd * sd);
+            normal.jtr[k] += off / sd;
         }
+        normal
     }
 }
 

@@ -10,6 +10,7 @@
 //! Units are SI throughout, the Park transform is amplitude-invariant, the d axis lies on the magnet flux, and the
 //! sign convention is the motor's.
 
+pub mod diagnose;
 pub mod effect;
 pub mod effects;
 pub mod error;

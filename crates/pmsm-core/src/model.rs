@@ -4,7 +4,7 @@
 //! [`crate::effect`]). Every simulation of this crate, whatever drives it, goes through the functions here.
 
 use crate::effect::{
-    Context, Drift, Electrical, Env, Field, Magnet, Mechanical, Need, Rotor, Sensor, Site,
+    Context, Drift, Electrical, Env, Field, FieldPoint, Magnet, Mechanical, Need, Rotor, Sensor, Site,
 };
 use crate::effects::EffectId;
 use crate::machine::BaseParameter;
@@ -65,6 +65,7 @@ pub struct Model {
     slots: Vec<Slot>,
     uses_angle: bool,
     has_sensor: bool,
+    electrical_count: usize,
 }
 
 /// Magnetic state that belongs to a flux linkage.
@@ -98,7 +99,7 @@ impl Model {
         }
         let uses_angle = effects.iter().any(|e| e.info().needs.contains(&Need::Angle));
         let has_sensor = effects.iter().any(|e| e.info().site == Site::Sensor);
-        Self { context, slots, uses_angle, has_sensor }
+        Self { context, slots, uses_angle, has_sensor, electrical_count: electrical }
     }
 
     /// The scales it was built for.
@@ -123,7 +124,7 @@ impl Model {
 
     /// Number of electrical extra states.
     pub fn electrical_states(&self) -> usize {
-        self.slots.last().map_or(0, |s| s.electrical.end)
+        self.electrical_count
     }
 
     /// Number of mechanical extra states.
@@ -147,6 +148,7 @@ impl Model {
     }
 
     /// Magnet flux and drift factors now.
+    #[inline(always)]
     fn sources<T: Real>(&self, p: &[T], base: &Base<T>, x: &[T], env: &Env<T>) -> (T, T, Magnet<T>) {
         let mut drift = Drift { r_s: T::one(), psi_m: T::one() };
         for s in &self.slots {
@@ -161,13 +163,21 @@ impl Model {
         (base.r_s * drift.r_s, psi_m, magnet)
     }
 
-    /// Currents and torque that belong to the flux linkage `flux`.
+    /// Sine and cosine of the electrical angle if an effect asks for it, else those of zero.
+    #[inline(always)]
+    fn sin_cos<T: Real>(&self, env: &Env<T>) -> (T, T) {
+        if self.uses_angle { env.theta_e.sin_cos() } else { (T::zero(), T::one()) }
+    }
+
+    /// Magnetising current and torque that belong to the flux linkage `flux`.
+    #[inline(always)]
     fn magnetic<T: Real>(
         &self,
         p: &[T],
         base: &Base<T>,
         psi_m: T,
         magnet: &Magnet<T>,
+        sin_cos: (T, T),
         flux: [T; 2],
     ) -> Magnetic<T> {
         let mut field = Field {
@@ -175,8 +185,11 @@ impl Model {
             slope: T::zero(),
             inverse: [base.inverse_l_d, T::zero(), base.inverse_l_q],
         };
-        for s in &self.slots {
-            s.effect.field(&p[s.parameters.clone()], flux, psi_m, base, &self.context, &mut field);
+        if !self.slots.is_empty() {
+            let at = FieldPoint { flux, magnet: magnet.flux, psi_m, sin_cos };
+            for s in &self.slots {
+                s.effect.field(&p[s.parameters.clone()], &at, base, &self.context, &mut field);
+            }
         }
         let i = field.i;
         let turning = flux[0] * i[1] - flux[1] * i[0];
@@ -184,9 +197,19 @@ impl Model {
         Magnetic { i, tau_e: (turning + pulling) * (1.5 * self.context.n_p), inverse: field.inverse }
     }
 
+    /// What bypasses the magnetising branch.
+    #[inline(always)]
+    fn shunt<T: Real>(&self, p: &[T], x: &[T], sin_cos: (T, T)) -> [T; 2] {
+        let mut i = [T::zero(); 2];
+        for s in &self.slots {
+            s.effect.shunt(&p[s.parameters.clone()], &x[s.electrical.clone()], sin_cos, &self.context, &mut i);
+        }
+        i
+    }
+
     /// Time derivative of the electrical state `[λ_d, λ_q, extra …]` under the winding voltage command `v`
     /// (d, q, rotor frame), equation (1) with the effects.
-    #[inline]
+    #[inline(always)]
     pub fn electrical_rhs<T: Real, const N: usize>(
         &self,
         p: &[T],
@@ -197,59 +220,105 @@ impl Model {
     ) -> [T; N] {
         let (flux, x) = ([state[0], state[1]], &state[2..]);
         let (r_s, psi_m, magnet) = self.sources(p, base, x, env);
-        let i = self.magnetic(p, base, psi_m, &magnet, flux).i;
+        let sin_cos = self.sin_cos(env);
+        let mut i = self.magnetic(p, base, psi_m, &magnet, sin_cos, flux).i;
         let mut derivative = [T::zero(); N];
         let mut lost = [T::zero(); 2];
+        let mut at = Electrical { env: *env, sin_cos, i, r_s, v, emf: [T::zero(); 2] };
         if !self.slots.is_empty() {
-            let sin_cos = if self.uses_angle { env.theta_e.sin_cos() } else { (T::zero(), T::one()) };
-            let at = Electrical { env: *env, sin_cos, i, r_s };
+            let bypass = self.shunt(p, x, sin_cos);
+            i = [i[0] + bypass[0], i[1] + bypass[1]];
+            at.i = i;
             for s in &self.slots {
-                let (own, range) = (&p[s.parameters.clone()], s.electrical.clone());
-                s.effect.voltage(own, &x[range.clone()], &at, &self.context, &mut lost);
+                let own = &p[s.parameters.clone()];
+                s.effect.voltage(own, &x[s.electrical.clone()], &at, &self.context, &mut lost);
+            }
+        }
+        let emf = [v[0] - lost[0] - r_s * i[0], v[1] - lost[1] - r_s * i[1]];
+        derivative[0] = emf[0] + env.omega_e * flux[1];
+        derivative[1] = emf[1] - env.omega_e * flux[0];
+        if self.electrical_count > 0 {
+            at.emf = emf;
+            for s in &self.slots {
+                let range = s.electrical.clone();
                 let dx = &mut derivative[2 + range.start..2 + range.end];
+                let own = &p[s.parameters.clone()];
                 s.effect.electrical_states(own, &x[range], &at, &self.context, dx);
             }
         }
-        derivative[0] = v[0] - lost[0] - r_s * i[0] + env.omega_e * flux[1];
-        derivative[1] = v[1] - lost[1] - r_s * i[1] - env.omega_e * flux[0];
         derivative
     }
 
-    /// Current and torque of an electrical state `[λ_d, λ_q, extra …]`.
+    /// Terminal current and torque of an electrical state `[λ_d, λ_q, extra …]`.
+    #[inline(always)]
     pub fn state_current<T: Real>(&self, p: &[T], base: &Base<T>, state: &[T], env: &Env<T>) -> Magnetic<T> {
         let (_, psi_m, magnet) = self.sources(p, base, &state[2..], env);
-        self.magnetic(p, base, psi_m, &magnet, [state[0], state[1]])
+        let sin_cos = self.sin_cos(env);
+        let mut out = self.magnetic(p, base, psi_m, &magnet, sin_cos, [state[0], state[1]]);
+        if self.electrical_count > 0 {
+            let bypass = self.shunt(p, &state[2..], sin_cos);
+            out.i = [out.i[0] + bypass[0], out.i[1] + bypass[1]];
+        }
+        out
     }
 
-    /// Flux linkage and torque that belong to a current, by Newton's method on the energy's gradient; `x` are the
-    /// electrical extra states.
-    pub fn flux_of_current<T: Real>(
+    /// The steady electrical state that belongs to a terminal current, and its torque: flux linkage by Newton's method on the
+    /// energy's gradient, extra states at their quasi-static start.
+    pub fn steady_state<T: Real, const N: usize>(
         &self,
         p: &[T],
         base: &Base<T>,
         i: [T; 2],
-        x: &[T],
         env: &Env<T>,
-    ) -> ([T; 2], T) {
-        let (_, psi_m, magnet) = self.sources(p, base, x, env);
+    ) -> ([T; N], T) {
+        let mut state = [T::zero(); N];
+        let (_, psi_m, magnet) = self.sources(p, base, &state[2..], env);
+        let sin_cos = self.sin_cos(env);
         let mut flux = [magnet.flux[0] + base.l_d * i[0], magnet.flux[1] + base.l_q * i[1]];
-        let mut at = self.magnetic(p, base, psi_m, &magnet, flux);
+        let mut at = self.magnetic(p, base, psi_m, &magnet, sin_cos, flux);
         if self.slots.iter().any(|s| s.effect.info().site == Site::Electrical) {
             for _ in 0..6 {
-                let (e_d, e_q) = (i[0] - at.i[0], i[1] - at.i[1]);
+                let emf = [-env.omega_e * flux[1], env.omega_e * flux[0]];
+                for s in &self.slots {
+                    let x = &mut state[2 + s.electrical.start..2 + s.electrical.end];
+                    s.effect.electrical_start(&p[s.parameters.clone()], emf, sin_cos, &self.context, x);
+                }
+                let bypass = self.shunt(p, &state[2..], sin_cos);
+                let (e_d, e_q) = (i[0] - bypass[0] - at.i[0], i[1] - bypass[1] - at.i[1]);
                 let [a, b, c] = at.inverse;
                 let determinant = a * c - b * b;
                 flux[0] += (c * e_d - b * e_q) / determinant;
                 flux[1] += (a * e_q - b * e_d) / determinant;
-                at = self.magnetic(p, base, psi_m, &magnet, flux);
+                at = self.magnetic(p, base, psi_m, &magnet, sin_cos, flux);
             }
         }
-        (flux, at.tau_e)
+        (state[0], state[1]) = (flux[0], flux[1]);
+        (state, at.tau_e)
+    }
+
+    /// The voltage that acts, given the commands of this and the two samples before in their own frames.
+    #[inline(always)]
+    pub fn command<T: Real>(&self, p: &[T], taps: &[[T; 2]; 3], turn: T) -> [T; 2] {
+        let mut v = taps[0];
+        for s in &self.slots {
+            s.effect.command(&p[s.parameters.clone()], taps, turn, &self.context, &mut v);
+        }
+        v
+    }
+
+    /// The same model seen from a mechanical zero that lies `shift` (rad) further, or `None` if it knows no turns.
+    pub fn turned(&self, p: &[f64], shift: f64) -> Option<Vec<f64>> {
+        let mut turned = p.to_vec();
+        let mut any = false;
+        for s in &self.slots {
+            any |= s.effect.turned(&mut turned[s.parameters.clone()], shift);
+        }
+        any.then_some(turned)
     }
 
     /// Time derivative of the mechanical state `[ω_m, extra …]` under the motor torque `tau_e` and the load
     /// torque `tau_load`, equation (2) with the effects. `env.omega_e` is ignored in favour of the state.
-    #[inline]
+    #[inline(always)]
     pub fn mechanical_rhs<T: Real, const N: usize>(
         &self,
         p: &[T],
@@ -273,6 +342,7 @@ impl Model {
         derivative
     }
 
+    #[inline(always)]
     fn mechanical_point<T: Real>(
         &self,
         base: &Base<T>,
@@ -285,6 +355,7 @@ impl Model {
         Mechanical { env, omega_m, tau_e, tau_load, j: base.j }
     }
 
+    #[inline(always)]
     fn acceleration<T: Real>(&self, p: &[T], base: &Base<T>, x: &[T], at: &Mechanical<T>) -> T {
         let mut rotor = Rotor { inertia: base.j, loss: base.b * at.omega_m, load: at.tau_load };
         for s in &self.slots {

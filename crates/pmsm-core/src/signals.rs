@@ -42,6 +42,8 @@ pub struct Signals {
     pub theta_m: Vec<f64>,
     /// Whether an angle was logged.
     pub angle_known: bool,
+    /// Whether the mechanical angle was logged, so that runs agree on whole electrical turns.
+    pub turn_known: bool,
     /// Whether three phase currents were logged.
     pub three_currents: bool,
     /// Electrical speed, rad/s.
@@ -136,6 +138,7 @@ impl Signals {
             theta_e,
             theta_m,
             angle_known,
+            turn_known: recording.has(&["theta_m"]),
             three_currents,
             omega_e,
             speed_known,
@@ -155,6 +158,7 @@ impl Signals {
                 psi_max: 0.0,
                 duration: recording.duration(),
                 period: recording.period(),
+                v_dc: machine.v_dc.unwrap_or(0.0),
                 electrical_rate: electrical_rate(machine),
                 zero_sequence: 0.0,
                 has_temperature: recording.has(&["temperature"]),
@@ -186,6 +190,9 @@ impl Signals {
         let cx = &mut self.context;
         cx.i_max = largest(&self.i).max(1e-9);
         cx.v_max = largest(&self.v).max(1e-9);
+        if cx.v_dc <= 0.0 {
+            cx.v_dc = 3f64.sqrt() * cx.v_max;
+        }
         cx.omega_e_max = peak(&self.omega_e).max(1e-6);
         // Without a nameplate the back-EMF at the highest speed bounds the flux.
         let psi_m = machine.get(BaseParameter::PsiM).unwrap_or(cx.v_max / cx.omega_e_max.max(1.0));

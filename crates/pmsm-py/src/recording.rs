@@ -46,7 +46,7 @@ impl PyRecording {
         let load = load
             .map(|kind| Load::parse(kind, load_value))
             .transpose()
-            .map_err(|error| to_python(py, &error))?;
+            .map_err(|error| DataError::new_err(error.to_string()))?;
         let checked = py.detach(|| Recording::new(given, load));
         checked.map(|recording| Self(Arc::new(recording))).map_err(|error| to_python(py, &error))
     }

@@ -121,5 +121,5 @@ fn internal(payload: &(dyn Any + Send)) -> PyErr {
         .or_else(|| payload.downcast_ref::<String>().cloned())
         .unwrap_or_else(|| "a panic without a message".to_owned());
     let place = lock(&LAST_PANIC).take().map(|place| format!(" at {place}")).unwrap_or_default();
-    InternalError::new_err(format!("{what}{place}; please report it"))
+    InternalError::new_err(format!("{what}{place}; please report it with the recording"))
 }

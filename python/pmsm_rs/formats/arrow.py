@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._core import DataError, PmsmError
+from .._core import DataError
 from ..errors import refuse
 from .source import MISSING_FIX, Source, numbers
 
 NUMBER_BYTES = 8
-DAMAGED = "export it again; it may be cut short or damaged"
 
 
 def is_number(kind: Any) -> bool:
@@ -89,32 +87,3 @@ def from_reader(
 def kind_name(kind: Any) -> str:
     """The bare name of an Arrow data type."""
     return str(kind).strip().removeprefix("arro3.core.DataType<").removesuffix(">")
-
-
-def from_file(file: str, reader: Callable[[], Any], max_bytes: int, what: str) -> Source:
-    """`from_reader` for a file, where whatever the Arrow library raises becomes a DataError naming it."""
-
-    def damaged(error: Exception) -> DataError:
-        lines = str(error).strip().splitlines()
-        return refuse(
-            DataError,
-            f"this {what} file cannot be read ({lines[0][:120] if lines else type(error).__name__})",
-            file=file,
-            fix=DAMAGED,
-        )
-
-    def read(names: Iterable[str]) -> dict[str, NDArray[np.float64]]:
-        try:
-            return source.read(names)
-        except PmsmError:
-            raise
-        except Exception as error:
-            raise damaged(error) from error
-
-    try:
-        source = from_reader(file, reader, max_bytes)
-    except PmsmError:
-        raise
-    except Exception as error:
-        raise damaged(error) from error
-    return replace(source, read=read)

@@ -1,19 +1,15 @@
-"""Feather version 2 and Arrow IPC files and streams, through arro3."""
+"""Feather version 2: Arrow IPC files and streams."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from .arrow import from_file
+from .isolated import open_isolated
 from .source import Source
 
 
 def open_file(file: Path, max_bytes: int) -> Source:
-    """The columns of a Feather or Arrow IPC file. Raises DataError on damage."""
-    import arro3.io
-
-    name = str(file)
+    """The columns of a Feather or Arrow IPC file. Raises DataError on damage and on more than `max_bytes`."""
     with file.open("rb") as handle:
         whole = handle.read(6) == b"ARROW1"
-    read = arro3.io.read_ipc if whole else arro3.io.read_ipc_stream
-    return from_file(name, lambda: read(name), max_bytes, "Arrow")
+    return open_isolated(file, "file" if whole else "stream", "Arrow", max_bytes)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -29,15 +28,7 @@ class _Lazy(Mapping[str, object]):
         try:
             with zipfile.ZipFile(self.file) as archive, archive.open(f"{name}.npy") as handle:
                 return npy.read_array(handle, allow_pickle=False)
-        except (
-            ValueError,
-            OSError,
-            zipfile.BadZipFile,
-            zlib.error,
-            EOFError,
-            MemoryError,
-            NotImplementedError,
-        ) as error:
+        except Exception as error:
             raise refuse(
                 DataError, f"it cannot be read ({error})", file=str(self.file), column=name, fix=_FIX
             ) from error
@@ -79,15 +70,9 @@ def open_file(file: Path, max_bytes: int) -> Source:
                     dtype.itemsize * int(np.prod([int(n) for n in shape], dtype=object)), member.file_size
                 )
                 shapes[column] = shape
-    except (
-        ValueError,
-        OSError,
-        zipfile.BadZipFile,
-        zlib.error,
-        EOFError,
-        NotImplementedError,
-        SyntaxError,
-    ) as error:
+    except DataError:
+        raise
+    except Exception as error:
         raise refuse(DataError, f"this .npz file cannot be read ({error})", file=name, fix=_FIX) from error
     if total > max_bytes:
         raise refuse(

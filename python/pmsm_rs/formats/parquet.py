@@ -1,4 +1,4 @@
-"""Parquet through arro3, after its footer has been checked against the memory allowed."""
+"""Parquet, after its footer has been checked against the memory allowed."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from pathlib import Path
 
 from .._core import DataError
 from ..errors import refuse
-from .arrow import DAMAGED, NUMBER_BYTES, from_file
+from .isolated import DAMAGED, open_isolated
 from .source import Source
 from .thrift import Compact, Malformed
 
-_BATCH_ROWS = 65_536
+_NUMBER_BYTES = 8
 _MAX_FOOTER = 64 << 20
 
 
@@ -44,8 +44,6 @@ def _declared(file: Path) -> tuple[int, int]:
 
 def open_file(file: Path, max_bytes: int) -> Source:
     """The columns of a Parquet file. Raises DataError on damage and on more than `max_bytes` declared."""
-    import arro3.io
-
     name = str(file)
     try:
         rows, declared = _declared(file)
@@ -53,11 +51,11 @@ def open_file(file: Path, max_bytes: int) -> Source:
         raise refuse(
             DataError, f"this Parquet file cannot be read ({error})", file=name, fix=DAMAGED
         ) from error
-    if max(declared, rows * NUMBER_BYTES) > max_bytes:
+    if max(declared, rows * _NUMBER_BYTES) > max_bytes:
         raise refuse(
             DataError,
-            f"it unpacks to {max(declared, rows * NUMBER_BYTES)} bytes, more than the {max_bytes} allowed",
+            f"it unpacks to {max(declared, rows * _NUMBER_BYTES)} bytes, more than the {max_bytes} allowed",
             file=name,
             fix="cut the recording, or raise max_bytes",
         )
-    return from_file(name, lambda: arro3.io.read_parquet(name, batch_size=_BATCH_ROWS), max_bytes, "Parquet")
+    return open_isolated(file, "parquet", "Parquet", max_bytes)

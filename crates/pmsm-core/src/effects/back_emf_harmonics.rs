@@ -35,7 +35,7 @@ impl Effect for BackEmfHarmonics {
         fingerprint: "6th electrical order in both voltages growing with speed, in the torque growing with current",
         look_alikes: &["inductance_harmonics", "dead_time", "cogging_torque"],
         site: Site::Electrical,
-        needs: &[Need::Angle, Need::Transients],
+        needs: &[Need::Angle, Need::Transients, Need::Motion],
         parameters: &[
             part("a_5", "cosine part of the 5th flux harmonic, share of psi_m"),
             part("b_5", "sine part of the 5th flux harmonic, share of psi_m"),

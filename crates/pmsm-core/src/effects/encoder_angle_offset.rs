@@ -3,7 +3,7 @@
 //!
 //! Source: Lagerquist, Boldea & Miller's frame rotation, as in Bobtsov et al., Automatica 61 (2015) 47.
 
-use crate::effect::{Context, Effect, Env, Info, Parameter, Role, Sensor, Site};
+use crate::effect::{Context, Effect, Env, Info, Need, Parameter, Role, Sensor, Site};
 use crate::real::Real;
 
 /// See the module's documentation.
@@ -19,7 +19,7 @@ impl Effect for EncoderAngleOffset {
         fingerprint: "d-axis voltage in proportion to ω·ψ_m, odd in the offset; torque constant slightly low",
         look_alikes: &["voltage_delay", "iron_loss", "cross_saturation"],
         site: Site::Sensor,
-        needs: &[],
+        needs: &[Need::Motion],
         parameters: &[Parameter {
             name: "offset_el_rad",
             unit: "rad",

@@ -21,7 +21,7 @@ impl Effect for MagnetThermalDrift {
         fingerprint: "Slow drift in proportion to speed in the q axis, and to current in the torque",
         look_alikes: &["rs_thermal_drift", "dc_link_sag"],
         site: Site::Electrical,
-        needs: &[Need::Time],
+        needs: &[Need::Time, Need::Motion],
         parameters: &[
             Parameter {
                 name: "alpha",

@@ -4,7 +4,7 @@
 //!
 //! Source: Hinkkanen, Pescetto, Mölsä, Saarakkala, Pellegrino & Bojoi, IEEE Trans. Industry Applications 53 (2017) 2644.
 
-use crate::effect::{Context, Effect, Field, Info, Site};
+use crate::effect::{Context, Effect, Field, FieldPoint, Info, Site};
 use crate::effects::saturation_q::{PARAMETERS, extra_current};
 use crate::model::Base;
 use crate::real::Real;
@@ -31,9 +31,9 @@ impl Effect for SaturationD {
     }
 
     #[inline(always)]
-    fn field<T: Real>(p: &[T], flux: [T; 2], psi_m: T, base: &Base<T>, cx: &Context, out: &mut Field<T>) {
-        let (current, slope) = extra_current(p, base.inverse_l_d, flux[0], cx);
-        out.i[0] += current - extra_current(p, base.inverse_l_d, psi_m, cx).0;
+    fn field<T: Real>(p: &[T], at: &FieldPoint<T>, base: &Base<T>, cx: &Context, out: &mut Field<T>) {
+        let (current, slope) = extra_current(p, base.inverse_l_d, at.flux[0], cx);
+        out.i[0] += current - extra_current(p, base.inverse_l_d, at.psi_m, cx).0;
         out.inverse[0] += slope;
     }
 }

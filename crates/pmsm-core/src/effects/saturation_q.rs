@@ -4,7 +4,7 @@
 //!
 //! Source: Hinkkanen, Pescetto, Mölsä, Saarakkala, Pellegrino & Bojoi, IEEE Trans. Industry Applications 53 (2017) 2644.
 
-use crate::effect::{Context, Effect, Field, Info, Parameter, Role, Site};
+use crate::effect::{Context, Effect, Field, FieldPoint, Info, Parameter, Role, Site};
 use crate::model::Base;
 use crate::real::Real;
 
@@ -60,8 +60,8 @@ impl Effect for SaturationQ {
     }
 
     #[inline(always)]
-    fn field<T: Real>(p: &[T], flux: [T; 2], _: T, base: &Base<T>, cx: &Context, out: &mut Field<T>) {
-        let (current, slope) = extra_current(p, base.inverse_l_q, flux[1], cx);
+    fn field<T: Real>(p: &[T], at: &FieldPoint<T>, base: &Base<T>, cx: &Context, out: &mut Field<T>) {
+        let (current, slope) = extra_current(p, base.inverse_l_q, at.flux[1], cx);
         out.i[1] += current;
         out.inverse[2] += slope;
     }

@@ -63,7 +63,7 @@ impl Effect for TwoMassShaft {
 
     fn probes(cx: &Context) -> Vec<Vec<f64>> {
         let (low, high) = (8f64.max(3.0 / cx.duration), 600f64.min(0.04 / cx.period));
-        let steps = ((high / low).ln() / 1.12f64.ln()).ceil().max(1.0) as i32;
+        let steps = ((high / low).ln() / 1.2f64.ln()).ceil().max(1.0) as i32;
         (0..=steps).map(|k| vec![0.5, low * (high / low).powf(f64::from(k) / f64::from(steps)), 0.03]).collect()
     }
 

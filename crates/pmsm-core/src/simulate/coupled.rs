@@ -34,7 +34,7 @@ pub fn run<T: Real>(
         let fresh = k == range.start || signals.segments.iter().any(|s| s.start == k);
         if fresh {
             let measured = [T::constant(i[0][k]), T::constant(i[1][k])];
-            let (flux, _) = model.flux_of_current(p, &base, measured, &[], &env);
+            let (flux, _) = model.steady_state::<T, 2>(p, &base, measured, &env);
             state = [flux[0], flux[1], env.omega_e * (1.0 / n_p), env.theta_e];
         }
         let here = Env { omega_e: state[2] * n_p, theta_e: state[3], ..env };

@@ -61,15 +61,19 @@ fn run_sized<T: Real, const N: usize>(
             if k == segment.start {
                 let abc = [phases[0][k], phases[1][k], phases[2][k]];
                 let i = model.true_current(&sensor, abc, measured.theta_e);
-                let (flux, _) = model.flux_of_current(p, &base, i, &state[2..], &env);
-                (state[0], state[1]) = (flux[0], flux[1]);
+                state = model.steady_state(p, &base, i, &env).0;
             }
             let i = model.state_current(p, &base, &state, &env).i;
             sink(k, if sensed { model.measured_current(&sensor, i, measured.theta_e) } else { i });
             if k + 1 == segment.end {
                 break;
             }
-            let mut command = [T::constant(v[0][k]), T::constant(v[1][k])];
+            let tap = |back: usize| {
+                let k = k.saturating_sub(back).max(segment.start);
+                [T::constant(v[0][k]), T::constant(v[1][k])]
+            };
+            let h = signals.t[k + 1] - signals.t[k];
+            let mut command = model.command(p, &[tap(0), tap(1), tap(2)], env.omega_e * h);
             let next_measured = measured_env(signals, k + 1);
             let (next_sensor, next_env) = if sensed {
                 let (s, c) = sensor.angle.sin_cos();
@@ -79,7 +83,6 @@ fn run_sized<T: Real, const N: usize>(
             } else {
                 (sensor, next_measured)
             };
-            let h = signals.t[k + 1] - signals.t[k];
             let rate = signals.omega_e[k].abs() + signals.context.electrical_rate;
             let pieces = ((h * rate / STEP_LIMIT).ceil() as usize).clamp(1, 64);
             for piece in 0..pieces {

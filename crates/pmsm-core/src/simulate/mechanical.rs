@@ -76,14 +76,13 @@ pub fn torque<T: Real>(model: &Model, signals: &Signals, p: &[T]) -> Vec<T> {
     }
     let Some(phases) = &signals.phases else { return vec![T::zero(); signals.len()] };
     let base = Base::new(p);
-    let idle = vec![T::zero(); model.electrical_states()];
     (0..signals.len())
         .map(|k| {
             let measured = measured_env(signals, k);
             let sensor = model.sensor(p, &measured);
             let env = true_env(&sensor, &measured, signals.n_p);
             let i = model.true_current(&sensor, [phases[0][k], phases[1][k], phases[2][k]], measured.theta_e);
-            model.flux_of_current(p, &base, i, &idle, &env).1
+            model.steady_state::<T, 12>(p, &base, i, &env).1
         })
         .collect()
 }

@@ -13,15 +13,12 @@ use crate::transforms::rotate;
 pub fn run<T: Real>(model: &Model, signals: &Signals, p: &[T], mut sink: impl FnMut(usize, [T; 2])) {
     let (Some(v), Some(phases)) = (&signals.v, &signals.phases) else { return };
     let base = Base::new(p);
-    let idle = vec![T::zero(); model.electrical_states()];
     for k in 0..signals.len() {
         let measured = measured_env(signals, k);
         let sensor = model.sensor(p, &measured);
         let env = true_env(&sensor, &measured, signals.n_p);
         let i = model.true_current(&sensor, [phases[0][k], phases[1][k], phases[2][k]], measured.theta_e);
-        let (flux, _) = model.flux_of_current(p, &base, i, &idle, &env);
-        let mut state = [T::zero(); 12];
-        (state[0], state[1]) = (flux[0], flux[1]);
+        let state: [T; 12] = model.steady_state(p, &base, i, &env).0;
         let (s, c) = sensor.angle.sin_cos();
         let command = rotate([T::constant(v[0][k]), T::constant(v[1][k])], c, s);
         let rest = model.electrical_rhs(p, &base, &state, command, &env);

@@ -11,7 +11,7 @@ from .columns import assemble
 from .config import MachineFile, read_machine
 from .errors import fact, refuse
 from .formats import Source, open_source
-from .frames import frame_source, is_frame
+from .frames import frame_source
 from .recording import DEFAULT_MAX_BYTES, Recording
 
 
@@ -36,7 +36,9 @@ def load(
         else read_machine(machine)
     )
     known = described.machine if isinstance(described, MachineFile) else described
-    source = frame_source(data, max_bytes) if is_frame(data) else open_source(data, max_bytes)
+    source = (
+        open_source(data, max_bytes) if isinstance(data, str | os.PathLike) else frame_source(data, max_bytes)
+    )
     columns = assemble(source, described.columns if isinstance(described, MachineFile) else None)
     kind, value = (
         (described.load, described.load_value) if isinstance(described, MachineFile) else (None, None)

@@ -1,0 +1,387 @@
+//! A set of effects fitted to a recording by simulation: the electrical equations first, with the measured speed; then
+//! the mechanical one, with the torque of the measured currents; where a sensor is suspected, both together.
+
+use crate::effect::Site;
+use crate::effects::EffectId;
+use crate::error::Result;
+use crate::experiment::{Channel, Experiment, Fitted};
+use crate::least_squares::Settings;
+use crate::load_steps;
+use crate::machine::{BaseParameter, Machine};
+use crate::model::{BASE, Model};
+use crate::monitor::Monitor;
+use crate::noise::{self, Floor};
+use crate::recording::{Kind, Load};
+use crate::signals::Signals;
+use crate::simulate::mechanical::{self, Nuisance};
+use crate::start;
+use nalgebra::{DMatrix, DVector};
+use std::ops::Range;
+
+/// Standard deviation of a nameplate value, share of the value.
+const NAMEPLATE_SPREAD: f64 = 0.3;
+
+/// One recording made ready for fitting.
+#[derive(Debug)]
+pub struct Data {
+    /// Its signals.
+    pub signals: Signals,
+    /// Mechanical windows.
+    pub windows: Vec<Range<usize>>,
+    /// Noise floors of its channels.
+    pub floors: Vec<Floor>,
+    /// Base parameters to start from.
+    pub start: [f64; BASE],
+    /// What the nameplate says of them: index, value, standard deviation.
+    pub prior: Vec<(usize, f64, f64)>,
+}
+
+impl Data {
+    /// Prepares a recording. Floors are still the sensors' alone, read from the log; [`Data::settle_floors`] completes them.
+    ///
+    /// # Errors
+    /// Those of [`Signals::new`] and [`start::values`].
+    pub fn new(signals: Signals, machine: &Machine) -> Result<Self> {
+        let windows = mechanical::windows(&signals);
+        let start = start::values(&signals, machine)?;
+        let prior = BaseParameter::ALL
+            .iter()
+            .filter_map(|p| {
+                let value = machine.get(*p)?;
+                Some((p.index(), value, NAMEPLATE_SPREAD * value.abs().max(1e-9)))
+            })
+            .collect();
+        let channels: &[Channel] = match signals.kind {
+            Kind::Full => &[Channel::ID, Channel::IQ, Channel::OmegaE],
+            Kind::Electrical => &[Channel::ID, Channel::IQ],
+            Kind::Mechanical => &[Channel::OmegaE],
+            Kind::OperatingPoints => &[Channel::VD, Channel::VQ],
+        };
+        let current = noise::current_noise(&signals);
+        let floors = channels
+            .iter()
+            .map(|&channel| {
+                let sensor = match channel {
+                    Channel::ID | Channel::IQ => current.unwrap_or(0.002 * signals.context.i_max),
+                    Channel::OmegaE => noise::white_noise(&signals.omega_e).max(1e-6 * signals.context.omega_e_max),
+                    Channel::VD | Channel::VQ => 0.005 * signals.context.v_max,
+                };
+                Floor { channel, sensor, driven: 0.0 }
+            })
+            .collect();
+        Ok(Self { signals, windows, floors, start, prior })
+    }
+
+    /// Measures the floors with the help of a fitted hypothesis.
+    pub fn settle_floors(&mut self, hypothesis: &Hypothesis) {
+        let channels = self.floors.iter().map(|f| (f.channel, f.sensor)).collect();
+        let experiment = self.experiment(&hypothesis.model, hypothesis.nuisance, channels);
+        self.floors = noise::floors(&experiment, &hypothesis.parameters);
+    }
+
+    fn experiment<'a>(
+        &'a self,
+        model: &'a Model,
+        nuisance: Nuisance,
+        channels: Vec<(Channel, f64)>,
+    ) -> Experiment<'a> {
+        Experiment {
+            model,
+            signals: &self.signals,
+            nuisance,
+            windows: &self.windows,
+            channels,
+            held_out: None,
+            prior: &self.prior,
+        }
+    }
+
+    /// Channels with the floors as weights.
+    pub fn channels(&self, electrical: bool, mechanical: bool) -> Vec<(Channel, f64)> {
+        let wanted = |c: Channel| if c.is_electrical() { electrical } else { mechanical };
+        self.floors.iter().filter(|f| wanted(f.channel)).map(|f| (f.channel, f.total())).collect()
+    }
+
+    /// All channels with the floors as weights, seen through a hypothesis.
+    pub fn whole<'a>(&'a self, hypothesis: &'a Hypothesis) -> Experiment<'a> {
+        self.experiment(&hypothesis.model, hypothesis.nuisance, self.channels(true, true))
+    }
+
+    fn has(&self, electrical: bool) -> bool {
+        self.floors.iter().any(|f| f.channel.is_electrical() == electrical)
+    }
+}
+
+/// A fitted set of effects.
+#[derive(Debug, Clone)]
+pub struct Hypothesis {
+    /// The model.
+    pub model: Model,
+    /// Model parameters followed by those of the run's nuisance.
+    pub parameters: Vec<f64>,
+    /// Parameters that were fitted.
+    pub free: Vec<usize>,
+    /// What the run left open.
+    pub nuisance: Nuisance,
+    /// Mean square of the residual over the floor's, per channel of the recording.
+    pub squares: Vec<(Channel, f64)>,
+}
+
+impl Hypothesis {
+    /// Its effects.
+    pub fn effects(&self) -> Vec<EffectId> {
+        self.model.effects()
+    }
+
+    /// Model parameters without the run's nuisance.
+    pub fn own(&self) -> &[f64] {
+        &self.parameters[..self.model.parameter_count()]
+    }
+
+    /// The mean square of one channel, over the floor's.
+    pub fn square(&self, channel: Channel) -> f64 {
+        self.squares.iter().find(|(c, _)| *c == channel).map_or(f64::NAN, |(_, s)| *s)
+    }
+}
+
+/// Settings of every fit of the diagnosis: as exact as the noise deserves.
+pub fn settings() -> Settings {
+    Settings { max_iterations: 40, cost_tolerance: 1e-6, step_tolerance: 1e-4, ..Settings::default() }
+}
+
+/// Fits the effects of `model` to `data`, starting from the model parameters `start`. `electrical_done` says that the
+/// electrical parameters of `start` are already the fitted ones.
+///
+/// # Errors
+/// Those of the least-squares fit.
+pub fn fit(
+    data: &Data,
+    model: &Model,
+    start: &[f64],
+    electrical_done: bool,
+    monitor: &dyn Monitor,
+) -> Result<Hypothesis> {
+    let (electrical, rotor, sensors) = free_parameters(data, model);
+    let mut parameters = start.to_vec();
+    let mut nuisance = Nuisance::known(0);
+    let mut free = Vec::new();
+    if data.has(true) {
+        let mut wanted = electrical.clone();
+        wanted.extend(&sensors);
+        if !electrical_done {
+            let experiment = data.experiment(model, nuisance, data.channels(true, false));
+            parameters = experiment.fit(&parameters, &wanted, &settings(), monitor)?.parameters;
+        }
+        free = wanted;
+    }
+    if data.has(false) {
+        let fitted = fit_mechanical(data, model, &parameters, &rotor, monitor)?;
+        (parameters, nuisance) = (fitted.parameters, fitted.nuisance);
+        free.extend(fitted.free);
+        if !sensors.is_empty() && data.has(true) {
+            let channels = data.channels(true, true);
+            let experiment = data.experiment(model, nuisance, channels);
+            let rms = experiment.relative_rms(&experiment.residual(&parameters));
+            // A channel that does not fit for other reasons must not bend the sensor's parameters.
+            let channels =
+                experiment.channels.iter().zip(&rms).map(|((c, s), r)| (*c, s * r.max(1.0))).collect();
+            let experiment = data.experiment(model, nuisance, channels);
+            parameters = experiment.fit(&parameters, &free, &settings(), monitor)?.parameters;
+        }
+    }
+    Ok(finish(data, model.clone(), parameters, free, nuisance))
+}
+
+/// Estimates on another recording only what a run leaves open: the unknown load, initial values, and the electrical turn in
+/// which the run begins.
+///
+/// # Errors
+/// Those of the least-squares fit.
+pub fn transfer(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
+    let model = &hypothesis.model;
+    let on_run = |own: &[f64]| -> Result<Hypothesis> {
+        let mut parameters = own.to_vec();
+        let mut nuisance = Nuisance::known(0);
+        if data.has(false) {
+            let fitted = fit_mechanical(data, model, &parameters, &[], monitor)?;
+            (parameters, nuisance) = (fitted.parameters, fitted.nuisance);
+        }
+        Ok(finish(data, model.clone(), parameters, Vec::new(), nuisance))
+    };
+    let mut best = on_run(hypothesis.own())?;
+    // Without a logged mechanical angle the run may begin in any electrical turn of the revolution.
+    for turn in 1..data.signals.n_p as usize {
+        let shift = std::f64::consts::TAU * turn as f64 / data.signals.n_p;
+        let Some(turned) = model.turned(hypothesis.own(), shift) else { break };
+        if data.signals.turn_known {
+            break;
+        }
+        let tried = on_run(&turned)?;
+        let total = |h: &Hypothesis| h.squares.iter().map(|(_, s)| s.max(0.9).ln()).sum::<f64>();
+        if total(&tried) < total(&best) {
+            best = tried;
+        }
+    }
+    Ok(best)
+}
+
+fn finish(data: &Data, model: Model, parameters: Vec<f64>, free: Vec<usize>, nuisance: Nuisance) -> Hypothesis {
+    let mut out = Hypothesis { model, parameters, free, nuisance, squares: Vec::new() };
+    let experiment = data.whole(&out);
+    let rms = experiment.relative_rms(&experiment.residual(&out.parameters));
+    out.squares = experiment.channels.iter().zip(rms).map(|((c, _), r)| (*c, r * r)).collect();
+    out
+}
+
+/// Free model parameters: electrical, mechanical, and those of sensors.
+pub fn free_parameters(data: &Data, model: &Model) -> (Vec<usize>, Vec<usize>, Vec<usize>) {
+    let wanted = |p: &BaseParameter| start::needed(&data.signals, *p);
+    let mut electrical: Vec<usize> =
+        BaseParameter::ELECTRICAL.iter().filter(|p| wanted(p)).map(|p| p.index()).collect();
+    if !data.has(true) {
+        electrical.clear();
+    }
+    let mut rotor: Vec<usize> = BaseParameter::MECHANICAL.iter().map(|p| p.index()).collect();
+    let mut sensors = Vec::new();
+    for slot in model.slots() {
+        let fitted = slot
+            .parameters
+            .clone()
+            .enumerate()
+            .filter(|(k, _)| slot.effect.fitted(model.context(), *k))
+            .map(|(_, index)| index);
+        match slot.effect.info().site {
+            Site::Electrical => electrical.extend(fitted),
+            Site::Mechanical => rotor.extend(fitted),
+            Site::Sensor => sensors.extend(fitted),
+        }
+    }
+    (electrical, rotor, sensors)
+}
+
+struct Mechanics {
+    parameters: Vec<f64>,
+    free: Vec<usize>,
+    nuisance: Nuisance,
+}
+
+/// Fits the speed. Steps of an unknown load are found anew, fitted with everything else, and pruned.
+fn fit_mechanical(
+    data: &Data,
+    model: &Model,
+    start: &[f64],
+    rotor: &[usize],
+    monitor: &dyn Monitor,
+) -> Result<Mechanics> {
+    let signals = &data.signals;
+    let own = &start[..model.parameter_count()];
+    let initial = model.mechanical_states();
+    let mut steps = Vec::new();
+    if signals.load == Load::UnknownPiecewise {
+        let torque = mechanical::torque(model, signals, own);
+        steps = load_steps::find(model, signals, own, &torque, rotor);
+    }
+    let unknown = matches!(signals.load, Load::UnknownConstant | Load::UnknownPiecewise);
+    let mut levels = vec![if unknown { start_level(data, model, own) } else { 0.0 }; steps.len() + 1];
+    let mut parameters = own.to_vec();
+    let mut deviations = vec![0.0; initial];
+    loop {
+        let nuisance =
+            if unknown { Nuisance::unknown(steps.len(), initial) } else { Nuisance::known(initial) };
+        parameters.truncate(model.parameter_count());
+        parameters.extend(levels.iter().take(nuisance.levels));
+        parameters.extend(&steps);
+        parameters.extend(&deviations);
+        let mut free = rotor.to_vec();
+        free.extend(model.parameter_count()..parameters.len());
+        if free.is_empty() {
+            return Ok(Mechanics { parameters, free, nuisance });
+        }
+        let experiment = data.experiment(model, nuisance, data.channels(false, true));
+        let fitted = experiment.fit(&parameters, &free, &settings(), monitor)?;
+        let own = model.parameter_count();
+        let keep = worthwhile_steps(&experiment, &fitted, nuisance, own);
+        parameters = fitted.parameters;
+        if keep.len() == steps.len() || monitor.cancelled() {
+            return Ok(Mechanics { parameters, free, nuisance });
+        }
+        // What is left starts from where it was.
+        levels = std::iter::once(own).chain(keep.iter().map(|k| own + k + 1)).map(|k| parameters[k]).collect();
+        deviations = parameters[parameters.len() - initial..].to_vec();
+        steps = keep.iter().map(|k| parameters[own + nuisance.levels + k]).collect();
+    }
+}
+
+/// Mean torque that is neither acceleration nor viscous friction: where the search for the load begins.
+fn start_level(data: &Data, model: &Model, own: &[f64]) -> f64 {
+    let torque = mechanical::torque(model, &data.signals, own);
+    let b = own[BaseParameter::B.index()];
+    let friction = data.signals.omega_e.iter().map(|w| b * w / data.signals.n_p);
+    torque.iter().zip(friction).map(|(t, f)| t - f).sum::<f64>() / torque.len() as f64
+}
+
+/// What a load step must be worth: this share of the floor's variance over the whole recording, and this many times the
+/// variance of what is left, colour included.
+const STEP_SHARE: f64 = 0.003;
+const STEP_SIGNIFICANCE: f64 = 25.0;
+
+/// Numbers of the steps of a fitted load that pay for themselves: the weakest is taken away as long as it does not, by
+/// what equal levels on either side would cost to second order (Wald).
+fn worthwhile_steps(experiment: &Experiment, fitted: &Fitted, nuisance: Nuisance, own: usize) -> Vec<usize> {
+    let mut kept: Vec<usize> = (0..nuisance.steps()).collect();
+    if kept.is_empty() {
+        return kept;
+    }
+    let residual = experiment.residual(&fitted.parameters);
+    let n = residual.len() as f64;
+    let colour = n / load_steps::effective_samples(residual.as_slice());
+    let unit = (residual.norm_squared() / n).max(1.0) * colour.max(1.0);
+    let threshold = (STEP_SIGNIFICANCE * unit).max(STEP_SHARE * n);
+    let position = |index: usize| fitted.free.iter().position(|f| *f == index).expect("levels are free");
+    // Constraints of the steps already taken away: level after minus level before.
+    let constraint = |step: usize| {
+        let mut row = DVector::zeros(fitted.free.len());
+        row[position(own + step + 1)] = 1.0;
+        row[position(own + step)] = -1.0;
+        row
+    };
+    let levels = DVector::from_iterator(fitted.free.len(), fitted.free.iter().map(|k| fitted.parameters[*k]));
+    let information = scaled_inverse(&fitted.fit.normal.jtj);
+    let mut gone: Vec<usize> = Vec::new();
+    let cost = |steps: &[usize]| -> f64 {
+        let rows: Vec<_> = steps.iter().map(|s| constraint(*s)).collect();
+        let c = DMatrix::from_columns(&rows);
+        let off = c.tr_mul(&levels);
+        let spread = c.transpose() * &information * &c;
+        spread.pseudo_inverse(1e-12).map_or(f64::INFINITY, |inverse| off.dot(&(inverse * &off)))
+    };
+    loop {
+        let spent = if gone.is_empty() { 0.0 } else { cost(&gone) };
+        let weakest = kept
+            .iter()
+            .map(|step| {
+                let mut tried = gone.clone();
+                tried.push(*step);
+                (*step, cost(&tried) - spent)
+            })
+            .min_by(|a, b| a.1.total_cmp(&b.1));
+        match weakest {
+            Some((step, worth)) if worth < threshold => {
+                kept.retain(|k| *k != step);
+                gone.push(step);
+            }
+            _ => return kept,
+        }
+    }
+}
+
+/// Inverse of an information matrix after scaling to unit diagonal, by eigenvalues with a floor.
+fn scaled_inverse(jtj: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = jtj.nrows();
+    let scale: Vec<f64> = (0..n).map(|k| jtj[(k, k)].max(f64::MIN_POSITIVE).sqrt()).collect();
+    let scaled = DMatrix::from_fn(n, n, |r, c| jtj[(r, c)] / (scale[r] * scale[c]));
+    let eigen = scaled.symmetric_eigen();
+    let inverse = eigen.eigenvalues.map(|x| 1.0 / x.max(1e-12));
+    let full = &eigen.eigenvectors * DMatrix::from_diagonal(&inverse) * eigen.eigenvectors.transpose();
+    DMatrix::from_fn(n, n, |r, c| full[(r, c)] / (scale[r] * scale[c]))
+}

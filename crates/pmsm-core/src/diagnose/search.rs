@@ -1,0 +1,286 @@
+//! The search for the set of effects: all singles, then pairs and triples grown from the best, each refitted by
+//! simulation and judged on the recording and on the held-out run.
+
+use super::hypothesis::{self, Data, Hypothesis};
+use super::shortlist::{self, Prospect};
+use super::verdict::{Judged, LEAST_GAIN};
+use crate::effect::{Need, Site};
+use crate::effects::{self, EffectId};
+use crate::error::Result;
+use crate::model::Model;
+use crate::monitor::Monitor;
+use crate::recording::{Kind, Load};
+use rayon::prelude::*;
+
+/// Effects whose first-order score (mean square in units of what is left) is below this are not refitted.
+const LEAST_SCORE: f64 = 0.002;
+/// Sets from which larger ones are grown.
+const BEAM: usize = 3;
+/// Effects added to each of them.
+const BRANCHES: usize = 4;
+/// Most effects in one model.
+const MOST: usize = 3;
+
+/// The recording, the held-out run, and what was tried on them.
+pub struct Search<'a> {
+    /// The recording.
+    pub data: &'a Data,
+    /// The held-out run.
+    pub held_out: Option<&'a Data>,
+    /// Asked whether to go on.
+    pub monitor: &'a dyn Monitor,
+}
+
+/// What came out of a search.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// The bare machine.
+    pub base: Judged,
+    /// Single effects that were refitted, with their scores, in the order of the catalogue.
+    pub singles: Vec<(Prospect, Option<Judged>)>,
+    /// The best set of effects (possibly none).
+    pub best: Judged,
+    /// For each effect of `best`, the best model in which another effect stands in its place.
+    pub swaps: Vec<(EffectId, EffectId, Judged)>,
+    /// Effects that could not be judged, and why.
+    pub unfit: Vec<(EffectId, String)>,
+}
+
+impl Search<'_> {
+    /// Runs the search from the fitted bare machine.
+    ///
+    /// # Errors
+    /// Those of the fits; an interruption ends the search with the best so far.
+    pub fn run(&self, base: Hypothesis) -> Result<Outcome> {
+        let base = self.judge(base)?;
+        let (able, unfit) = self.able();
+        let singles = self.extend(&base, &able, usize::MAX)?;
+        self.monitor.report("single effects", 0.6);
+        let mut beam: Vec<Judged> = singles.iter().filter_map(|(_, j)| j.clone()).collect();
+        beam.push(base.clone());
+        beam.sort_by(|a, b| a.loss().total_cmp(&b.loss()));
+        let mut best = beam[0].clone();
+        if best.loss() > base.loss() - LEAST_GAIN || best.fitted.effects().is_empty() {
+            best = base.clone();
+        }
+        for size in 2..=MOST {
+            if best.unexplained(&base) <= 1.0 && self.spent(&best, &base, &able)? || self.monitor.cancelled() {
+                break;
+            }
+            self.monitor.report("combinations of effects", 0.6 + 0.1 * size as f64);
+            beam.retain(|j| j.fitted.effects().len() == size - 1);
+            beam.truncate(BEAM);
+            let mut larger: Vec<Judged> = Vec::new();
+            for parent in &beam {
+                let rest: Vec<EffectId> = self
+                    .rest(&able, parent)
+                    .into_iter()
+                    .filter(|e| !larger.iter().any(|j| same(&j.fitted.effects(), &parent.fitted.effects(), *e)))
+                    .collect();
+                larger.extend(self.extend(parent, &rest, BRANCHES)?.into_iter().filter_map(|(_, j)| j));
+            }
+            larger.sort_by(|a, b| a.loss().total_cmp(&b.loss()));
+            beam = larger;
+            match beam.first() {
+                Some(first) if first.loss() < best.loss() - LEAST_GAIN => best = first.clone(),
+                _ => break,
+            }
+        }
+        let best = self.pruned(best)?;
+        let swaps = self.swaps(&best, &able, &singles)?;
+        self.monitor.report("alternatives", 0.95);
+        Ok(Outcome { base, singles, best, swaps, unfit })
+    }
+
+    /// Transfers a fitted hypothesis to the held-out run.
+    fn judge(&self, fitted: Hypothesis) -> Result<Judged> {
+        let held_out = match self.held_out {
+            Some(data) => Some(hypothesis::transfer(data, &fitted, self.monitor)?),
+            None => None,
+        };
+        Ok(Judged { fitted, held_out })
+    }
+
+    /// Effects that the recording can be asked about, and the others with the reason.
+    fn able(&self) -> (Vec<EffectId>, Vec<(EffectId, String)>) {
+        let (mut able, mut unfit) = (Vec::new(), Vec::new());
+        for &effect in effects::ALL {
+            match self.obstacle(effect) {
+                None => able.push(effect),
+                Some(why) => unfit.push((effect, why)),
+            }
+        }
+        (able, unfit)
+    }
+
+    fn obstacle(&self, effect: EffectId) -> Option<String> {
+        let (signals, info) = (&self.data.signals, effect.info());
+        let turning = signals.context.omega_e_max > 1.0;
+        match (info.site, signals.kind) {
+            (Site::Electrical | Site::Sensor, Kind::Mechanical) => {
+                return Some("the recording has no voltages".into());
+            }
+            (Site::Mechanical, Kind::Electrical | Kind::OperatingPoints) => {
+                return Some("the recording does not show the motion".into());
+            }
+            (Site::Mechanical, _) if signals.load == Load::Locked => return Some("the rotor is held".into()),
+            _ => {}
+        }
+        for need in info.needs {
+            match need {
+                Need::Angle if !signals.angle_known => return Some("the rotor angle was not recorded".into()),
+                Need::Transients if signals.kind == Kind::OperatingPoints => {
+                    return Some("operating points do not show what happens within a revolution".into());
+                }
+                Need::Time
+                    if signals.kind == Kind::OperatingPoints
+                        && signals.heating.is_none()
+                        && signals.magnet_heating.is_none() =>
+                {
+                    return Some("no temperature was recorded".into());
+                }
+                Need::Motion if !turning => return Some("the rotor does not turn".into()),
+                _ => {}
+            }
+        }
+        None
+    }
+
+    /// Scores `candidates` on top of `parent` and refits the `most` best, in parallel.
+    fn extend(
+        &self,
+        parent: &Judged,
+        candidates: &[EffectId],
+        most: usize,
+    ) -> Result<Vec<(Prospect, Option<Judged>)>> {
+        let prospects: Vec<Prospect> = candidates
+            .par_iter()
+            .map(|effect| {
+                if self.monitor.cancelled() {
+                    let probes = effect.probes(parent.fitted.model.context());
+                    let start = probes.into_iter().next().unwrap_or_default();
+                    return Prospect { effect: *effect, start, score: 0.0, visible: 0.0 };
+                }
+                shortlist::score(self.data, &parent.fitted, *effect)
+            })
+            .collect();
+        let mut order: Vec<usize> = (0..prospects.len()).collect();
+        order.sort_by(|a, b| prospects[*b].score.total_cmp(&prospects[*a].score));
+        let chosen: Vec<bool> = (0..prospects.len())
+            .map(|k| prospects[k].score > LEAST_SCORE && order.iter().take(most).any(|o| *o == k))
+            .collect();
+        let judged: Vec<Result<Option<Judged>>> = prospects
+            .par_iter()
+            .zip(&chosen)
+            .map(|(prospect, chosen)| {
+                if !*chosen || self.monitor.cancelled() {
+                    return Ok(None);
+                }
+                self.refit(parent, prospect).map(Some)
+            })
+            .collect();
+        prospects.into_iter().zip(judged).map(|(p, j)| j.map(|j| (p, j))).collect()
+    }
+
+    fn refit(&self, parent: &Judged, prospect: &Prospect) -> Result<Judged> {
+        let mut effects = parent.fitted.effects();
+        effects.push(prospect.effect);
+        let model = Model::new(*parent.fitted.model.context(), &effects);
+        let mut start = parent.fitted.own().to_vec();
+        start.extend(&prospect.start);
+        let electrical_done = prospect.effect.info().site == Site::Mechanical;
+        self.judge(hypothesis::fit(self.data, &model, &start, electrical_done, self.monitor)?)
+    }
+
+    fn rest(&self, able: &[EffectId], parent: &Judged) -> Vec<EffectId> {
+        let effects = parent.fitted.effects();
+        able.iter().copied().filter(|e| !effects.contains(e)).collect()
+    }
+
+    /// True if no further effect scores enough to be worth a refit.
+    fn spent(&self, best: &Judged, base: &Judged, able: &[EffectId]) -> Result<bool> {
+        let effects = best.fitted.effects();
+        if effects.is_empty() && base.excess() < super::verdict::MISMATCH {
+            return Ok(true);
+        }
+        let scores = able
+            .par_iter()
+            .filter(|e| !effects.contains(e))
+            .map(|e| shortlist::score(self.data, &best.fitted, *e).score)
+            .reduce(|| 0.0, f64::max);
+        Ok(scores < 0.03)
+    }
+
+    /// Drops effects that the others make superfluous.
+    fn pruned(&self, mut best: Judged) -> Result<Judged> {
+        'again: loop {
+            let effects = best.fitted.effects();
+            if effects.len() < 2 {
+                return Ok(best);
+            }
+            for drop in &effects {
+                let fewer = self.without(&best, *drop)?;
+                if fewer.loss() < best.loss() + LEAST_GAIN {
+                    best = fewer;
+                    continue 'again;
+                }
+            }
+            return Ok(best);
+        }
+    }
+
+    /// The same set without one effect, refitted.
+    fn without(&self, best: &Judged, drop: EffectId) -> Result<Judged> {
+        let (model, start) = reduced(&best.fitted, drop);
+        self.judge(hypothesis::fit(self.data, &model, &start, false, self.monitor)?)
+    }
+
+    /// For each effect of the best set, what another effect in its place achieves.
+    fn swaps(
+        &self,
+        best: &Judged,
+        able: &[EffectId],
+        singles: &[(Prospect, Option<Judged>)],
+    ) -> Result<Vec<(EffectId, EffectId, Judged)>> {
+        let effects = best.fitted.effects();
+        let mut out = Vec::new();
+        if let [only] = effects[..] {
+            for (prospect, judged) in singles {
+                if let (true, Some(judged)) = (prospect.effect != only, judged) {
+                    out.push((only, prospect.effect, judged.clone()));
+                }
+            }
+            return Ok(out);
+        }
+        for effect in effects {
+            if self.monitor.cancelled() {
+                break;
+            }
+            let fewer = self.without(best, effect)?;
+            let rest: Vec<EffectId> =
+                self.rest(able, &fewer).into_iter().filter(|e| *e != effect).collect();
+            for (prospect, judged) in self.extend(&fewer, &rest, BRANCHES)? {
+                if let Some(judged) = judged {
+                    out.push((effect, prospect.effect, judged));
+                }
+            }
+            out.push((effect, effect, fewer));
+        }
+        Ok(out)
+    }
+}
+
+/// Model and parameters without one of the effects.
+fn reduced(hypothesis: &Hypothesis, drop: EffectId) -> (Model, Vec<f64>) {
+    let kept: Vec<EffectId> = hypothesis.effects().into_iter().filter(|e| *e != drop).collect();
+    let mut start = hypothesis.own()[..crate::model::BASE].to_vec();
+    for slot in hypothesis.model.slots().iter().filter(|s| s.effect != drop) {
+        start.extend(&hypothesis.parameters[slot.parameters.clone()]);
+    }
+    (Model::new(*hypothesis.model.context(), &kept), start)
+}
+
+/// Whether `set` is `parent` with `added`.
+fn same(set: &[EffectId], parent: &[EffectId], added: EffectId) -> bool {
+    set.len() == parent.len() + 1 && set.contains(&added) && parent.iter().all(|e| set.contains(e))
+}

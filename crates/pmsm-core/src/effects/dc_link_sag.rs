@@ -1,0 +1,61 @@
+//! A DC link that is not at its nominal voltage: behind a source resistance R and a capacitance C it gives way under load,
+//! R·C·dx/dt = R·P/v_dc² − x, and the inverter turns every command into v·(1 − x), P = 3/2·(v_d·i_d + v_q·i_q).
+//!
+//! Source: Kolar & Round, IEE Proc. Electric Power Applications 153 (2006) 535.
+
+use crate::effect::{Context, Effect, Electrical, Info, Need, Parameter, Role, Site};
+use crate::real::Real;
+
+/// See the module's documentation.
+pub struct DcLinkSag;
+
+impl Effect for DcLinkSag {
+    const INFO: Info = Info {
+        id: "dc_link_sag",
+        title: "DC-link sag",
+        sentence: "The DC link gives way under load, and every commanded voltage shrinks with it.",
+        equation: "v = v*·(1 − x), R·C·dx/dt = R·P/v_dc² − x",
+        source: "Kolar & Round, IEE Proc. Electric Power Applications 153 (2006) 535",
+        fingerprint: "Voltage lost in proportion to voltage and power: grows with speed and torque together",
+        look_alikes: &["magnet_thermal_drift", "rs_thermal_drift", "iron_loss"],
+        site: Site::Electrical,
+        needs: &[Need::Transients],
+        parameters: &[
+            Parameter {
+                name: "r_source",
+                unit: "ohm",
+                meaning: "source resistance of the DC link",
+                role: Role::Amplitude,
+                low: |_| 0.0,
+                high: |cx| 0.4 * cx.v_dc * cx.v_dc / (cx.v_max * cx.i_max),
+                typical: |cx| 0.02 * cx.v_dc * cx.v_dc / (cx.v_max * cx.i_max),
+            },
+            Parameter {
+                name: "tau_rc",
+                unit: "s",
+                meaning: "time constant of the DC link, R·C",
+                role: Role::Shape,
+                low: |cx| cx.period,
+                high: |_| 1.0,
+                typical: |_| 0.02,
+            },
+        ],
+    };
+    const ELECTRICAL_STATES: usize = 1;
+
+    fn probes(cx: &Context) -> Vec<Vec<f64>> {
+        [0.002f64, 0.01, 0.05].map(|tau| vec![0.0, tau.max(2.0 * cx.period)]).to_vec()
+    }
+
+    #[inline(always)]
+    fn voltage<T: Real>(_: &[T], x: &[T], at: &Electrical<T>, _: &Context, lost: &mut [T; 2]) {
+        lost[0] += x[0] * at.v[0];
+        lost[1] += x[0] * at.v[1];
+    }
+
+    #[inline(always)]
+    fn electrical_states<T: Real>(p: &[T], x: &[T], at: &Electrical<T>, cx: &Context, dx: &mut [T]) {
+        let power = (at.v[0] * at.i[0] + at.v[1] * at.i[1]) * 1.5;
+        dx[0] = (p[0] * power * (1.0 / (cx.v_dc * cx.v_dc)) - x[0]) / p[1];
+    }
+}

@@ -1,0 +1,38 @@
+//! Friction that grows with the transmitted torque, as in gears and loaded bearings: τ_f = μ·|τ_e|·sgn ω_m.
+//!
+//! Source: Dohring, Lee & Newman, "A load-dependent transmission friction model", IEEE ICRA (1993) 430.
+
+use crate::effect::{Context, Effect, Info, Mechanical, Parameter, Role, Rotor, Site};
+use crate::effects::coulomb_friction::direction;
+use crate::real::Real;
+
+/// See the module's documentation.
+pub struct LoadDependentFriction;
+
+impl Effect for LoadDependentFriction {
+    const INFO: Info = Info {
+        id: "load_dependent_friction",
+        title: "Load-dependent friction",
+        sentence: "Friction grows with the torque that the drive train transmits.",
+        equation: "τ_f = μ·|τ_e|·sgn(ω_m)",
+        source: "Dohring, Lee & Newman, IEEE ICRA (1993) 430",
+        fingerprint: "Torque against the motion in proportion to the motor's torque",
+        look_alikes: &["coulomb_friction", "quadratic_drag"],
+        site: Site::Mechanical,
+        needs: &[],
+        parameters: &[Parameter {
+            name: "mu",
+            unit: "1",
+            meaning: "share of the motor torque lost",
+            role: Role::Amplitude,
+            low: |_| 0.0,
+            high: |_| 0.6,
+            typical: |_| 0.04,
+        }],
+    };
+
+    #[inline(always)]
+    fn rotor<T: Real>(p: &[T], _: &[T], at: &Mechanical<T>, cx: &Context, out: &mut Rotor<T>) {
+        out.loss += p[0] * at.tau_e.abs() * direction(at.omega_m, cx);
+    }
+}

@@ -1,0 +1,70 @@
+//! Load torque periodic in the rotor position, k times per mechanical revolution:
+//! τ_pul = a·cos kθ_m + b·sin kθ_m (unbalance under gravity, eccentric load, reciprocating load).
+//!
+//! Source: Holtz & Springob, IEEE Trans. Industrial Electronics 43 (1996) 330.
+
+use crate::effect::{Context, Effect, Info, Mechanical, Need, Output, Parameter, Role, Rotor, Site};
+use crate::model::Base;
+use crate::real::Real;
+
+/// See the module's documentation.
+pub struct LoadTorquePulsation;
+
+const fn part(name: &'static str, meaning: &'static str) -> Parameter {
+    Parameter {
+        name,
+        unit: "N m",
+        meaning,
+        role: Role::Amplitude,
+        low: |cx| -cx.tau_max,
+        high: |cx| cx.tau_max,
+        typical: |cx| 0.01 * cx.tau_max,
+    }
+}
+
+impl Effect for LoadTorquePulsation {
+    const INFO: Info = Info {
+        id: "load_torque_pulsation",
+        title: "Load torque pulsation",
+        sentence: "The load torque comes and goes with every revolution of the shaft.",
+        equation: "τ_pul·cos(k θ_m + φ)",
+        source: "Holtz & Springob, IEEE Trans. Industrial Electronics 43 (1996) 330",
+        fingerprint: "A line at a low order per mechanical revolution in the speed, strongest at low speed",
+        look_alikes: &["encoder_eccentricity", "cogging_torque", "time_varying_load"],
+        site: Site::Mechanical,
+        needs: &[Need::Angle, Need::Transients, Need::Motion],
+        parameters: &[
+            part("a", "cosine part"),
+            part("b", "sine part"),
+            Parameter {
+                name: "order_mech",
+                unit: "1",
+                meaning: "periods per mechanical revolution",
+                role: Role::Fixed,
+                low: |_| 1.0,
+                high: |_| 4.0,
+                typical: |_| 1.0,
+            },
+        ],
+    };
+
+    fn probes(_: &Context) -> Vec<Vec<f64>> {
+        [1.0, 2.0, 3.0, 4.0].map(|order| vec![0.0, 0.0, order]).to_vec()
+    }
+
+    #[inline(always)]
+    fn rotor<T: Real>(p: &[T], _: &[T], at: &Mechanical<T>, _: &Context, out: &mut Rotor<T>) {
+        let (s, c) = (at.env.theta_m * p[2]).sin_cos();
+        out.loss += p[0] * c + p[1] * s;
+    }
+
+    fn turned(p: &mut [f64], shift: f64) -> bool {
+        let (s, c) = (p[2] * shift).sin_cos();
+        (p[0], p[1]) = (p[0] * c - p[1] * s, p[0] * s + p[1] * c);
+        true
+    }
+
+    fn outputs<T: Real>(p: &[T], _: &Base<T>, _: &Context) -> Vec<Output<T>> {
+        vec![("tau_pul", "N m", (p[0].squared() + p[1].squared()).sqrt()), ("order_mech", "1", p[2])]
+    }
+}

@@ -1,0 +1,75 @@
+//! One phase has more resistance than the others (a bad joint, a corroded terminal): that phase loses ρ·r_s·i_x more.
+//!
+//! Source: Hang, Zhang, Cheng & Huang, IEEE Trans. Energy Conversion 30 (2015) 1366 (high-resistance connection).
+
+use crate::effect::{Context, Effect, Electrical, Info, Need, Output, Parameter, Role, Site};
+use crate::model::Base;
+use crate::real::Real;
+use crate::transforms::{inverse_park, park};
+
+/// See the module's documentation.
+pub struct PhaseResistanceImbalance;
+
+/// The whole number that says which phase (0, 1, 2 for a, b, c).
+pub const PHASE: Parameter = Parameter {
+    name: "phase",
+    unit: "1",
+    meaning: "phase concerned: 0, 1, 2 for a, b, c",
+    role: Role::Fixed,
+    low: |_| 0.0,
+    high: |_| 2.0,
+    typical: |_| 0.0,
+};
+
+/// 1 where `phase` is `index`, else 0.
+#[inline(always)]
+pub fn chosen<T: Real>(phase: T, index: usize) -> T {
+    let off = (phase - index as f64).abs() - 0.5;
+    off.if_positive(T::zero(), T::one())
+}
+
+impl Effect for PhaseResistanceImbalance {
+    const INFO: Info = Info {
+        id: "phase_resistance_imbalance",
+        title: "Unequal phase resistance",
+        sentence: "One phase has more resistance than the others: a bad joint or terminal.",
+        equation: "r_x = r_s·(1 + ρ) in one phase",
+        source: "Hang, Zhang, Cheng & Huang, IEEE Trans. Energy Conversion 30 (2015) 1366",
+        fingerprint: "2nd electrical order in both voltages in proportion to the current, at any speed",
+        look_alikes: &["inter_turn_short", "current_gain_imbalance", "dead_time"],
+        site: Site::Electrical,
+        needs: &[Need::Angle, Need::Transients],
+        parameters: &[
+            Parameter {
+                name: "r_excess_rel",
+                unit: "1",
+                meaning: "extra resistance of the phase, share of r_s",
+                role: Role::Amplitude,
+                low: |_| 0.0,
+                high: |_| 5.0,
+                typical: |_| 0.05,
+            },
+            PHASE,
+        ],
+    };
+
+    fn probes(_: &Context) -> Vec<Vec<f64>> {
+        [0.0, 1.0, 2.0].map(|phase| vec![0.0, phase]).to_vec()
+    }
+
+    #[inline(always)]
+    fn voltage<T: Real>(p: &[T], _: &[T], at: &Electrical<T>, _: &Context, lost: &mut [T; 2]) {
+        let (s, c) = at.sin_cos;
+        let mut phases = inverse_park(at.i, c, s);
+        for (x, i) in phases.iter_mut().enumerate() {
+            *i = *i * chosen(p[1], x) * p[0] * at.r_s;
+        }
+        let [d, q] = park(phases, c, s);
+        lost[0] += d;
+        lost[1] += q;
+    }
+
+    fn outputs<T: Real>(p: &[T], _: &Base<T>, _: &Context) -> Vec<Output<T>> {
+        vec![("r_excess_rel", "1", p[0]), ("phase", "1", p[1])]
+    }
+}

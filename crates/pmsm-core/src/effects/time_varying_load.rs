@@ -1,0 +1,85 @@
+//! Load torque that changes in time by itself: τ(t) = a·cos 2πft + b·sin 2πft + c·t.
+//!
+//! Source: first terms of any slowly varying load; Ljung, System Identification, 2nd ed. (1999), section 14.4 (trends and
+//! periodic disturbances).
+
+use crate::effect::{Context, Effect, Info, Mechanical, Need, Output, Parameter, Role, Rotor, Site};
+use crate::model::Base;
+use crate::real::Real;
+use std::f64::consts::TAU;
+
+/// See the module's documentation.
+pub struct TimeVaryingLoad;
+
+const fn part(name: &'static str, meaning: &'static str) -> Parameter {
+    Parameter {
+        name,
+        unit: "N m",
+        meaning,
+        role: Role::Amplitude,
+        low: |cx| -cx.tau_max,
+        high: |cx| cx.tau_max,
+        typical: |cx| 0.01 * cx.tau_max,
+    }
+}
+
+impl Effect for TimeVaryingLoad {
+    const INFO: Info = Info {
+        id: "time_varying_load",
+        title: "Load torque that varies in time",
+        sentence: "The load torque rises, falls or swings in time, whatever the rotor does.",
+        equation: "τ(t) = τ_1·cos(2πf t + φ) + c·t",
+        source: "Ljung, System Identification (1999), section 14.4",
+        fingerprint: "A torque that follows the clock, not speed, angle or current",
+        look_alikes: &["quadratic_drag", "stribeck_friction", "load_torque_pulsation"],
+        site: Site::Mechanical,
+        needs: &[Need::Transients],
+        parameters: &[
+            part("a", "cosine part of the swing"),
+            part("b", "sine part of the swing"),
+            Parameter {
+                name: "slope",
+                unit: "N m/s",
+                meaning: "steady rise",
+                role: Role::Amplitude,
+                low: |cx| -cx.tau_max / cx.duration,
+                high: |cx| cx.tau_max / cx.duration,
+                typical: |cx| 0.005 * cx.tau_max / cx.duration,
+            },
+            Parameter {
+                name: "f",
+                unit: "Hz",
+                meaning: "frequency of the swing",
+                role: Role::Shape,
+                low: |cx| 0.2 / cx.duration,
+                high: |cx| 0.1 / cx.period,
+                typical: |_| 5.0,
+            },
+        ],
+    };
+
+    fn probes(cx: &Context) -> Vec<Vec<f64>> {
+        let step = 0.35 / cx.duration;
+        (2..)
+            .map(|k| f64::from(k) * step)
+            .take_while(|f| *f < 15.0)
+            .take(120)
+            .map(|f| vec![0.0, 0.0, 0.0, f])
+            .collect()
+    }
+
+    #[inline(always)]
+    fn rotor<T: Real>(p: &[T], _: &[T], at: &Mechanical<T>, _: &Context, out: &mut Rotor<T>) {
+        let t = at.env.t;
+        let (s, c) = (p[3] * (TAU * t)).sin_cos();
+        out.loss += p[0] * c + p[1] * s + p[2] * t;
+    }
+
+    fn outputs<T: Real>(p: &[T], _: &Base<T>, _: &Context) -> Vec<Output<T>> {
+        vec![
+            ("amplitude", "N m", (p[0].squared() + p[1].squared()).sqrt()),
+            ("f", "Hz", p[3]),
+            ("slope", "N m/s", p[2]),
+        ]
+    }
+}

@@ -1,0 +1,84 @@
+"""A small plausible recording, a machine file, and the command line as a function."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from pmsm_rs.cli import main
+
+Columns = dict[str, NDArray[np.float64]]
+
+MACHINE = """
+[machine]
+r_s = 0.9
+l_d = 0.0096
+l_q = 0.0213
+psi_m = 0.193
+n_p = 3
+j = 0.0126
+b = 0.0017
+
+[load]
+kind = "unknown_constant"
+"""
+
+
+def plausible(n: int = 400) -> Columns:
+    """A turning motor with voltages, currents, angle and speed; not a solution of any model."""
+    t = np.arange(n) * 1e-3
+    omega = 60.0 + 20.0 * np.sin(6.0 * t)
+    return {
+        "t": t,
+        "v_d": 1.0 + np.cos(9.0 * t),
+        "v_q": 12.0 + np.sin(5.0 * t),
+        "i_d": np.sin(8.0 * t) - 1.0,
+        "i_q": 2.0 + np.cos(7.0 * t),
+        "theta_e": np.remainder(60.0 * t + 20.0 / 6.0 * (1.0 - np.cos(6.0 * t)), 2.0 * np.pi),
+        "omega_e": omega,
+    }
+
+
+@pytest.fixture
+def columns() -> Columns:
+    return plausible()
+
+
+@pytest.fixture
+def machine_file(tmp_path: Path) -> Path:
+    path = tmp_path / "machine.toml"
+    path.write_text(MACHINE)
+    return path
+
+
+def csv_text(columns: Columns, header: dict[str, str] | None = None, separator: str = ",") -> str:
+    """Columns as CSV text with full precision; `header` renames columns."""
+    names = [(header or {}).get(name, name) for name in columns]
+    rows = [
+        separator.join(repr(float(value)) for value in row) for row in zip(*columns.values(), strict=True)
+    ]
+    return "\n".join([separator.join(names), *rows]) + "\n"
+
+
+class Ran(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., Ran]:
+    """Runs `pmsm-rs` with the given arguments."""
+
+    def call(*arguments: object) -> Ran:
+        with pytest.raises(SystemExit) as stop:
+            main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        assert isinstance(stop.value.code, int)
+        return Ran(stop.value.code, captured.out, captured.err)
+
+    return call

@@ -1,0 +1,198 @@
+"""The command line: exit codes, what goes where, and files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pmsm_rs as pm
+import pyarrow.parquet
+import pytest
+from conftest import MACHINE, Ran, csv_text, plausible
+from pmsm_rs.demo import recording_files, sealed
+
+Run = Callable[..., Ran]
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    path = tmp_path / "r.csv"
+    path.write_text(csv_text(plausible()))
+    return path
+
+
+@pytest.mark.parametrize("command", [[], ["demo"], ["identify"], ["diagnose"], ["effects"]])
+def test_help(command: list[str], run: Run) -> None:
+    ran = run(*command, "--help")
+    assert ran.code == 0
+    assert ran.out.startswith("Usage: pmsm-rs")
+
+
+def test_version(run: Run) -> None:
+    assert run("--version").out.strip() == f"pmsm-rs {pm.__version__}"
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        ["digonse"],
+        ["diagnose"],
+        ["diagnose", "r.csv"],
+        ["diagnose", "r.csv", "--machine", "m.toml", "--threads", "0"],
+        ["diagnose", "r.csv", "--machine", "m.toml", "--seed", "x"],
+        ["identify", "r.csv", "--machine", "m.toml", "--method", "guess"],
+        ["identify", "r.csv", "--machine", "m.toml", "--nonsense"],
+        ["diagnose", "absent.csv", "--machine", "absent.toml"],
+        ["effects", "dead_tim"],
+    ],
+)
+def test_usage_errors(wrong: list[str], run: Run) -> None:
+    ran = run(*wrong)
+    assert ran.code == 2
+    assert ran.out == ""
+    assert ran.err.startswith("pmsm-rs: ")
+    assert ran.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(("fit", "words"), [("r_x", "r_s"), ("tau_lode", "tau_load"), (",", "no parameter")])
+def test_unknown_parameters_name_the_nearest(
+    fit: str, words: str, recording: Path, machine_file: Path, run: Run
+) -> None:
+    ran = run("identify", recording, "--machine", machine_file, "--fit", fit)
+    assert ran.code == 2
+    assert words in ran.err
+
+
+def test_effects_lists_and_shows_the_catalogue(run: Run) -> None:
+    ran = run("effects")
+    assert ran.code == 0
+    catalogue = pm.effects()
+    assert all(entry["id"] in ran.out for entry in catalogue)
+    for entry in catalogue:
+        shown = run("effects", entry["id"])
+        assert shown.code == 0
+        assert entry["equation"] in shown.out
+        assert all(parameter["symbol"] in shown.out for parameter in entry["parameters"])
+
+
+def test_effects_suggests(run: Run) -> None:
+    assert "did you mean 'dead_time'" in run("effects", "dead_tim").err
+
+
+def test_identify_writes_its_answer(machine_file: Path, tmp_path: Path, run: Run) -> None:
+    recording, _, machine = recording_files()
+    out = tmp_path / "a.json"
+    ran = run(
+        "identify", recording, "--machine", machine, "--fit", "r_s,psi_m", "--method", "lm", "--json", out
+    )
+    assert ran.code in (0, 4), ran.err
+    answer = json.loads(out.read_text())
+    assert {"r_s", "psi_m"} <= set(answer["parameters"])
+    for entry in answer["parameters"].values():
+        assert entry["unit"]
+        assert entry["stderr"] is not None or entry["why_none"]
+    assert "r_s" in ran.out
+    assert ran.err == "", "progress belongs on a terminal only"
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.CompletedProcess[str], Path]:
+    folder = tmp_path_factory.mktemp("demo")
+    code = "from pmsm_rs.cli import main; main(['demo', '--json', 'a.json'])"
+    return subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False
+    ), folder
+
+
+def test_demo_finds_what_was_put_in(demo: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    ran, folder = demo
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stderr == ""
+    assert "The finding is right." in ran.stdout
+    answer = json.loads((folder / "a.json").read_text())
+    assert answer["verdict"] == "named"
+    assert answer["model"]["effects"] == [sealed()["effect"]]
+    page = (folder / "pmsm-rs-demo.html").read_text()
+    assert page.startswith("<!doctype html>")
+
+
+def test_diagnose_writes_json_report_and_trajectories(tmp_path: Path, run: Run) -> None:
+    recording, validation, machine = recording_files()
+    names = {"--json": "a.json", "--report": "a.html", "--trajectories": "a.parquet"}
+    outputs = [part for option, name in names.items() for part in (option, tmp_path / name)]
+    ran = run("diagnose", recording, "--machine", machine, "--validate", validation, "--seed", "7", *outputs)
+    assert ran.code == 0, ran.err
+    answer = json.loads((tmp_path / "a.json").read_text())
+    assert answer["schema"] == "pmsm-rs.diagnosis/1"
+    assert answer["seed"] == 7
+    assert set(answer) >= {
+        "verdict",
+        "data_quality",
+        "located",
+        "ranking",
+        "model",
+        "cannot_see",
+        "next_experiment",
+        "noise_floor",
+        "fit",
+        "version",
+    }
+    table = pyarrow.parquet.read_table(tmp_path / "a.parquet")
+    assert table.column_names[0] == "t"
+    for name, value in answer["fit"]["validation"]["after"].items():
+        left = table[f"{name}_measured"].to_numpy() - table[f"{name}_after"].to_numpy()
+        assert np.sqrt(np.nanmean(left**2)) == pytest.approx(value, rel=1e-3), "anyone can recompute the fit"
+    assert {path.name for path in tmp_path.iterdir()} == set(names.values()), "no temporary file is left"
+
+
+def test_an_unwritable_answer_is_a_usage_error(machine_file: Path, tmp_path: Path, run: Run) -> None:
+    recording, _, machine = recording_files()
+    out = tmp_path / "absent" / "a.json"
+    ran = run("identify", recording, "--machine", machine, "--fit", "r_s", "--method", "lm", "--json", out)
+    assert ran.code == 2
+    assert str(out) in ran.err
+
+
+def test_a_motor_that_does_nothing_gives_no_confident_answer(
+    tmp_path: Path, machine_file: Path, run: Run
+) -> None:
+    columns = {name: np.zeros_like(values) for name, values in plausible().items()} | {"t": plausible()["t"]}
+    (tmp_path / "r.csv").write_text(csv_text(columns))
+    ran = run("diagnose", tmp_path / "r.csv", "--machine", machine_file, "--json", tmp_path / "a.json")
+    assert ran.code in (0, 3, 4)
+    if ran.code == 0:
+        assert json.loads((tmp_path / "a.json").read_text())["verdict"] == "undetermined"
+
+
+def test_internal_faults_are_told_apart(monkeypatch: pytest.MonkeyPatch, run: Run) -> None:
+    def broken() -> None:
+        raise RuntimeError("a wire came loose")
+
+    monkeypatch.setattr("pmsm_rs._core.effects", broken)
+    ran = run("effects")
+    assert ran.code == 1
+    assert "a wire came loose" in ran.err
+
+
+@pytest.mark.parametrize("module", ["numpy", "matplotlib", "jinja2", "scipy", "arro3", "pydantic"])
+@pytest.mark.parametrize("code", ["import pmsm_rs", "from pmsm_rs.cli import cli"])
+def test_nothing_heavy_is_imported_before_it_is_needed(module: str, code: str) -> None:
+    check = (
+        f"import sys; b = {module!r} in sys.modules; {code}; sys.exit({module!r} in sys.modules and not b)"
+    )
+    assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0
+
+
+def test_the_machine_file_is_read_for_every_recording(tmp_path: Path, run: Run) -> None:
+    good, bad = tmp_path / "good.csv", tmp_path / "bad.csv"
+    good.write_text(csv_text(plausible(), {"i_d": "a"}))
+    bad.write_text(csv_text(plausible(), {"i_d": "b"}))
+    machine = tmp_path / "m.toml"
+    machine.write_text(MACHINE + '\n[columns]\ni_d = "a"\n')
+    ran = run("diagnose", good, "--machine", machine, "--validate", bad)
+    assert ran.code == 3
+    assert str(bad) in ran.err

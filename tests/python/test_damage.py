@@ -1,0 +1,78 @@
+"""Damaged files of every format are read or refused; they never crash the interpreter."""
+
+from __future__ import annotations
+
+import io
+import random
+from pathlib import Path
+
+import numpy as np
+import pmsm_rs as pm
+import pyarrow as pa
+import pyarrow.feather
+import pyarrow.parquet
+import pytest
+import scipy.io
+from conftest import csv_text, plausible
+
+
+def whole_files() -> dict[str, bytes]:
+    """One sound file per format."""
+    columns = plausible(60)
+    out: dict[str, bytes] = {
+        "comma.csv": csv_text(columns).encode(),
+        "semicolon.csv": csv_text(columns, separator=";").replace(".", ",").encode(),
+        "preamble.csv": b"Model,7\n\n" + csv_text(columns, {"t": "t [s]"}).encode(),
+    }
+    for name, write in {
+        "r.parquet": lambda buffer: pyarrow.parquet.write_table(pa.table(dict(columns)), buffer),
+        "r.feather": lambda buffer: pyarrow.feather.write_feather(pa.table(dict(columns)), buffer),
+        "r.npz": lambda buffer: np.savez_compressed(buffer, **columns),
+        "r.mat": lambda buffer: scipy.io.savemat(buffer, dict(columns), do_compression=True),
+        "plain.mat": lambda buffer: scipy.io.savemat(buffer, dict(columns)),
+    }.items():
+        buffer = io.BytesIO()
+        write(buffer)
+        out[name] = buffer.getvalue()
+    return out
+
+
+def damaged(whole: bytes, source: random.Random) -> bytes:
+    """`whole` with bytes flipped, inserted, removed, repeated or cut off."""
+    data = bytearray(whole)
+    for _ in range(source.choice([1, 1, 2, 5, 20])):
+        at, other = source.randrange(len(data)), source.randrange(len(data))
+        kind = source.randrange(10)
+        if kind < 5:
+            data[at] = source.randrange(256)
+        elif kind < 6:
+            data[at:at] = source.choice([b",", b";", b"\n", b'"', b"nan", b"1e999", b"#", b"\t", b"OVER"])
+        elif kind < 7:
+            data[at:at] = bytes(source.randrange(256) for _ in range(8))
+        elif kind < 8 and len(data) > 400:
+            del data[at : at + source.randrange(1, 200)]
+        elif kind < 9:
+            data[at:at] = data[other : other + 200]
+        else:
+            del data[max(at, 1) :]
+    return bytes(data)
+
+
+@pytest.mark.parametrize("name", whole_files())
+def test_damaged_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
+    whole = whole_files()[name]
+    path = tmp_path / name
+    path.write_bytes(whole)
+    assert len(pm.load(path)) == 60
+    source = random.Random(name)
+    for _ in range(50):
+        path.write_bytes(damaged(whole, source))
+        refusal = None
+        try:
+            pm.load(path)
+        except pm.PmsmError as error:
+            refusal = str(error)
+        if refusal is not None:
+            assert str(path) in refusal
+            assert "; " in refusal
+            assert "\n" not in refusal

@@ -1,0 +1,313 @@
+"""Every format and every dialect of text gives the same columns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pmsm_rs as pm
+import polars as pl
+import pyarrow as pa
+import pyarrow.feather
+import pyarrow.parquet
+import pytest
+import scipy.io
+from conftest import Columns, csv_text, plausible
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+
+def check(recording: pm.Recording, columns: Columns, rtol: float = 1e-12) -> None:
+    assert sorted(recording.names) == sorted(columns)
+    for name, values in columns.items():
+        np.testing.assert_allclose(recording.column(name), values, rtol=rtol, atol=1e-12, err_msg=name)
+
+
+def table(columns: Columns) -> pa.Table:
+    return pa.table(dict(columns))
+
+
+def test_parquet(columns: Columns, tmp_path: Path) -> None:
+    pyarrow.parquet.write_table(table(columns), tmp_path / "r.parquet", row_group_size=97)
+    check(pm.load(tmp_path / "r.parquet"), columns)
+
+
+def test_parquet_of_single_precision_and_integers(columns: Columns, tmp_path: Path) -> None:
+    columns["i_d"] = np.round(columns["i_d"] * 8.0)
+    mixed = {name: pa.array(values, pa.float32()) for name, values in columns.items()}
+    mixed["t"] = pa.array(columns["t"])
+    mixed["i_d"] = pa.array(columns["i_d"].astype(np.int16))
+    pyarrow.parquet.write_table(pa.table(mixed), tmp_path / "r.parquet")
+    single = {name: values.astype(np.float32).astype(float) for name, values in columns.items()}
+    check(pm.load(tmp_path / "r.parquet"), single | {"t": columns["t"]})
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "uncompressed"])
+def test_feather(columns: Columns, tmp_path: Path, compression: str) -> None:
+    pyarrow.feather.write_feather(table(columns), str(tmp_path / "r.feather"), compression=compression)
+    check(pm.load(tmp_path / "r.feather"), columns)
+
+
+def test_arrow_stream_file(columns: Columns, tmp_path: Path) -> None:
+    data = table(columns)
+    with pa.ipc.new_stream(str(tmp_path / "r.arrow"), data.schema) as writer:
+        writer.write_table(data)
+    check(pm.load(tmp_path / "r.arrow"), columns)
+
+
+def test_npz(columns: Columns, tmp_path: Path) -> None:
+    np.savez(tmp_path / "r.npz", **columns)
+    check(pm.load(tmp_path / "r.npz"), columns)
+    np.savez_compressed(tmp_path / "s.npz", **columns)
+    check(pm.load(tmp_path / "s.npz"), columns)
+
+
+@pytest.mark.parametrize("do_compression", [True, False])
+def test_matlab(columns: Columns, tmp_path: Path, do_compression: bool) -> None:
+    scipy.io.savemat(tmp_path / "r.mat", dict(columns), oned_as="column", do_compression=do_compression)
+    check(pm.load(tmp_path / "r.mat"), columns)
+
+
+def test_a_column_of_a_matrix(columns: Columns, tmp_path: Path, machine_file: Path) -> None:
+    stacked = np.column_stack(list(columns.values()))
+    scipy.io.savemat(tmp_path / "r.mat", {"data": stacked})
+    np.savez(tmp_path / "r.npz", data=stacked)
+    rules = "\n".join(f'{name} = "data[:,{i}]"' for i, name in enumerate(columns))
+    machine_file.write_text(f"[machine]\nn_p = 3\n[columns]\n{rules}\n")
+    check(pm.load(tmp_path / "r.mat", machine_file), columns)
+    check(pm.load(tmp_path / "r.npz", machine_file), columns)
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", "|"])
+def test_separators(columns: Columns, tmp_path: Path, separator: str) -> None:
+    (tmp_path / "r.csv").write_text(csv_text(columns, separator=separator))
+    check(pm.load(tmp_path / "r.csv"), columns)
+
+
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_decimal_comma(columns: Columns, tmp_path: Path, separator: str) -> None:
+    (tmp_path / "r.csv").write_text(csv_text(columns, separator=separator).replace(".", ","))
+    check(pm.load(tmp_path / "r.csv"), columns)
+
+
+def test_blanks_around_numbers(columns: Columns, tmp_path: Path) -> None:
+    text = csv_text(columns)
+    (tmp_path / "a.csv").write_text(text.replace(",", " ,  "))
+    check(pm.load(tmp_path / "a.csv"), columns)
+    aligned = "\n".join("  " + line.replace(",", "   ") for line in text.splitlines())
+    (tmp_path / "b.txt").write_text(aligned)
+    check(pm.load(tmp_path / "b.txt"), columns)
+
+
+def test_comments_blank_lines_and_line_ends(columns: Columns, tmp_path: Path) -> None:
+    lines = csv_text(columns).splitlines()
+    lines[50:50] = ["", "# a remark", "% another"]
+    (tmp_path / "r.csv").write_bytes(("# bench 4\r\n\r\n" + "\r\n".join(lines) + "\r\n").encode())
+    check(pm.load(tmp_path / "r.csv"), columns)
+
+
+def test_a_header_behind_a_comment_sign(columns: Columns, tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "r.txt", np.column_stack(list(columns.values())), header=" ".join(columns))
+    check(pm.load(tmp_path / "r.txt"), columns)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
+def test_encodings(columns: Columns, tmp_path: Path, encoding: str) -> None:
+    columns["temperature"] = np.full(len(columns["t"]), 21.5)
+    text = csv_text(columns, {"temperature": "temperature [°C]"})
+    (tmp_path / "r.csv").write_bytes(text.encode(encoding))
+    check(pm.load(tmp_path / "r.csv"), columns)
+
+
+def test_a_units_row_is_obeyed(columns: Columns, tmp_path: Path) -> None:
+    lines = csv_text({**columns, "t": columns["t"] * 1e3, "i_q": columns["i_q"] * 1e3}).splitlines()
+    lines.insert(1, "ms,V,V,A,mA,rad,rad/s")
+    (tmp_path / "r.csv").write_text("\n".join(lines))
+    check(pm.load(tmp_path / "r.csv"), columns)
+
+
+def test_units_in_headers_are_obeyed(columns: Columns, tmp_path: Path) -> None:
+    given = dict(columns)
+    header = {
+        "t": "time [ms]",
+        "i_d": "i_d (mA)",
+        "theta_e": "theta_e [deg]",
+        "omega_e": "omega_e [1/min]",
+        "v_q": "v_q in mV",
+    }
+    given["t"] = columns["t"] * 1e3
+    given["i_d"] = columns["i_d"] * 1e3
+    given["v_q"] = columns["v_q"] * 1e3
+    given["theta_e"] = np.degrees(columns["theta_e"])
+    given["omega_e"] = columns["omega_e"] * 30.0 / np.pi
+    (tmp_path / "r.csv").write_text(csv_text(given, header))
+    check(pm.load(tmp_path / "r.csv"), columns, rtol=1e-11)
+
+
+def test_a_scope_preamble_is_skipped(columns: Columns, tmp_path: Path) -> None:
+    preamble = "Model,MDO3024\nFirmware,1.26\nPoint Format,Y,\n\n"
+    (tmp_path / "r.csv").write_text(preamble + csv_text(columns))
+    check(pm.load(tmp_path / "r.csv"), columns)
+
+
+def test_a_vesc_log(columns: Columns, tmp_path: Path) -> None:
+    names = {
+        "t": "ms_today",
+        "v_d": "d_axis_voltage",
+        "v_q": "q_axis_voltage",
+        "i_d": "d_axis_current",
+        "i_q": "q_axis_current",
+        "omega_e": "erpm",
+    }
+    del columns["theta_e"]
+    given = {**columns, "t": columns["t"] * 1e3, "omega_e": columns["omega_e"] * 30.0 / np.pi}
+    (tmp_path / "r.csv").write_text(csv_text(given, names, ";"))
+    check(pm.load(tmp_path / "r.csv"), columns, rtol=1e-11)
+
+
+def test_a_moteus_log(columns: Columns, tmp_path: Path) -> None:
+    del columns["theta_e"], columns["v_d"], columns["v_q"]
+    columns["omega_m"] = columns.pop("omega_e") / 3.0
+    given = {**columns, "omega_m": columns["omega_m"] / (2.0 * np.pi)}
+    names = {
+        "t": "time [s]",
+        "i_d": "servo_stats.d_A",
+        "i_q": "servo_stats.q_A",
+        "omega_m": "servo_stats.velocity",
+    }
+    (tmp_path / "r.csv").write_text(csv_text(given, names))
+    check(pm.load(tmp_path / "r.csv"), columns, rtol=1e-11)
+
+
+def test_frames_in_memory(columns: Columns) -> None:
+    structured = np.rec.fromarrays(list(columns.values()), names=list(columns))
+    for frame in (columns, table(columns), pl.DataFrame(columns), pd.DataFrame(columns), structured):
+        check(pm.load(frame), columns)
+    check(pm.Recording(**columns), columns)
+    check(pm.Recording({name: list(values) for name, values in columns.items()}), columns)
+    check(pm.Recording({name: values[::-1][::-1] for name, values in columns.items()}), columns)
+
+
+def test_quantities_with_units_by_duck_typing(columns: Columns) -> None:
+    class Quantity:
+        def __init__(self, magnitude: np.ndarray) -> None:
+            self.magnitude = magnitude
+
+        def to(self, unit: str) -> Quantity:
+            assert unit == "A"
+            return Quantity(self.magnitude / 1e3)
+
+    milliamperes = Quantity(columns["i_d"] * 1e3)
+    check(pm.Recording(**{**columns, "i_d": milliamperes}), columns)
+
+
+def test_speed_in_rpm_becomes_mechanical_speed(columns: Columns) -> None:
+    omega = columns.pop("omega_e") / 3.0
+    recording = pm.Recording(**columns, n=omega * 30.0 / np.pi)
+    np.testing.assert_allclose(recording.column("omega_m"), omega)
+
+
+def test_effective_values_of_the_rotor_frame_become_amplitudes(columns: Columns, tmp_path: Path) -> None:
+    given = {**columns, "i_q": columns["i_q"] / np.sqrt(2.0), "i_d": columns["i_d"] / np.sqrt(2.0)}
+    (tmp_path / "r.csv").write_text(csv_text(given, {"i_q": "iq_rms", "i_d": "i_d [Arms]"}))
+    check(pm.load(tmp_path / "r.csv"), columns)
+
+
+def test_time_from_a_period(columns: Columns, tmp_path: Path, machine_file: Path) -> None:
+    del columns["t"], columns["theta_e"]
+    (tmp_path / "r.csv").write_text(csv_text(columns))
+    machine_file.write_text("[machine]\nn_p = 3\n[columns]\nt = { period = 2.5 }\n")
+    recording = pm.load(tmp_path / "r.csv", machine_file)
+    assert recording.kind == "operating_points"
+    np.testing.assert_array_equal(recording.column("t")[:3], [0.0, 2.5, 5.0])
+
+
+def test_mapping_with_unit_scale_and_offset(columns: Columns, tmp_path: Path, machine_file: Path) -> None:
+    given = {**columns, "i_q": (columns["i_q"] - 1.0) / 35.15}
+    (tmp_path / "r.csv").write_text(csv_text(given, {"i_q": "vir"}))
+    machine_file.write_text(
+        '[machine]\nn_p = 3\n[columns]\ni_q = { from = "vir", scale = 35.15, offset = 1.0 }\n'
+    )
+    check(pm.load(tmp_path / "r.csv", machine_file), columns)
+
+
+def test_a_column_can_be_left_out(columns: Columns, tmp_path: Path, machine_file: Path) -> None:
+    columns["temperature"] = np.full(len(columns["t"]), np.nan)
+    (tmp_path / "r.csv").write_text(csv_text(columns))
+    machine_file.write_text("[machine]\nn_p = 3\n[columns]\ntemperature = false\n")
+    del columns["temperature"]
+    check(pm.load(tmp_path / "r.csv", machine_file), columns)
+
+
+def test_text_columns_that_nobody_asked_for_do_not_matter(columns: Columns, tmp_path: Path) -> None:
+    lines = csv_text(columns).splitlines()
+    lines = [f"{line},{'state' if i == 0 else 'RUN'}" for i, line in enumerate(lines)]
+    (tmp_path / "r.csv").write_text("\n".join(lines))
+    check(pm.load(tmp_path / "r.csv"), columns)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.sampled_from([",", ";", "\t"]),
+    st.booleans(),
+    st.integers(0, 5),
+    st.sampled_from(["\n", "\r\n"]),
+    st.randoms(use_true_random=False),
+)
+def test_any_dialect_gives_the_same_numbers(
+    tmp_path_factory: pytest.TempPathFactory,
+    separator: str,
+    comma: bool,
+    comments: int,
+    end: str,
+    random: np.random.Generator,
+) -> None:
+    columns = plausible(30)
+    names = list(columns)
+    random.shuffle(names)  # type: ignore[arg-type]
+    columns = {name: columns[name] for name in names}
+    text = csv_text(columns, separator=separator)
+    if comma and separator != ",":
+        text = text.replace(".", ",")
+    path = tmp_path_factory.mktemp("dialect") / "r.csv"
+    path.write_bytes(("# remark\n" * comments + text).replace("\n", end).encode())
+    check(pm.load(path), columns)
+
+
+RECORDINGS = Path(__file__).resolve().parents[3] / "shared" / "recordings"
+REAL = {
+    "lea_traction/group_B.csv": (
+        "t = { period = 5.0 }\nomega_m = { from = 'motor_speed', unit = 'rpm' }\ntau_m = 'torque'\n"
+        "temperature = 'stator_winding'\ntemperature_magnet = 'pm'",
+        218,
+        "operating_points",
+    ),
+    "emps/DATA_EMPS.mat": ("tau_e = { from = 'vir', scale = 35.15 }\ntheta_m = 'qm'", 24841, "mechanical"),
+    "hsm150/idf_pos_0.06_1.mat": (
+        "t = 'data[:,0]'\ntheta_m = 'data[:,2]'\nomega_m = 'data[:,3]'\ntau_e = 'data[:,4]'",
+        20000,
+        "mechanical",
+    ),
+    "flexible_shaft/MultisineTypeA.mat": (
+        "t = { period = 0.0004 }\ntheta_m = 'theta_mx'\nomega_m = 'omega_max'\n"
+        "tau_e = { from = 'iq_adx', scale = 0.5 }",
+        50000,
+        "mechanical",
+    ),
+    "embir_dyno/futek_test_13_05_2021_17-55-58.csv": (
+        "omega_m = 'a1 velocity'\ntau_e = 'a1 torque'",
+        7766,
+        "mechanical",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_recordings(name: str, machine_file: Path) -> None:
+    if not RECORDINGS.is_dir():
+        pytest.skip(f"the real recordings are not at {RECORDINGS}")
+    rules, rows, kind = REAL[name]
+    machine_file.write_text(f"[machine]\nn_p = 3\n[columns]\n{rules}\n")
+    recording = pm.load(RECORDINGS / name, machine_file)
+    assert (len(recording), recording.kind) == (rows, kind)

@@ -1,0 +1,330 @@
+"""Answers, summaries and the report: the same answer gives the same bytes, and no markup gets in."""
+
+from __future__ import annotations
+
+import copy
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pmsm_rs as pm
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pmsm_rs import plot, words
+from pmsm_rs.results import Diagnosis, Estimate, Identification
+
+
+def estimate(value: float, stderr: float | None, unit: str) -> dict[str, Any]:
+    interval = None if stderr is None else [value - 1.96 * stderr, value + 1.96 * stderr]
+    why = "the speed hardly changes" if stderr is None else None
+    return {"value": value, "stderr": stderr, "ci95": interval, "unit": unit, "why_none": why}
+
+
+ANSWER: dict[str, Any] = {
+    "schema": "pmsm-rs.diagnosis/1",
+    "verdict": "named",
+    "data_quality": [
+        {"finding": "Time jitters.", "consequence": "High orders blur.", "fix": "Use the drive's clock."}
+    ],
+    "located": [
+        {
+            "equation": "q",
+            "share": 0.83,
+            "sentence": "It sits in the q axis.",
+            "where": [{"variable": "i_q", "low": 4.0, "high": 11.0, "unit": "A"}],
+            "order_electrical": 6,
+            "order_mechanical": None,
+            "frequency_hz": None,
+            "trend": None,
+            "p_value": 1e-9,
+        },
+    ],
+    "ranking": [
+        {
+            "effect": "dead_time",
+            "probability": 0.97,
+            "sentence": "The inverter loses v_err.",
+            "equation": "v_x = v_x* − v_err·sign(i_x)",
+            "parameters": {"v_err": estimate(1.06, 0.01, "V")},
+            "equivalent_to": [],
+            "gain_held_out": 0.41,
+        },
+        {
+            "effect": "rs_thermal_drift",
+            "probability": 0.02,
+            "sentence": "The winding warms up.",
+            "equation": "r_s(T)",
+            "parameters": {},
+            "equivalent_to": ["dead_time"],
+            "gain_held_out": None,
+        },
+    ],
+    "model": {
+        "effects": ["dead_time"],
+        "base": {"r_s": estimate(0.77, 0.01, "ohm"), "b": estimate(0.002, None, "N m s")},
+    },
+    "cannot_see": [{"effect": "saturation_q", "why": "i_q stays small.", "power": 0.12}],
+    "next_experiment": "Record steps of i_q.",
+    "noise_floor": {"i_d": 0.02, "i_q": 0.02},
+    "fit": {
+        "recording": {"before": {"i_d": 0.31, "i_q": 0.17}, "after": {"i_d": 0.02, "i_q": 0.02}},
+        "validation": {"before": {"i_d": 0.33, "i_q": 0.18}, "after": {"i_d": 0.03, "i_q": 0.02}},
+    },
+    "recording_kind": "full",
+    "interrupted": False,
+    "version": "1.2.3",
+    "seed": 1,
+}
+
+
+def traces(n: int = 30_000) -> dict[str, dict[str, np.ndarray]]:
+    rng = np.random.default_rng(1)
+    t = np.arange(n) * 1e-4
+    theta = 200.0 * t
+    out = {
+        "t": t,
+        "op_omega_e": 200.0 + 50.0 * np.sin(t),
+        "op_i_q": 3.0 * np.sin(4.0 * t),
+        "op_i_d": np.zeros(n),
+    }
+    out |= {"op_theta_e": theta, "op_theta_m": theta / 3.0}
+    for name in ("i_d", "i_q"):
+        noise = 0.02 * rng.standard_normal(n)
+        out |= {
+            f"{name}_measured": np.sin(3.0 * t) + 0.3 * np.cos(6.0 * theta) + noise,
+            f"{name}_before": np.sin(3.0 * t),
+            f"{name}_after": np.sin(3.0 * t) + 0.3 * np.cos(6.0 * theta),
+        }
+    return {"recording": out, "validation": out}
+
+
+def diagnosis(**changes: Any) -> Diagnosis:
+    return Diagnosis.from_json(json.dumps({**copy.deepcopy(ANSWER), **changes}), traces())
+
+
+class Tags(HTMLParser):
+    """Open tags that are never closed, and every address a page refers to."""
+
+    VOID = frozenset({"meta", "br", "link", "img", "hr", "input"})
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.addresses: list[str] = []
+        self.problems: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.addresses += [value or "" for name, value in attrs if name in {"src", "href", "xlink:href"}]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.addresses += [value or "" for name, value in attrs if name in {"src", "href", "xlink:href"}]
+
+    def handle_endtag(self, tag: str) -> None:
+        if not self.open or self.open.pop() != tag:
+            self.problems.append(tag)
+
+
+def test_an_answer_survives_json() -> None:
+    answer = diagnosis()
+    again = Diagnosis.from_json(answer.to_json())
+    assert again == answer
+    assert json.loads(answer.to_json()) == ANSWER
+    assert again.shown is None
+
+
+def test_the_report_is_one_small_sound_page(tmp_path: Path) -> None:
+    diagnosis().report(tmp_path / "r.html", title="Bench <4> & co")
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert len(page.encode()) < 1_000_000
+    assert "Bench &lt;4&gt; &amp; co" in page
+    tags = Tags()
+    tags.feed(page)
+    assert tags.problems == []
+    assert tags.open == []
+    assert all(address.startswith(("#", "data:image/png")) for address in tags.addresses), (
+        "nothing may be fetched from elsewhere"
+    )
+    assert "<script" not in page
+    assert page.count("<svg") == 4 + 4
+    assert (
+        re.findall(r"nan|None\b", re.sub(r"<style>.*?</style>|<svg.*?</svg>", "", page, flags=re.DOTALL))
+        == []
+    )
+
+
+def test_the_report_has_the_same_bytes_every_time(tmp_path: Path) -> None:
+    diagnosis().report(tmp_path / "a.html")
+    diagnosis().report(tmp_path / "b.html")
+    assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
+
+
+def test_text_of_an_answer_cannot_become_markup(tmp_path: Path) -> None:
+    evil = "<script>alert(1)</script>"
+    located = [{**ANSWER["located"][0], "sentence": evil, "trend": evil}]
+    ranking = [{**ANSWER["ranking"][0], "sentence": evil, "equation": evil, "equivalent_to": [evil]}]
+    quality = [{"finding": evil, "consequence": evil, "fix": evil}]
+    answer = diagnosis(located=located, ranking=ranking, data_quality=quality, next_experiment=evil)
+    answer.report(tmp_path / "r.html", title=evil)
+    assert "<script" not in (tmp_path / "r.html").read_text()
+    assert "<script" not in answer._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, "leaves out"),
+        (
+            {"verdict": "no_mismatch", "located": [], "ranking": [], "model": {"effects": [], "base": {}}},
+            "Nothing is missing",
+        ),
+        (
+            {
+                "verdict": "ambiguous",
+                "ranking": [{**ANSWER["ranking"][0], "equivalent_to": ["rs_thermal_drift"]}],
+                "model": {"effects": [], "base": {}},
+            },
+            "cannot tell which",
+        ),
+        ({"verdict": "unknown", "ranking": [], "model": {"effects": [], "base": {}}}, "not in the catalogue"),
+        (
+            {
+                "verdict": "undetermined",
+                "located": [],
+                "ranking": [],
+                "model": {"effects": [], "base": {}},
+                "noise_floor": {},
+                "fit": {"recording": {"before": {}, "after": {}}, "validation": {"before": {}, "after": {}}},
+            },
+            "too poor",
+        ),
+        ({"interrupted": True}, "leaves out"),
+        ({"next_experiment": None, "data_quality": [], "cannot_see": []}, "leaves out"),
+        (
+            {"fit": {"recording": ANSWER["fit"]["recording"], "validation": {"before": {}, "after": {}}}},
+            "leaves out",
+        ),
+        ({"noise_floor": {}}, "leaves out"),
+    ],
+)
+def test_every_verdict_has_a_report_and_a_summary(changes: dict[str, Any], said: str, tmp_path: Path) -> None:
+    for traces_of in (traces(), {}):
+        answer = Diagnosis.from_json(json.dumps({**ANSWER, **changes}), traces_of)
+        answer.report(tmp_path / "r.html")
+        assert said in (tmp_path / "r.html").read_text(encoding="utf-8")
+        assert said in str(answer)
+
+
+def test_operating_points_have_a_report(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    n = 60
+    trace = {"t": np.arange(n) * 2.5, "op_omega_e": rng.uniform(0, 900, n), "op_i_q": rng.uniform(-9, 9, n)}
+    for name in ("v_d", "v_q"):
+        trace |= {f"{name}_{part}": rng.standard_normal(n) for part in ("measured", "before", "after")}
+    answer = Diagnosis.from_json(
+        json.dumps({**ANSWER, "noise_floor": {"v_d": 0.1, "v_q": 0.1}, "recording_kind": "operating_points"}),
+        {"recording": trace, "validation": {}},
+    )
+    answer.report(tmp_path / "r.html")
+    assert "operating points recording" in (tmp_path / "r.html").read_text(encoding="utf-8")
+
+
+def test_trajectories_hold_what_was_judged(tmp_path: Path) -> None:
+    import pyarrow.parquet
+
+    diagnosis().trajectories(tmp_path / "t.parquet")
+    table = pyarrow.parquet.read_table(tmp_path / "t.parquet")
+    assert table.column_names == [
+        "t",
+        *(f"i_{x}_{part}" for x in "dq" for part in ("measured", "before", "after")),
+    ]
+    np.testing.assert_array_equal(table["i_d_measured"].to_numpy(), traces()["validation"]["i_d_measured"])
+    with pytest.raises(pm.UsageError):
+        Diagnosis.from_json(json.dumps(ANSWER)).trajectories(tmp_path / "u.parquet")
+
+
+def test_a_figure_of_its_own() -> None:
+    figure = diagnosis().plot()
+    assert len(figure.axes) == 4
+
+
+def test_the_order_spectrum_finds_the_order_that_was_put_in() -> None:
+    trace = traces()["recording"]
+    for angle, order in (("op_theta_e", 6), ("op_theta_m", 18)):
+        orders = np.arange(1, 25)
+        found = plot.amplitudes(trace[angle], plot.residual(trace, "i_d", "before"), orders)
+        assert orders[np.argmax(found)] == order
+        assert found.max() == pytest.approx(0.3, rel=0.02)
+
+
+@given(st.integers(1, 5000), st.integers(1, 300), st.integers(0, 2**31))
+def test_thinning_loses_no_peak(n: int, bins: int, seed: int) -> None:
+    y = np.random.default_rng(seed).standard_normal(n)
+    x, thin = plot.envelope(np.arange(n, dtype=float), y, bins)
+    assert len(thin) <= max(2 * bins, n if n <= 2 * bins else 0)
+    assert (thin.min(), thin.max()) == (y.min(), y.max())
+    assert np.all(np.diff(x) > 0)
+
+
+@given(
+    st.floats(-1e9, 1e9),
+    st.floats(1e-12, 1e6) | st.none(),
+    st.sampled_from(["ohm", "H", "V s", "N m", "1", "A"]),
+)
+def test_any_estimate_can_be_written(value: float, stderr: float | None, unit: str) -> None:
+    entry = Estimate.of(estimate(value, stderr, unit))
+    shown, spread, sign = words.estimate(entry)
+    assert shown
+    assert "e" not in shown.replace("inf", "")
+    assert (spread == "") == (stderr is None)
+    assert sign is not None
+    words.interval(entry)
+
+
+@pytest.mark.parametrize(
+    ("value", "stderr", "unit", "text"),
+    [
+        (1.0643, 0.012, "V", ("1.064", "0.012", "V")),
+        (0.00957, 0.00003, "H", ("9.570", "0.030", "mH")),
+        (0.0000021, None, "H", ("2.100", "", "µH")),
+        (0.1928, 0.0004, "V s", ("0.19280", "0.00040", "V·s")),
+        (123.4, 9.7, "1", ("123.4", "9.7", "")),
+    ],
+)
+def test_estimates_read_well(
+    value: float, stderr: float | None, unit: str, text: tuple[str, str, str]
+) -> None:
+    assert words.estimate(Estimate.of(estimate(value, stderr, unit))) == text
+
+
+def test_certainty_is_never_claimed() -> None:
+    assert words.percent(0.9999) == "> 99 %"
+    assert words.percent(0.0001) == "< 1 %"
+    assert words.percent(1.0) == "100 %"
+
+
+def test_an_identification_is_read_back() -> None:
+    data = {
+        "parameters": {"r_s": estimate(0.77, 0.01, "ohm")},
+        "cost": 0.1,
+        "history": [1.0, 0.1],
+        "method": "pso",
+        "evaluations": 300,
+        "converged": False,
+        "interrupted": False,
+        "rms": {"i_d": 0.02},
+        "cannot_show": [{"parameters": ["j", "b"], "why": "the speed hardly changes"}],
+        "seed": 1,
+        "version": "1.2.3",
+    }
+    answer = Identification.from_json(json.dumps(data))
+    assert answer.parameters["r_s"].ci95 is not None
+    assert answer.history == (1.0, 0.1)
+    assert json.loads(answer.to_json()) == data
+    assert "not converged" in str(answer)
+    assert "j, b: the speed hardly changes" in str(answer)
