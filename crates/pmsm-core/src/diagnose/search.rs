@@ -2,7 +2,7 @@
 //! simulation and judged on the recording and on the held-out run.
 
 use super::hypothesis::{self, Data, Hypothesis};
-use super::shortlist::{self, Prospect};
+use super::shortlist::{Prospect, Scorer};
 use super::verdict::{Judged, LEAST_GAIN};
 use crate::effect::{Need, Site};
 use crate::effects::{self, EffectId};
@@ -14,6 +14,8 @@ use rayon::prelude::*;
 
 /// Effects whose first-order score (mean square in units of what is left) is below this are not refitted.
 const LEAST_SCORE: f64 = 0.002;
+/// Single effects refitted at most.
+const SINGLES: usize = 12;
 /// Sets from which larger ones are grown.
 const BEAM: usize = 3;
 /// Effects added to each of them.
@@ -54,7 +56,7 @@ impl Search<'_> {
     pub fn run(&self, base: Hypothesis) -> Result<Outcome> {
         let base = self.judge(base)?;
         let (able, unfit) = self.able();
-        let singles = self.extend(&base, &able, usize::MAX)?;
+        let singles = self.extend(&base, &able, SINGLES)?;
         self.monitor.report("single effects", 0.6);
         let mut beam: Vec<Judged> = singles.iter().filter_map(|(_, j)| j.clone()).collect();
         beam.push(base.clone());
@@ -64,7 +66,7 @@ impl Search<'_> {
             best = base.clone();
         }
         for size in 2..=MOST {
-            if best.unexplained(&base) <= 1.0 && self.spent(&best, &base, &able)? || self.monitor.cancelled() {
+            if best.unexplained(&base) <= 1.0 || self.monitor.cancelled() {
                 break;
             }
             self.monitor.report("combinations of effects", 0.6 + 0.1 * size as f64);
@@ -153,6 +155,7 @@ impl Search<'_> {
         candidates: &[EffectId],
         most: usize,
     ) -> Result<Vec<(Prospect, Option<Judged>)>> {
+        let scorer = Scorer::new(self.data, &parent.fitted);
         let prospects: Vec<Prospect> = candidates
             .par_iter()
             .map(|effect| {
@@ -161,7 +164,7 @@ impl Search<'_> {
                     let start = probes.into_iter().next().unwrap_or_default();
                     return Prospect { effect: *effect, start, score: 0.0, visible: 0.0 };
                 }
-                shortlist::score(self.data, &parent.fitted, *effect)
+                scorer.score(*effect)
             })
             .collect();
         let mut order: Vec<usize> = (0..prospects.len()).collect();
@@ -195,20 +198,6 @@ impl Search<'_> {
     fn rest(&self, able: &[EffectId], parent: &Judged) -> Vec<EffectId> {
         let effects = parent.fitted.effects();
         able.iter().copied().filter(|e| !effects.contains(e)).collect()
-    }
-
-    /// True if no further effect scores enough to be worth a refit.
-    fn spent(&self, best: &Judged, base: &Judged, able: &[EffectId]) -> Result<bool> {
-        let effects = best.fitted.effects();
-        if effects.is_empty() && base.excess() < super::verdict::MISMATCH {
-            return Ok(true);
-        }
-        let scores = able
-            .par_iter()
-            .filter(|e| !effects.contains(e))
-            .map(|e| shortlist::score(self.data, &best.fitted, *e).score)
-            .reduce(|| 0.0, f64::max);
-        Ok(scores < 0.03)
     }
 
     /// Drops effects that the others make superfluous.

@@ -7,8 +7,13 @@
 use super::hypothesis::{Data, Hypothesis};
 use crate::effect::{Role, Site};
 use crate::effects::EffectId;
+use crate::experiment::Channel;
 use crate::model::Model;
+use crate::simulate::mechanical::Nuisance;
 use nalgebra::{DMatrix, DVector};
+
+/// A column keeps less than this share of its length when freed of the others: it is one of them.
+const DEPENDENT: f64 = 1e-5;
 
 /// The most promising start for fitting one more effect.
 #[derive(Debug, Clone)]
@@ -24,100 +29,167 @@ pub struct Prospect {
     pub visible: f64,
 }
 
-/// Scores `effect` added to `hypothesis`.
-pub fn score(data: &Data, hypothesis: &Hypothesis, effect: EffectId) -> Prospect {
-    let mut effects = hypothesis.effects();
-    effects.push(effect);
-    let context = *hypothesis.model.context();
-    let model = Model::new(context, &effects);
-    let slot = model.slots().last().expect("just added").clone();
-    let info = effect.info();
-    let amplitudes: Vec<usize> = (0..info.parameters.len())
-        .filter(|k| info.parameters[*k].role == Role::Amplitude && effect.fitted(&context, *k))
-        .collect();
-    let own = hypothesis.own();
-    let tail = &hypothesis.parameters[own.len()..];
-    // The new effect's parameters push the run's own ones back.
-    let shift = info.parameters.len();
-    let nuisance = crate::simulate::mechanical::Nuisance {
-        initial: model.mechanical_states(),
-        ..hypothesis.nuisance
-    };
-    let extra = nuisance.initial - hypothesis.nuisance.initial;
-    // A purely mechanical effect leaves the voltage equations as they are.
-    let rotor_only = info.site == Site::Mechanical;
-    let fitted: Vec<usize> = hypothesis
-        .free
-        .iter()
-        .filter(|k| !(rotor_only && data.whole(hypothesis).is_electrical(**k)))
-        .map(|k| if *k < own.len() { *k } else { k + shift })
-        .collect();
-    let mut best = Prospect { effect, start: effect.probes(&context).swap_remove(0), score: 0.0, visible: 0.0 };
-    for probe in effect.probes(&context) {
+/// Scores effects on top of one fitted hypothesis.
+pub struct Scorer<'a> {
+    data: &'a Data,
+    hypothesis: &'a Hypothesis,
+    whole: Projector,
+    rotor: Option<Projector>,
+}
+
+/// Orthonormal basis of what fitted parameters can do, and the residual they leave.
+struct Projector {
+    channels: Vec<(Channel, f64)>,
+    basis: DMatrix<f64>,
+    residual: DVector<f64>,
+}
+
+impl<'a> Scorer<'a> {
+    /// Prepares the score test on `hypothesis`.
+    pub fn new(data: &'a Data, hypothesis: &'a Hypothesis) -> Self {
+        let rotor = data.floors.iter().any(|f| !f.channel.is_electrical());
+        Self {
+            data,
+            hypothesis,
+            whole: Projector::new(data, hypothesis, false),
+            rotor: rotor.then(|| Projector::new(data, hypothesis, true)),
+        }
+    }
+
+    /// Scores `effect` over its grid of shapes. Amplitudes found beyond their physical bounds count as far as the
+    /// bounds allow.
+    pub fn score(&self, effect: EffectId) -> Prospect {
+        let context = *self.hypothesis.model.context();
+        let info = effect.info();
+        let amplitudes: Vec<usize> = (0..info.parameters.len())
+            .filter(|k| info.parameters[*k].role == Role::Amplitude && effect.fitted(&context, *k))
+            .collect();
+        let typical = DVector::from_iterator(
+            amplitudes.len(),
+            amplitudes.iter().map(|k| (info.parameters[*k].typical)(&context)),
+        );
+        let probes = effect.probes(&context);
+        let mut best = Prospect { effect, start: probes[0].clone(), score: 0.0, visible: 0.0 };
+        for probe in &probes {
+            // A purely mechanical effect leaves the voltage equations as they are.
+            let projector = match (&self.rotor, info.site) {
+                (Some(rotor), Site::Mechanical) => rotor,
+                _ => &self.whole,
+            };
+            let columns = self.columns(effect, probe, &amplitudes, projector);
+            let (free, length) = projector.free(&columns);
+            let n = self.data.signals.len() as f64;
+            best.visible = best.visible.max((&free * &typical).norm_squared() * projector.scale() / n);
+            let gram = free.tr_mul(&free);
+            let right = free.tr_mul(&projector.residual);
+            let Some(step) = solve(&gram, &right, &length) else { continue };
+            let bounded: DVector<f64> = DVector::from_fn(amplitudes.len(), |k, _| {
+                let parameter = &info.parameters[amplitudes[k]];
+                (-step[k]).clamp((parameter.low)(&context), (parameter.high)(&context))
+            });
+            let left = (&projector.residual + &free * &bounded).norm_squared();
+            let score = (projector.residual.norm_squared() - left) / n;
+            if score > best.score {
+                best.score = score;
+                best.start.clone_from(probe);
+                for (k, x) in amplitudes.iter().zip(bounded.iter()) {
+                    let least = 0.02 * (info.parameters[*k].typical)(&context).abs();
+                    best.start[*k] = if x.abs() < least { least.copysign(*x) } else { *x };
+                }
+            }
+        }
+        best
+    }
+
+    /// Derivatives of the residual with respect to the effect's amplitudes at zero strength.
+    fn columns(
+        &self,
+        effect: EffectId,
+        probe: &[f64],
+        amplitudes: &[usize],
+        projector: &Projector,
+    ) -> DMatrix<f64> {
+        let hypothesis = self.hypothesis;
+        let mut effects = hypothesis.effects();
+        effects.push(effect);
+        let model = Model::new(*hypothesis.model.context(), &effects);
+        let own = hypothesis.own();
         let mut parameters = own.to_vec();
         parameters.extend(probe.iter().enumerate().map(|(k, x)| if amplitudes.contains(&k) { 0.0 } else { *x }));
-        parameters.extend(tail);
-        parameters.extend(std::iter::repeat_n(0.0, extra));
-        let mut free = fitted.clone();
-        free.extend(amplitudes.iter().map(|k| slot.parameters.start + k));
-        let channels = data
+        parameters.extend(&hypothesis.parameters[own.len()..]);
+        let nuisance = Nuisance { initial: model.mechanical_states(), ..hypothesis.nuisance };
+        parameters.extend(std::iter::repeat_n(0.0, nuisance.initial - hypothesis.nuisance.initial));
+        let free: Vec<usize> = amplitudes.iter().map(|k| own.len() + k).collect();
+        let mut experiment = self.data.whole(hypothesis);
+        experiment.model = &model;
+        experiment.nuisance = nuisance;
+        experiment.channels.clone_from(&projector.channels);
+        experiment.linearise(&parameters, &free).jacobian
+    }
+}
+
+impl Projector {
+    fn new(data: &Data, hypothesis: &Hypothesis, rotor_only: bool) -> Self {
+        let channels: Vec<(Channel, f64)> = data
             .floors
             .iter()
             .filter(|f| !(rotor_only && f.channel.is_electrical()))
             .map(|f| (f.channel, f.total() * hypothesis.square(f.channel).max(1.0).sqrt()))
             .collect();
         let mut experiment = data.whole(hypothesis);
-        (experiment.model, experiment.nuisance, experiment.channels) = (&model, nuisance, channels);
-        let linear = experiment.linearise(&parameters, &free);
-        let (gain, step, schur) = projected(&linear.jacobian, &linear.residual, fitted.len());
-        let n = data.signals.len() as f64;
-        let typical =
-            DVector::from_iterator(amplitudes.len(), amplitudes.iter().map(|k| (info.parameters[*k].typical)(&context)));
-        best.visible = best.visible.max((typical.transpose() * &schur * &typical)[(0, 0)] / n);
-        let score = gain / n;
-        if score > best.score {
-            let mut start = probe.clone();
-            for (k, s) in amplitudes.iter().zip(step.iter()) {
-                let parameter = &info.parameters[*k];
-                let (low, high) = ((parameter.low)(&context), (parameter.high)(&context));
-                let least = 0.02 * (parameter.typical)(&context).abs();
-                let wanted = if s.abs() < least { least.copysign(*s) } else { *s };
-                start[*k] = wanted.clamp(low, high);
+        experiment.channels.clone_from(&channels);
+        let fitted: Vec<usize> =
+            hypothesis.free.iter().copied().filter(|k| !(rotor_only && experiment.is_electrical(*k))).collect();
+        let linear = experiment.linearise(&hypothesis.parameters, &fitted);
+        let mut basis: Vec<DVector<f64>> = Vec::with_capacity(fitted.len());
+        for column in linear.jacobian.column_iter() {
+            let mut free = column.into_owned();
+            let length = free.norm();
+            // Twice is enough (Kahan, Parlett).
+            for _ in 0..2 {
+                for b in &basis {
+                    let along = b.dot(&free);
+                    free.axpy(-along, b, 1.0);
+                }
             }
-            (best.start, best.score) = (start, score);
+            let rest = free.norm();
+            if rest > DEPENDENT * length {
+                basis.push(free / rest);
+            }
         }
+        let rows = linear.residual.len();
+        let basis = if basis.is_empty() { DMatrix::zeros(rows, 0) } else { DMatrix::from_columns(&basis) };
+        let residual = &linear.residual - &basis * basis.tr_mul(&linear.residual);
+        Self { channels, basis, residual }
     }
-    best
+
+    /// `columns` freed of the basis, and their lengths before.
+    fn free(&self, columns: &DMatrix<f64>) -> (DMatrix<f64>, Vec<f64>) {
+        let length = columns.column_iter().map(|c| c.norm()).collect();
+        let mut free = columns - &self.basis * self.basis.tr_mul(columns);
+        free -= &self.basis * self.basis.tr_mul(&free);
+        (free, length)
+    }
+
+    /// Mean square of what is left in the channels: from units of the residual to units of the floor.
+    fn scale(&self) -> f64 {
+        let rows = self.residual.len() / self.channels.len().max(1);
+        (self.residual.norm_squared() / rows.max(1) as f64).max(1.0)
+    }
 }
 
-/// Gain, step and information of the last columns after those before them are projected out.
-fn projected(
-    jacobian: &DMatrix<f64>,
-    residual: &DVector<f64>,
-    fixed: usize,
-) -> (f64, DVector<f64>, DMatrix<f64>) {
-    let count = jacobian.ncols();
-    let scale: Vec<f64> = jacobian.column_iter().map(|c| c.norm()).collect();
-    let unit = DMatrix::from_fn(jacobian.nrows(), count, |r, c| {
-        if scale[c] > 0.0 { jacobian[(r, c)] / scale[c] } else { 0.0 }
+/// Least-squares step; directions that the fitted parameters can make alone are left out.
+fn solve(gram: &DMatrix<f64>, right: &DVector<f64>, length: &[f64]) -> Option<DVector<f64>> {
+    let n = right.len();
+    let scale: Vec<f64> = (0..n).map(|k| gram[(k, k)].sqrt()).collect();
+    let alive = |k: usize| length[k] > 0.0 && scale[k] > DEPENDENT * length[k];
+    if !(0..n).any(alive) {
+        return None;
+    }
+    let unit = DMatrix::from_fn(n, n, |r, c| {
+        if alive(r) && alive(c) { gram[(r, c)] / (scale[r] * scale[c]) } else { f64::from(u8::from(r == c)) }
     });
-    let gram = unit.tr_mul(&unit);
-    let right = unit.tr_mul(residual);
-    let (a, b, c) = (
-        gram.view((0, 0), (fixed, fixed)).into_owned(),
-        gram.view((0, fixed), (fixed, count - fixed)).into_owned(),
-        gram.view((fixed, fixed), (count - fixed, count - fixed)).into_owned(),
-    );
-    let inverse = a.pseudo_inverse(1e-10).unwrap_or_else(|_| DMatrix::zeros(fixed, fixed));
-    let schur = c - b.transpose() * &inverse * &b;
-    let rest = right.rows(fixed, count - fixed) - b.transpose() * &inverse * right.rows(0, fixed);
-    let solved = schur.clone().pseudo_inverse(1e-8).map_or_else(|_| DVector::zeros(count - fixed), |m| m * &rest);
-    let gain = rest.dot(&solved);
-    let step = DVector::from_fn(count - fixed, |k, _| {
-        if scale[fixed + k] > 0.0 { -solved[k] / scale[fixed + k] } else { 0.0 }
-    });
-    let free = DMatrix::from_fn(count - fixed, count - fixed, |r, c| {
-        schur[(r, c)] * scale[fixed + r] * scale[fixed + c]
-    });
-    (gain.max(0.0), step, free)
+    let rhs = DVector::from_fn(n, |k, _| if alive(k) { right[k] / scale[k] } else { 0.0 });
+    let solved = unit.pseudo_inverse(1e-8).ok()? * rhs;
+    Some(DVector::from_fn(n, |k, _| if alive(k) { solved[k] / scale[k] } else { 0.0 }))
 }

@@ -59,11 +59,11 @@ impl Effect for TimeVaryingLoad {
     };
 
     fn probes(cx: &Context) -> Vec<Vec<f64>> {
-        let step = 0.35 / cx.duration;
-        (2..)
+        let step = 0.5 / cx.duration;
+        (1..)
             .map(|k| f64::from(k) * step)
             .take_while(|f| *f < 15.0)
-            .take(120)
+            .take(80)
             .map(|f| vec![0.0, 0.0, 0.0, f])
             .collect()
     }
