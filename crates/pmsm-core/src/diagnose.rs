@@ -1,5 +1,389 @@
 //! Diagnosis: what does the model of this machine leave out?
+//!
+//! The bare machine is fitted, what it leaves is located, every effect of the catalogue is scored on it, the most promising
+//! ones are refitted by simulation, alone and together, and judged on samples that were not used for fitting. What
+//! explains everything down to the noise is named; what several effects explain is ambiguous; what none explains is
+//! unknown, and still located.
+
+pub mod answer;
+mod decide;
 pub mod hypothesis;
-pub mod shortlist;
+pub mod locate;
+mod outputs;
+mod prescribe;
 pub mod search;
+pub mod shortlist;
 pub mod verdict;
+
+use crate::effect::Site;
+use crate::error::Result;
+use crate::machine::Machine;
+use crate::model::Model;
+use crate::monitor::Monitor;
+use crate::recording::{Kind, Recording};
+use crate::signals::{Finding, Signals};
+use crate::uncertainty;
+use answer::{Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, Traces, Unseen, Verdict};
+use decide::Ranked;
+use hypothesis::{Data, Hypothesis};
+use locate::Located;
+use outputs::Outputs;
+use search::{Outcome, Search};
+use std::collections::BTreeMap;
+use verdict::{LEAST_GAIN, PRICE, WORTH};
+
+/// Fewest mechanical windows from which every other one is held out where no validation run is given.
+const FEWEST_WINDOWS: usize = 4;
+/// Signals must exceed their noise by this factor for anything to be said.
+const LEAST_SIGNAL: f64 = 5.0;
+/// Relative standard error of an electrical base parameter from which the recording is called poor.
+const POOR: f64 = 0.05;
+
+/// Diagnoses a machine from `recordings` (the first is fitted, further ones judge like a validation run) and an optional
+/// `validation` run on which nothing is estimated but initial values and an unknown load.
+///
+/// # Errors
+/// Those of [`Signals::new`], [`crate::start::values`] and the least-squares fits. An interruption through `monitor` is no error: the
+/// answer then rests on what had been tried.
+pub fn diagnose(
+    recordings: &[&Recording],
+    machine: &Machine,
+    validation: Option<&Recording>,
+    monitor: &dyn Monitor,
+) -> Result<Answer> {
+    monitor.report("bare machine", 0.0);
+    let prepare = |recording: &Recording| Data::new(Signals::new(recording, machine)?, machine);
+    let Some((first, further)) = recordings.split_first() else {
+        return Err(crate::error::Error::unusable("no recording was given", "give at least one"));
+    };
+    let mut whole = prepare(first)?;
+    if let Some(finding) = silent(&whole) {
+        return Ok(undetermined(&whole, finding));
+    }
+    let base = fit_base(&mut whole, monitor)?;
+    let mut others = Vec::new();
+    for recording in further.iter().copied().chain(validation) {
+        let mut data = prepare(recording)?;
+        let transferred = hypothesis::transfer(&data, &base, monitor)?;
+        data.settle_floors(&transferred);
+        others.push(data);
+    }
+    let weak = weak_parameters(&whole, &base);
+    let poor = !weak.is_empty();
+    let split = (others.is_empty() && !poor).then(|| halves(&whole)).flatten();
+    monitor.report("bare machine", 0.1);
+    let outcome = match &split {
+        Some((fitted, held_out)) => {
+            let start = refit(fitted, &base, monitor)?;
+            let searched = Search { data: fitted, held_out: vec![held_out], monitor }.run(start)?;
+            on_whole(&whole, searched, &base, monitor)?
+        }
+        // What a poor recording leaves open a second one must not be held against it.
+        None => {
+            let held_out = if poor { Vec::new() } else { others.iter().collect() };
+            Search { data: &whole, held_out, monitor }.run(base)?
+        }
+    };
+    monitor.report("answer", 0.97);
+    let judge = others.last().filter(|_| validation.is_some());
+    conclude(&whole, judge, outcome, &weak, monitor)
+}
+
+/// Fits the bare machine and settles the noise floors with its help.
+fn fit_base(data: &mut Data, monitor: &dyn Monitor) -> Result<Hypothesis> {
+    let model = Model::new(data.signals.context, &[]);
+    let start = data.start.to_vec();
+    let rough = hypothesis::fit(data, &model, &start, false, monitor)?;
+    data.settle_floors(&rough);
+    hypothesis::fit(data, &model, rough.own(), false, monitor)
+}
+
+fn refit(data: &Data, from: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
+    hypothesis::fit(data, &from.model, from.own(), false, monitor)
+}
+
+/// The recording split into windows of which every other one is held out, and the complement.
+fn halves(data: &Data) -> Option<(Data, Data)> {
+    if data.windows.len() < FEWEST_WINDOWS {
+        return None;
+    }
+    let mut odd = vec![false; data.signals.len()];
+    for window in data.windows.iter().skip(1).step_by(2) {
+        odd[window.clone()].fill(true);
+    }
+    let even = odd.iter().map(|x| !x).collect();
+    Some((data.masked(odd), data.masked(even)))
+}
+
+/// Fits what a search on half the samples found to all of them.
+fn on_whole(data: &Data, found: Outcome, base: &Hypothesis, monitor: &dyn Monitor) -> Result<Outcome> {
+    let mut best = found.best;
+    if !best.fitted.effects().is_empty() {
+        best.fitted = refit(data, &best.fitted, monitor)?;
+    }
+    let bare = best.fitted.effects().is_empty();
+    if bare {
+        best.fitted = base.clone();
+    }
+    let mut whole = found.base;
+    whole.fitted = base.clone();
+    Ok(Outcome { base: whole, best, ..found })
+}
+
+/// A finding if currents, voltages or speed hardly leave their noise.
+fn silent(data: &Data) -> Option<Finding> {
+    let spread = |x: &[f64]| {
+        let mean = x.iter().sum::<f64>() / x.len() as f64;
+        let square = x.iter().map(|v| v * v).sum::<f64>() / x.len() as f64;
+        square.sqrt().max((square - mean * mean).max(0.0).sqrt())
+    };
+    let alive = data.floors.iter().any(|f| {
+        let model = Model::new(data.signals.context, &[]);
+        let hypothesis = Hypothesis::bare(model, data.start.to_vec());
+        let experiment = data.whole(&hypothesis);
+        spread(experiment.measured(f.channel)) > LEAST_SIGNAL * f.sensor
+    });
+    (!alive).then(|| Finding {
+        finding: "no recorded signal leaves its own noise".into(),
+        consequence: "nothing can be said about the machine".into(),
+        fix: "record a manoeuvre: reversals, two levels of i_q, steps of i_d".into(),
+    })
+}
+
+fn undetermined(data: &Data, finding: Finding) -> Answer {
+    let mut data_quality = data.signals.findings.clone();
+    data_quality.push(finding);
+    Answer {
+        schema: "pmsm-rs.diagnosis/1",
+        verdict: Verdict::Undetermined,
+        data_quality,
+        located: Vec::new(),
+        ranking: Vec::new(),
+        model: FoundModel { effects: Vec::new(), base: BTreeMap::new() },
+        cannot_see: Vec::new(),
+        next_experiment: Some("Record a rich manoeuvre: reversals, two levels of i_q, steps of i_d.".into()),
+        noise_floor: floors(data),
+        fit: FitTable::default(),
+        recording_kind: data.signals.kind,
+        traces: Traces::default(),
+    }
+}
+
+/// Electrical base parameters that the recording does not pin down although its equations contain them.
+fn weak_parameters(data: &Data, base: &Hypothesis) -> Vec<String> {
+    let experiment = data.whole(base);
+    let free: Vec<usize> = base.free.iter().copied().filter(|k| *k < 4).collect();
+    if free.is_empty() {
+        return Vec::new();
+    }
+    let linear = experiment.linearise(&base.parameters, &free);
+    let covariance = uncertainty::covariance(&linear.jacobian, &linear.residual, data.signals.len());
+    let names = crate::machine::BaseParameter::ALL;
+    free.iter()
+        .enumerate()
+        .filter(|(column, index)| {
+            let value = base.parameters[**index].abs();
+            let matters = linear.jacobian.column(*column).norm() * value > (data.signals.len() as f64).sqrt();
+            matters && covariance[(*column, *column)].sqrt() > POOR * value
+        })
+        .map(|(_, index)| names[*index].name().to_string())
+        .collect()
+}
+
+fn floors(data: &Data) -> BTreeMap<String, f64> {
+    data.floors.iter().map(|f| (f.channel.name().to_string(), f.total())).collect()
+}
+
+/// Writes the answer.
+fn conclude(
+    data: &Data,
+    judge: Option<&Data>,
+    outcome: Outcome,
+    weak: &[String],
+    monitor: &dyn Monitor,
+) -> Result<Answer> {
+    let (verdict, ranked) = decide::decide(&outcome, !weak.is_empty());
+    let best = &outcome.best;
+    let located = located(data, &outcome, verdict);
+    let model_outputs = Outputs::new(data, &best.fitted);
+    let validation = match judge {
+        Some(judge) => Some((
+            judge,
+            hypothesis::transfer(judge, &outcome.base.fitted, monitor)?,
+            hypothesis::transfer(judge, &best.fitted, monitor)?,
+        )),
+        None => None,
+    };
+    let mut traces = Traces { recording: traces(data, &outcome.base.fitted, &best.fitted), ..Traces::default() };
+    let mut fit = FitTable { recording: table(&traces.recording, data), ..FitTable::default() };
+    if let Some((judge, before, after)) = &validation {
+        traces.validation = self::traces(judge, before, after);
+        fit.validation = table(&traces.validation, judge);
+    }
+    let ranking = ranked.iter().map(|r| candidate(data, &outcome, r, &model_outputs)).collect();
+    let next_experiment = next_experiment(data, &ranked, &outcome, verdict, weak);
+    Ok(Answer {
+        schema: "pmsm-rs.diagnosis/1",
+        verdict,
+        data_quality: quality(data, weak),
+        located,
+        ranking,
+        model: FoundModel {
+            effects: best.fitted.effects().iter().map(|e| e.id().to_string()).collect(),
+            base: model_outputs.base(),
+        },
+        cannot_see: cannot_see(&outcome),
+        next_experiment,
+        noise_floor: floors(data),
+        fit,
+        recording_kind: data.signals.kind,
+        traces,
+    })
+}
+
+fn candidate(data: &Data, outcome: &Outcome, ranked: &Ranked, model: &Outputs) -> Candidate {
+    let info = ranked.effect.info();
+    let in_model = outcome.best.fitted.effects().contains(&ranked.effect);
+    let parameters = if in_model {
+        model.effect(ranked.effect)
+    } else {
+        Outputs::new(data, &ranked.judged.fitted).effect(ranked.effect)
+    };
+    let (before, after) = (outcome.base.held_out_squares(), ranked.judged.held_out_squares());
+    Candidate {
+        effect: info.id.into(),
+        probability: ranked.probability,
+        sentence: info.sentence.into(),
+        equation: info.equation.into(),
+        parameters,
+        equivalent_to: ranked.equivalent.iter().map(|e| e.id().to_string()).collect(),
+        gain_held_out: if before > 0.0 { ((before - after) / before).clamp(-1.0, 1.0) } else { 0.0 },
+    }
+}
+
+/// Where it sits. What a named sensor or electrical effect explains of the other equations is its own.
+fn located(data: &Data, outcome: &Outcome, verdict: Verdict) -> Vec<Located> {
+    let mut located = locate::locate(data, &outcome.base.fitted);
+    if !matches!(verdict, Verdict::Named | Verdict::Ambiguous) {
+        return located;
+    }
+    let sites: Vec<Site> = outcome.best.fitted.effects().iter().map(|e| e.info().site).collect();
+    if sites.first() == Some(&Site::Sensor) {
+        if let Some(strongest) = located.first().cloned() {
+            let sentence = format!(
+                "The measurement is wrong, not the motor. {} A single sensor error explains it in all equations.",
+                strongest.sentence
+            );
+            let share = located.iter().map(|l| l.share).sum();
+            located.insert(0, Located { equation: "sensor".into(), share, sentence, ..strongest });
+        }
+    } else if sites.contains(&Site::Electrical) && !sites.contains(&Site::Mechanical) {
+        located.sort_by_key(|l| l.equation == "mechanical");
+    }
+    located
+}
+
+fn next_experiment(
+    data: &Data,
+    ranked: &[Ranked],
+    outcome: &Outcome,
+    verdict: Verdict,
+    weak: &[String],
+) -> Option<String> {
+    let rich = "reversals through standstill, two levels of i_q, steps of i_d, a coast-down";
+    match verdict {
+        Verdict::Named | Verdict::NoMismatch | Verdict::Undetermined => {
+            (!weak.is_empty()).then(|| format!("This recording does not show {}: record {rich}.", weak.join(", ")))
+        }
+        Verdict::Unknown => Some(format!(
+            "Repeat the recording at the located place and around it, with {rich}, to see on what the rest depends."
+        )),
+        Verdict::Ambiguous => {
+            let first = ranked.iter().find(|r| !r.equivalent.is_empty())?;
+            let rival = outcome.swaps.iter().find(|(a, b, _)| *a == first.effect && *b == first.equivalent[0])?;
+            let text = prescribe::separate(data, (first.effect.id(), &outcome.best), (rival.1.id(), &rival.2));
+            Some(if weak.is_empty() { text } else { format!("{text} Record {rich}.") })
+        }
+    }
+    .or_else(|| (verdict == Verdict::Ambiguous).then(|| format!("Record {rich}.")))
+}
+
+fn quality(data: &Data, weak: &[String]) -> Vec<Finding> {
+    let mut findings = data.signals.findings.clone();
+    if data.signals.kind == Kind::OperatingPoints {
+        findings.push(Finding {
+            finding: "the samples are far apart compared with the electrical time constants".into(),
+            consequence: "they are taken as steady operating points; nothing is said about transients or ripple".into(),
+            fix: "sample at the switching frequency for those questions".into(),
+        });
+    }
+    if !weak.is_empty() {
+        findings.push(Finding {
+            finding: format!("the manoeuvre does not pin down {}", weak.join(", ")),
+            consequence: "effects that resemble a change of these parameters cannot be told from it".into(),
+            fix: "add reversals, a second level of i_q and steps of i_d".into(),
+        });
+    }
+    findings
+}
+
+/// Effects that would probably be missed at their typical strength, and those that could not be asked for.
+fn cannot_see(outcome: &Outcome) -> Vec<Unseen> {
+    let found = outcome.best.fitted.effects();
+    let mut out: Vec<Unseen> = outcome
+        .unfit
+        .iter()
+        .map(|(effect, why)| Unseen { effect: effect.id().into(), why: why.clone(), power: 0.0 })
+        .collect();
+    for (prospect, _) in outcome.singles.iter().filter(|(p, _)| !found.contains(&p.effect)) {
+        let expected = 0.5 * WORTH * (1.0 + prospect.visible).ln();
+        let count = prospect.effect.info().parameters.len() as f64;
+        let power = 1.0 - locate::upper_tail((expected - LEAST_GAIN - PRICE * count) / (2.0 * expected + 1.0).sqrt());
+        if power < 0.5 {
+            let why = "at its typical strength it would disappear in the noise or in the fitted parameters".into();
+            out.push(Unseen { effect: prospect.effect.id().into(), why, power });
+        }
+    }
+    out
+}
+
+/// Measured, before and after, with the operating point.
+fn traces(data: &Data, before: &Hypothesis, after: &Hypothesis) -> Columns {
+    let mut columns = Columns::new();
+    let s = &data.signals;
+    columns.insert("t".into(), s.t.clone());
+    let first = data.whole(before);
+    let (x, y) = (first.predict(&before.parameters), data.whole(after).predict(&after.parameters));
+    for (at, (channel, _)) in first.channels.iter().enumerate() {
+        let name = channel.name();
+        columns.insert(format!("{name}_measured"), first.measured(*channel).to_vec());
+        columns.insert(format!("{name}_before"), x[at].clone());
+        columns.insert(format!("{name}_after"), y[at].clone());
+    }
+    columns.insert("op_omega_e".into(), s.omega_e.clone());
+    if let Some([d, q]) = &s.i {
+        columns.insert("op_i_d".into(), d.clone());
+        columns.insert("op_i_q".into(), q.clone());
+    }
+    if s.angle_known && s.kind != Kind::OperatingPoints {
+        columns.insert("op_theta_e".into(), s.theta_e.clone());
+        columns.insert("op_theta_m".into(), s.theta_m.clone());
+    }
+    columns
+}
+
+fn table(columns: &Columns, data: &Data) -> BeforeAfter {
+    let rms = |when: &str| -> BTreeMap<String, f64> {
+        data.floors
+            .iter()
+            .filter_map(|f| {
+                let name = f.channel.name();
+                let (measured, model) =
+                    (columns.get(&format!("{name}_measured"))?, columns.get(&format!("{name}_{when}"))?);
+                let square: f64 = measured.iter().zip(model).map(|(m, x)| (m - x).powi(2)).sum();
+                Some((name.to_string(), (square / measured.len() as f64).sqrt()))
+            })
+            .collect()
+    };
+    BeforeAfter { before: rms("before"), after: rms("after") }
+}

@@ -84,6 +84,8 @@ pub struct Info {
     pub fingerprint: &'static str,
     /// Effects that resemble it.
     pub look_alikes: &'static [&'static str],
+    /// Effects that are special cases of this one.
+    pub contains: &'static [&'static str],
     /// Where it sits.
     pub site: Site,
     /// What the recording must contain.

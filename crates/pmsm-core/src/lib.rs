@@ -29,3 +29,4 @@ pub mod simulate;
 pub mod start;
 pub mod swarm;
 pub mod transforms;
+pub mod uncertainty;

@@ -18,6 +18,7 @@ const SERVO: Context = Context {
     duration: 1.0,
     period: 1e-4,
     zero_sequence: 0.0,
+    v_dc: 560.0,
     electrical_rate: 90.0,
     has_temperature: false,
     has_magnet_temperature: false,

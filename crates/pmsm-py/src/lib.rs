@@ -1,6 +1,7 @@
 //! Python bindings of pmsm-core: arrays in, results out, errors mapped in one place.
 
 mod catalogue;
+mod diagnosis;
 mod errors;
 mod machine;
 mod recording;
@@ -13,6 +14,8 @@ use pyo3::prelude::*;
 mod _core {
     #[pymodule_export]
     use super::catalogue::effects;
+    #[pymodule_export]
+    use super::diagnosis::diagnose;
     #[pymodule_export]
     use super::errors::{
         DataError, InternalError, MachineError, NotIdentifiableError, PmsmError, UsageError,

@@ -22,7 +22,7 @@ use std::ops::Range;
 const NAMEPLATE_SPREAD: f64 = 0.3;
 
 /// One recording made ready for fitting.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Data {
     /// Its signals.
     pub signals: Signals,
@@ -34,6 +34,8 @@ pub struct Data {
     pub start: [f64; BASE],
     /// What the nameplate says of them: index, value, standard deviation.
     pub prior: Vec<(usize, f64, f64)>,
+    /// Samples that do not count, if some are held out.
+    pub held_out: Option<Vec<bool>>,
 }
 
 impl Data {
@@ -69,7 +71,17 @@ impl Data {
                 Floor { channel, sensor, driven: 0.0 }
             })
             .collect();
-        Ok(Self { signals, windows, floors, start, prior })
+        Ok(Self { signals, windows, floors, start, prior, held_out: None })
+    }
+
+    /// The same recording with some samples held out.
+    pub fn masked(&self, held_out: Vec<bool>) -> Self {
+        Self { held_out: Some(held_out), ..self.clone() }
+    }
+
+    /// Number of samples that count.
+    pub fn counted(&self) -> usize {
+        self.held_out.as_ref().map_or(self.signals.len(), |h| h.iter().filter(|x| !**x).count())
     }
 
     /// Measures the floors with the help of a fitted hypothesis.
@@ -91,7 +103,7 @@ impl Data {
             nuisance,
             windows: &self.windows,
             channels,
-            held_out: None,
+            held_out: self.held_out.as_deref(),
             prior: &self.prior,
         }
     }
@@ -128,6 +140,11 @@ pub struct Hypothesis {
 }
 
 impl Hypothesis {
+    /// A model at given parameters, before anything was fitted.
+    pub fn bare(model: Model, parameters: Vec<f64>) -> Self {
+        Self { model, parameters, free: Vec::new(), nuisance: Nuisance::known(0), squares: Vec::new() }
+    }
+
     /// Its effects.
     pub fn effects(&self) -> Vec<EffectId> {
         self.model.effects()

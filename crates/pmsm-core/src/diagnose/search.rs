@@ -3,7 +3,7 @@
 
 use super::hypothesis::{self, Data, Hypothesis};
 use super::shortlist::{Prospect, Scorer};
-use super::verdict::{Judged, LEAST_GAIN};
+use super::verdict::{Judged, LEAST_GAIN, MISMATCH, PROGRESS};
 use crate::effect::{Need, Site};
 use crate::effects::{self, EffectId};
 use crate::error::Result;
@@ -27,8 +27,8 @@ const MOST: usize = 3;
 pub struct Search<'a> {
     /// The recording.
     pub data: &'a Data,
-    /// The held-out run.
-    pub held_out: Option<&'a Data>,
+    /// Recordings that are not used for fitting.
+    pub held_out: Vec<&'a Data>,
     /// Asked whether to go on.
     pub monitor: &'a dyn Monitor,
 }
@@ -62,11 +62,11 @@ impl Search<'_> {
         beam.push(base.clone());
         beam.sort_by(|a, b| a.loss().total_cmp(&b.loss()));
         let mut best = beam[0].clone();
-        if best.loss() > base.loss() - LEAST_GAIN || best.fitted.effects().is_empty() {
+        if !best.beats(&base) {
             best = base.clone();
         }
         for size in 2..=MOST {
-            if best.unexplained(&base) <= 1.0 || self.monitor.cancelled() {
+            if explained(&best, &base) || self.monitor.cancelled() {
                 break;
             }
             self.monitor.report("combinations of effects", 0.6 + 0.1 * size as f64);
@@ -84,7 +84,13 @@ impl Search<'_> {
             larger.sort_by(|a, b| a.loss().total_cmp(&b.loss()));
             beam = larger;
             match beam.first() {
-                Some(first) if first.loss() < best.loss() - LEAST_GAIN => best = first.clone(),
+                Some(first)
+                    if first.beats(&best)
+                        && (best.fitted.effects().is_empty()
+                            || first.unexplained(&base) < PROGRESS * best.unexplained(&base)) =>
+                {
+                    best = first.clone();
+                }
                 _ => break,
             }
         }
@@ -96,10 +102,9 @@ impl Search<'_> {
 
     /// Transfers a fitted hypothesis to the held-out run.
     fn judge(&self, fitted: Hypothesis) -> Result<Judged> {
-        let held_out = match self.held_out {
-            Some(data) => Some(hypothesis::transfer(data, &fitted, self.monitor)?),
-            None => None,
-        };
+        let held_out: Result<Vec<Hypothesis>> =
+            self.held_out.iter().map(|data| hypothesis::transfer(data, &fitted, self.monitor)).collect();
+        let held_out = held_out?;
         Ok(Judged { fitted, held_out })
     }
 
@@ -257,6 +262,11 @@ impl Search<'_> {
         }
         Ok(out)
     }
+}
+
+/// Whether nothing is left that a further effect would have to explain.
+fn explained(best: &Judged, base: &Judged) -> bool {
+    if best.fitted.effects().is_empty() { base.excess() < MISMATCH } else { best.unexplained(base) <= 1.0 }
 }
 
 /// Model and parameters without one of the effects.

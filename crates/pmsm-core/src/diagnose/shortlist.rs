@@ -78,7 +78,7 @@ impl<'a> Scorer<'a> {
             };
             let columns = self.columns(effect, probe, &amplitudes, projector);
             let (free, length) = projector.free(&columns);
-            let n = self.data.signals.len() as f64;
+            let n = self.data.counted() as f64;
             best.visible = best.visible.max((&free * &typical).norm_squared() * projector.scale() / n);
             let gram = free.tr_mul(&free);
             let right = free.tr_mul(&projector.residual);

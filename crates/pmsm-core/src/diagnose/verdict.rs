@@ -14,6 +14,10 @@ pub const WORTH: f64 = 200.0;
 pub const PRICE: f64 = 0.5;
 /// An effect must gain this many nats beyond its price.
 pub const LEAST_GAIN: f64 = 3.0;
+/// And this many on recordings that were not used for fitting.
+pub const LEAST_HELD_OUT: f64 = 1.5;
+/// A further effect must bring what is unexplained below this share of what it was.
+pub const PROGRESS: f64 = 0.6;
 /// Rivals within this many nats cannot be told apart.
 pub const INDISTINGUISHABLE: f64 = 3.0;
 /// What may remain of a channel's excess mean square: this share of it, and this much of the floor's.
@@ -28,8 +32,8 @@ pub const MISMATCH: f64 = 0.3;
 pub struct Judged {
     /// Fitted on the recording.
     pub fitted: Hypothesis,
-    /// The same model on the validation run, if there is one.
-    pub held_out: Option<Hypothesis>,
+    /// The same model on recordings that were not used for fitting.
+    pub held_out: Vec<Hypothesis>,
 }
 
 impl Judged {
@@ -37,25 +41,36 @@ impl Judged {
     pub fn loss(&self) -> f64 {
         let count = self.fitted.free.iter().filter(|k| **k < self.fitted.model.parameter_count()).count();
         let price = PRICE * (count + 2 * self.fitted.nuisance.steps()) as f64;
-        match &self.held_out {
-            None => misfit(&self.fitted) + price,
-            Some(other) => 0.5 * (misfit(&self.fitted) + misfit(other)) + price,
-        }
+        let others: f64 = self.held_out.iter().map(misfit).sum();
+        (misfit(&self.fitted) + others) / (1 + self.held_out.len()) as f64 + price
     }
 
-    /// Misfit on the held-out run alone (on the recording where there is none), nats, without any price.
+    /// Misfit on the held-out recordings (on the recording where there are none), nats, without any price.
     pub fn held_out_misfit(&self) -> f64 {
-        misfit(self.held_out.as_ref().unwrap_or(&self.fitted))
+        let others: f64 = self.held_out.iter().map(misfit).sum();
+        if self.held_out.is_empty() { misfit(&self.fitted) } else { others / self.held_out.len() as f64 }
+    }
+
+    /// Excess mean squares on the held-out recordings (on the recording where there are none), summed over channels.
+    pub fn held_out_squares(&self) -> f64 {
+        let excess = |h: &Hypothesis| h.squares.iter().map(|(_, s)| (s - 1.0).max(0.0)).sum::<f64>();
+        if self.held_out.is_empty() { excess(&self.fitted) } else { self.held_out.iter().map(excess).sum() }
     }
 
     /// Largest share of a channel's excess that `self` leaves of what `base` leaves, beyond the tolerance: at most one
     /// where everything is explained.
     pub fn unexplained(&self, base: &Judged) -> f64 {
         let on_recording = unexplained(&self.fitted, &base.fitted, UNEXPLAINED);
-        match (&self.held_out, &base.held_out) {
-            (Some(a), Some(b)) => on_recording.max(unexplained(a, b, UNEXPLAINED_HELD_OUT)),
-            _ => on_recording,
-        }
+        self.held_out
+            .iter()
+            .zip(&base.held_out)
+            .map(|(a, b)| unexplained(a, b, UNEXPLAINED_HELD_OUT))
+            .fold(on_recording, f64::max)
+    }
+
+    /// Whether `self` is worth its parameters over `other`: on all recordings together, and not only on the fitted one.
+    pub fn beats(&self, other: &Judged) -> bool {
+        self.loss() < other.loss() - LEAST_GAIN && self.held_out_misfit() < other.held_out_misfit() - LEAST_HELD_OUT
     }
 
     /// Largest excess mean square of any channel on the recording.

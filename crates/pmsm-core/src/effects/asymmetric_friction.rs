@@ -19,6 +19,7 @@ impl Effect for AsymmetricFriction {
         source: "Janot, Gautier & Brunot, EMPS benchmark (2019)",
         fingerprint: "Torque even in speed; vanishes at standstill, unlike a constant load",
         look_alikes: &["time_varying_load", "quadratic_drag"],
+        contains: &[],
         site: Site::Mechanical,
         needs: &[],
         parameters: &[

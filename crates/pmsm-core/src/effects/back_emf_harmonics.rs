@@ -34,6 +34,7 @@ impl Effect for BackEmfHarmonics {
         source: "Krause, Analysis of Electric Machinery (2013), chapter 4",
         fingerprint: "6th electrical order in both voltages growing with speed, in the torque growing with current",
         look_alikes: &["inductance_harmonics", "dead_time", "cogging_torque"],
+        contains: &[],
         site: Site::Electrical,
         needs: &[Need::Angle, Need::Transients, Need::Motion],
         parameters: &[

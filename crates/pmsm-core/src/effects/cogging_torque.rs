@@ -34,6 +34,7 @@ impl Effect for CoggingTorque {
         source: "Zhu & Howe, IEEE Trans. Energy Conversion 15 (2000) 407",
         fingerprint: "Lines at N and 2N per mechanical revolution in the speed, independent of current and speed",
         look_alikes: &["back_emf_harmonics", "load_torque_pulsation", "inductance_harmonics"],
+        contains: &[],
         site: Site::Mechanical,
         needs: &[Need::Angle, Need::Transients],
         parameters: &[

@@ -27,6 +27,7 @@ impl Effect for CoulombFriction {
         source: "Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083",
         fingerprint: "Torque odd in speed, a step at every reversal, independent of speed otherwise",
         look_alikes: &["stribeck_friction", "load_dependent_friction", "asymmetric_friction"],
+        contains: &[],
         site: Site::Mechanical,
         needs: &[],
         parameters: &[

@@ -19,6 +19,7 @@ impl Effect for CrossSaturation {
         source: "Hinkkanen et al., IEEE Trans. Industry Applications 53 (2017) 2644",
         fingerprint: "q-axis voltage falls with ω·i_q², the same for both signs of i_q",
         look_alikes: &["saturation_q", "saturation_d", "encoder_angle_offset"],
+        contains: &[],
         site: Site::Electrical,
         needs: &[],
         parameters: &[Parameter {

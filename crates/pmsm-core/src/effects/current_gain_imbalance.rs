@@ -32,6 +32,7 @@ impl Effect for CurrentGainImbalance {
         source: "Chung & Sul, IEEE Trans. Industry Applications 34 (1998) 1122",
         fingerprint: "2nd electrical order in both measured currents in proportion to the current",
         look_alikes: &["phase_resistance_imbalance", "inter_turn_short", "current_offset"],
+        contains: &[],
         site: Site::Sensor,
         needs: &[Need::Angle, Need::Transients],
         parameters: &[

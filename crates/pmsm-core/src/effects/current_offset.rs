@@ -32,6 +32,7 @@ impl Effect for CurrentOffset {
         source: "Chung & Sul, IEEE Trans. Industry Applications 34 (1998) 1122",
         fingerprint: "1st electrical order in both measured currents, the same at any current and speed",
         look_alikes: &["current_gain_imbalance", "encoder_eccentricity"],
+        contains: &[],
         site: Site::Sensor,
         needs: &[Need::Angle, Need::Transients],
         parameters: &[

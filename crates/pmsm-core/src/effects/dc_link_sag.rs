@@ -18,6 +18,7 @@ impl Effect for DcLinkSag {
         source: "Kolar & Round, IEE Proc. Electric Power Applications 153 (2006) 535",
         fingerprint: "Voltage lost in proportion to voltage and power: grows with speed and torque together",
         look_alikes: &["magnet_thermal_drift", "rs_thermal_drift", "iron_loss"],
+        contains: &[],
         site: Site::Electrical,
         needs: &[Need::Transients],
         parameters: &[

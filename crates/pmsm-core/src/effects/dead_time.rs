@@ -20,6 +20,7 @@ impl Effect for DeadTime {
         source: "Bolognani, Peretti & Zigliotto, IEEE Trans. Industrial Electronics 58 (2011) 5070",
         fingerprint: "Voltage along the current that does not grow with it, with 6th and 12th electrical orders",
         look_alikes: &["rs_thermal_drift", "back_emf_harmonics", "phase_resistance_imbalance"],
+        contains: &[],
         site: Site::Electrical,
         needs: &[Need::Angle],
         parameters: &[

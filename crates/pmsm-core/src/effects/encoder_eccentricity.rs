@@ -31,6 +31,7 @@ impl Effect for EncoderEccentricity {
         source: "Lara, Xu & Chandra, IEEE Trans. Industrial Electronics 63 (2016) 6148",
         fingerprint: "Order 1 per mechanical revolution in d, q and the speed at once, growing with speed",
         look_alikes: &["load_torque_pulsation", "encoder_angle_offset"],
+        contains: &[],
         site: Site::Sensor,
         needs: &[Need::Angle, Need::Transients, Need::Motion],
         parameters: &[

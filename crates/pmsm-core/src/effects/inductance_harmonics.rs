@@ -34,6 +34,7 @@ impl Effect for InductanceHarmonics {
         source: "Krause, Analysis of Electric Machinery (2013), chapter 1",
         fingerprint: "6th electrical order in both voltages growing with ω·i, and at standstill with di/dt",
         look_alikes: &["back_emf_harmonics", "dead_time"],
+        contains: &[],
         site: Site::Electrical,
         needs: &[Need::Angle, Need::Transients],
         parameters: &[part("a", "cosine part, share of l_q"), part("b", "sine part, share of l_q")],

@@ -22,6 +22,7 @@ impl Effect for InterTurnShort {
         source: "Romeral et al., IEEE Trans. Industrial Electronics 58 (2011) 1996",
         fingerprint: "2nd electrical order growing with speed, negative sequence",
         look_alikes: &["phase_resistance_imbalance", "iron_loss", "current_gain_imbalance"],
+        contains: &[],
         site: Site::Electrical,
         needs: &[Need::Angle, Need::Transients, Need::Motion],
         parameters: &[

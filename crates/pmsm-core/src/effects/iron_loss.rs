@@ -19,6 +19,7 @@ impl Effect for IronLoss {
         source: "Urasaki, Senjyu & Uezato, IEEE Trans. Energy Conversion 18 (2003) 41",
         fingerprint: "Current along the induced voltage growing with speed: i_q with ω·ψ_m, i_d with −ω·l_q·i_q",
         look_alikes: &["voltage_delay", "encoder_angle_offset", "inter_turn_short"],
+        contains: &[],
         site: Site::Electrical,
         needs: &[Need::Motion],
         parameters: &[

@@ -18,6 +18,7 @@ impl Effect for LoadDependentFriction {
         source: "Dohring, Lee & Newman, IEEE ICRA (1993) 430",
         fingerprint: "Torque against the motion in proportion to the motor's torque",
         look_alikes: &["coulomb_friction", "quadratic_drag"],
+        contains: &[],
         site: Site::Mechanical,
         needs: &[],
         parameters: &[Parameter {

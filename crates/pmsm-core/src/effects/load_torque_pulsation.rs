@@ -31,6 +31,7 @@ impl Effect for LoadTorquePulsation {
         source: "Holtz & Springob, IEEE Trans. Industrial Electronics 43 (1996) 330",
         fingerprint: "A line at a low order per mechanical revolution in the speed, strongest at low speed",
         look_alikes: &["encoder_eccentricity", "cogging_torque", "time_varying_load"],
+        contains: &[],
         site: Site::Mechanical,
         needs: &[Need::Angle, Need::Transients, Need::Motion],
         parameters: &[

@@ -20,6 +20,7 @@ impl Effect for MagnetThermalDrift {
         source: "IEC 60404-8-1, reversible temperature coefficient of remanence",
         fingerprint: "Slow drift in proportion to speed in the q axis, and to current in the torque",
         look_alikes: &["rs_thermal_drift", "dc_link_sag"],
+        contains: &[],
         site: Site::Electrical,
         needs: &[Need::Time, Need::Motion],
         parameters: &[

@@ -37,6 +37,7 @@ impl Effect for PhaseResistanceImbalance {
         source: "Hang, Zhang, Cheng & Huang, IEEE Trans. Energy Conversion 30 (2015) 1366",
         fingerprint: "2nd electrical order in both voltages in proportion to the current, at any speed",
         look_alikes: &["inter_turn_short", "current_gain_imbalance", "dead_time"],
+        contains: &[],
         site: Site::Electrical,
         needs: &[Need::Angle, Need::Transients],
         parameters: &[

@@ -18,6 +18,7 @@ impl Effect for QuadraticDrag {
         source: "Saari, Thermal analysis of high-speed induction machines (1998)",
         fingerprint: "Torque odd in speed, growing with its square",
         look_alikes: &["time_varying_load", "iron_loss", "asymmetric_friction"],
+        contains: &[],
         site: Site::Mechanical,
         needs: &[],
         parameters: &[Parameter {

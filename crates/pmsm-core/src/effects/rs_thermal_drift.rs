@@ -20,6 +20,7 @@ impl Effect for RsThermalDrift {
         source: "IEC 60034-1; Boglietti et al., IEEE Trans. Industrial Electronics 56 (2009) 871",
         fingerprint: "Slow drift in proportion to the current, independent of speed",
         look_alikes: &["magnet_thermal_drift", "dead_time", "dc_link_sag"],
+        contains: &[],
         site: Site::Electrical,
         needs: &[Need::Time],
         parameters: &[

@@ -21,6 +21,7 @@ impl Effect for SaturationD {
         source: "Hinkkanen et al., IEEE Trans. Industry Applications 53 (2017) 2644",
         fingerprint: "q-axis voltage ω·λ_d bends with i_d; more inductance at negative i_d",
         look_alikes: &["cross_saturation", "saturation_q"],
+        contains: &[],
         site: Site::Electrical,
         needs: &[],
         parameters: &PARAMETERS,

@@ -50,6 +50,7 @@ impl Effect for SaturationQ {
         source: "Hinkkanen et al., IEEE Trans. Industry Applications 53 (2017) 2644",
         fingerprint: "d-axis voltage −ω·λ_q bends with i_q; current ripple grows with i_q",
         look_alikes: &["cross_saturation", "saturation_d", "encoder_angle_offset"],
+        contains: &[],
         site: Site::Electrical,
         needs: &[],
         parameters: &PARAMETERS,

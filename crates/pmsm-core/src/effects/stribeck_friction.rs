@@ -20,6 +20,7 @@ impl Effect for StribeckFriction {
         source: "Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083",
         fingerprint: "Coulomb friction with an extra torque only below about three ω_s",
         look_alikes: &["coulomb_friction", "time_varying_load"],
+        contains: &["coulomb_friction"],
         site: Site::Mechanical,
         needs: &[],
         parameters: &[

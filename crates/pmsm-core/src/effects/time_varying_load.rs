@@ -32,6 +32,7 @@ impl Effect for TimeVaryingLoad {
         source: "Ljung, System Identification (1999), section 14.4",
         fingerprint: "A torque that follows the clock, not speed, angle or current",
         look_alikes: &["quadratic_drag", "stribeck_friction", "load_torque_pulsation"],
+        contains: &[],
         site: Site::Mechanical,
         needs: &[Need::Transients],
         parameters: &[

@@ -27,6 +27,7 @@ impl Effect for TwoMassShaft {
         source: "Ellis & Lorenz, Resonant load control methods, IEEE IAS (2000)",
         fingerprint: "Ringing at a fixed frequency in the speed after torque steps; antiresonance below resonance",
         look_alikes: &["time_varying_load", "cogging_torque"],
+        contains: &[],
         site: Site::Mechanical,
         needs: &[Need::Transients],
         parameters: &[

@@ -19,6 +19,7 @@ impl Effect for VoltageDelay {
         source: "Bae & Sul, IEEE Trans. Industry Applications 39 (2003) 802",
         fingerprint: "Voltage turned against the rotation by ω·T_s·δ; nothing at standstill but a shifted ripple",
         look_alikes: &["iron_loss", "encoder_angle_offset"],
+        contains: &[],
         site: Site::Electrical,
         needs: &[Need::Transients],
         parameters: &[Parameter {

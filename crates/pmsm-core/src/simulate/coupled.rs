@@ -1,55 +1,157 @@
 //! The coupled model (1)–(3): currents and speed in free run from voltage and load torque alone, as Liu, Liu & Cartes
 //! (2008) run it inside the identification.
+//!
+//! Voltages are held from sample to sample in the rotor's own frame. What an effect does to the sensors is not
+//! simulated here: currents, angle and speed are the true ones.
 
 use super::electrical::measured_env;
 use crate::effect::Env;
 use crate::model::{Base, Model};
 use crate::real::Real;
+use crate::recording::Load;
 use crate::rk4;
 use crate::signals::Signals;
 use std::ops::Range;
 
-/// Simulates samples `range` and hands to `sink` the sample number and i_d, i_q (A), ω_e (rad/s). Starts from the
-/// measured values; `tau_load` (N·m) is constant and comes on top of a load known from the recording. Stops early
-/// when `sink` returns false.
+/// Largest product of step and fastest rate; longer sample periods are divided.
+const STEP_LIMIT: f64 = 0.15;
+
+/// Simulates samples `range` and hands to `sink` the sample number and i_d, i_q (A), ω_e (rad/s). Each gap-free
+/// segment starts from its first measured values; `tau_load` (N·m) is constant and comes on top of a load known from
+/// the recording. Stops early when `sink` returns false. Nothing is called if the recording has no voltages or currents.
 pub fn run<T: Real>(
     model: &Model,
     signals: &Signals,
     range: Range<usize>,
     p: &[T],
     tau_load: T,
+    sink: impl FnMut(usize, [T; 3]) -> bool,
+) {
+    run_from(model, signals, range, p, tau_load, |measured| measured.map(T::constant), sink);
+}
+
+/// As [`run`], but each segment starts from what `start` makes of its first measured i_d, i_q (A), ω_e (rad/s).
+pub fn run_from<T: Real>(
+    model: &Model,
+    signals: &Signals,
+    range: Range<usize>,
+    p: &[T],
+    tau_load: T,
+    start: impl Fn([f64; 3]) -> [T; 3],
+    sink: impl FnMut(usize, [T; 3]) -> bool,
+) {
+    match (model.electrical_states(), model.mechanical_states()) {
+        (0, 0) => run_sized::<T, 2, 1, 4>(model, signals, range, p, tau_load, start, sink),
+        (0..=2, 0..=2) => run_sized::<T, 4, 3, 8>(model, signals, range, p, tau_load, start, sink),
+        _ => run_sized::<T, 12, 9, 22>(model, signals, range, p, tau_load, start, sink),
+    }
+}
+
+/// The state is λ_d, λ_q, ω_m, θ_e, electrical extras (E − 2), mechanical extras (M − 1): N = E + M + 1.
+fn run_sized<T: Real, const E: usize, const M: usize, const N: usize>(
+    model: &Model,
+    signals: &Signals,
+    range: Range<usize>,
+    p: &[T],
+    tau_load: T,
+    start: impl Fn([f64; 3]) -> [T; 3],
     mut sink: impl FnMut(usize, [T; 3]) -> bool,
 ) {
     let (Some(v), Some(i)) = (&signals.v, &signals.i) else { return };
     let base = Base::new(p);
     let n_p = signals.n_p;
-    let known = |k: usize| match signals.load {
-        crate::recording::Load::KnownConstant(value) => value,
-        crate::recording::Load::Measured => signals.tau_m.as_ref().map_or(0.0, |tau| tau[k]),
-        _ => 0.0,
-    };
-    let mut state = [T::zero(); 4];
-    for k in range.clone() {
-        let env = measured_env::<T>(signals, k);
-        let fresh = k == range.start || signals.segments.iter().any(|s| s.start == k);
-        if fresh {
-            let measured = [T::constant(i[0][k]), T::constant(i[1][k])];
-            let (flux, _) = model.steady_state::<T, 2>(p, &base, measured, &env);
-            state = [flux[0], flux[1], env.omega_e * (1.0 / n_p), env.theta_e];
+    for segment in &signals.segments {
+        let (first, last) = (segment.start.max(range.start), segment.end.min(range.end));
+        if first >= last {
+            continue;
         }
-        let here = Env { omega_e: state[2] * n_p, theta_e: state[3], ..env };
-        let now = model.state_current(p, &base, &state[..2], &here).i;
-        if !sink(k, [now[0], now[1], state[2] * n_p]) || k + 1 == range.end {
-            break;
+        let begin = measured_env::<T>(signals, first);
+        let [i_d, i_q, omega_e] = start([i[0][first], i[1][first], signals.omega_e[first]]);
+        let begin = Env { omega_e, ..begin };
+        let (electrical, tau_e) = model.steady_state::<T, E>(p, &base, [i_d, i_q], &begin);
+        let load = tau_load + known_load(signals, first, last);
+        let omega_m = omega_e * (1.0 / n_p);
+        let mechanical = model.mechanical_start::<T, M>(p, &base, omega_m, tau_e, load, &begin);
+        let mut state: [T; N] = join(&electrical, begin.theta_e, &mechanical);
+        // Whole electrical turns between the two angles stay as they are in the recording.
+        let turn = begin.theta_m - begin.theta_e * (1.0 / n_p);
+        for k in first..last {
+            let here = measured_env::<T>(signals, k);
+            let now = model.state_current(p, &base, &parts::<T, E, M, N>(&state).0, &at(&here, &state, n_p, turn));
+            if !sink(k, [now.i[0], now.i[1], state[2] * n_p]) {
+                return;
+            }
+            if k + 1 == last {
+                break;
+            }
+            let h = signals.t[k + 1] - signals.t[k];
+            let next = measured_env::<T>(signals, k + 1);
+            let tap = |back: usize| {
+                let k = k.saturating_sub(back).max(segment.start);
+                [T::constant(v[0][k]), T::constant(v[1][k])]
+            };
+            let command = model.command(p, &[tap(0), tap(1), tap(2)], state[2] * (n_p * h));
+            let load = tau_load + known_load(signals, k, last);
+            let rate = signals.omega_e[k].abs() + signals.context.electrical_rate;
+            let pieces = ((h * rate / STEP_LIMIT).ceil() as usize).clamp(1, 64);
+            for piece in 0..pieces {
+                state = rk4::step(h / pieces as f64, &state, |c, s| {
+                    let c = (piece as f64 + c) / pieces as f64;
+                    let between = Env {
+                        t: here.t + c * h,
+                        heating: here.heating + c * (next.heating - here.heating),
+                        magnet_heating: here.magnet_heating + c * (next.magnet_heating - here.magnet_heating),
+                        ..here
+                    };
+                    let env = at(&between, s, n_p, turn);
+                    let (electrical, mechanical) = parts::<T, E, M, N>(s);
+                    let tau_e = model.state_current(p, &base, &electrical, &env).tau_e;
+                    let electrical = model.electrical_rhs(p, &base, &electrical, command, &env);
+                    let mechanical = model.mechanical_rhs(p, &base, &mechanical, tau_e, load, &env);
+                    join(&electrical, env.omega_e, &mechanical)
+                });
+            }
         }
-        let command = [T::constant(v[0][k]), T::constant(v[1][k])];
-        let load = tau_load + known(k);
-        state = rk4::step(signals.t[k + 1] - signals.t[k], &state, |_, s| {
-            let at = Env { omega_e: s[2] * n_p, theta_e: s[3], theta_m: s[3] * (1.0 / n_p), ..env };
-            let electrical = model.electrical_rhs(p, &base, &[s[0], s[1]], command, &at);
-            let tau_e = model.state_current(p, &base, &s[..2], &at).tau_e;
-            let mechanical = model.mechanical_rhs(p, &base, &[s[2]], tau_e, load, &at);
-            [electrical[0], electrical[1], mechanical[0], at.omega_e]
-        });
     }
+}
+
+/// Mean known load torque over the interval that begins at sample `k`, N·m.
+fn known_load(signals: &Signals, k: usize, end: usize) -> f64 {
+    match (signals.load, &signals.tau_m) {
+        (Load::KnownConstant(value), _) => value,
+        (Load::Measured, Some(tau)) if k + 1 < end => 0.5 * (tau[k] + tau[k + 1]),
+        (Load::Measured, Some(tau)) => tau[k],
+        _ => 0.0,
+    }
+}
+
+/// The surroundings of `env` at the speed and angle of the state.
+#[inline(always)]
+fn at<T: Real, const N: usize>(env: &Env<T>, state: &[T; N], n_p: f64, turn: T) -> Env<T> {
+    let theta_e = state[3];
+    Env { omega_e: state[2] * n_p, theta_e, theta_m: theta_e * (1.0 / n_p) + turn, ..*env }
+}
+
+#[inline(always)]
+fn parts<T: Real, const E: usize, const M: usize, const N: usize>(state: &[T; N]) -> ([T; E], [T; M]) {
+    let (mut electrical, mut mechanical) = ([T::zero(); E], [T::zero(); M]);
+    electrical[..2].copy_from_slice(&state[..2]);
+    electrical[2..].copy_from_slice(&state[4..E + 2]);
+    mechanical[0] = state[2];
+    mechanical[1..].copy_from_slice(&state[E + 2..]);
+    (electrical, mechanical)
+}
+
+#[inline(always)]
+fn join<T: Real, const E: usize, const M: usize, const N: usize>(
+    electrical: &[T; E],
+    angle: T,
+    mechanical: &[T; M],
+) -> [T; N] {
+    let mut state = [T::zero(); N];
+    state[..2].copy_from_slice(&electrical[..2]);
+    (state[2], state[3]) = (mechanical[0], angle);
+    state[4..E + 2].copy_from_slice(&electrical[2..]);
+    state[E + 2..].copy_from_slice(&mechanical[1..]);
+    state
 }

@@ -1,0 +1,136 @@
+//! The answer of a diagnosis, in the shape of the file contract (section 4).
+
+use super::locate::Located;
+use crate::signals::Finding;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// What the diagnosis concludes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// The bare machine explains the recording down to the noise.
+    NoMismatch,
+    /// The omitted physics is named.
+    Named,
+    /// Several effects explain it equally well.
+    Ambiguous,
+    /// Something is missing that the catalogue does not hold.
+    Unknown,
+    /// The recording is too poor to say anything.
+    Undetermined,
+}
+
+/// A parameter with its uncertainty.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Estimate {
+    /// Value in `unit`.
+    pub value: f64,
+    /// Standard error.
+    pub stderr: Option<f64>,
+    /// 95 % interval.
+    pub ci95: Option<[f64; 2]>,
+    /// SI unit.
+    pub unit: String,
+    /// Why there is no uncertainty, if there is none.
+    pub why_none: Option<String>,
+}
+
+/// One candidate effect.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Candidate {
+    /// Identifier.
+    pub effect: String,
+    /// Probability.
+    pub probability: f64,
+    /// What was left out, in plain words.
+    pub sentence: String,
+    /// Its equation.
+    pub equation: String,
+    /// Its fitted parameters.
+    pub parameters: BTreeMap<String, Estimate>,
+    /// Effects that this recording cannot tell from this one.
+    pub equivalent_to: Vec<String>,
+    /// Share of the held-out residual's squares above the floor that it removes.
+    pub gain_held_out: f64,
+}
+
+/// The model that was found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FoundModel {
+    /// Its effects.
+    pub effects: Vec<String>,
+    /// Its base parameters.
+    pub base: BTreeMap<String, Estimate>,
+}
+
+/// An effect that the recording would not show.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Unseen {
+    /// Identifier.
+    pub effect: String,
+    /// Why.
+    pub why: String,
+    /// Probability that it would be found at its typical strength.
+    pub power: f64,
+}
+
+/// Root mean square of measured minus model by channel, before and after.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct BeforeAfter {
+    /// The bare machine with all its parameters estimated.
+    pub before: BTreeMap<String, f64>,
+    /// The found model.
+    pub after: BTreeMap<String, f64>,
+}
+
+/// Fit on the recording and on the validation run.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct FitTable {
+    /// On the recording.
+    pub recording: BeforeAfter,
+    /// On the validation run; empty without one.
+    pub validation: BeforeAfter,
+}
+
+/// The whole answer.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Answer {
+    /// Version of this schema.
+    pub schema: &'static str,
+    /// Conclusion.
+    pub verdict: Verdict,
+    /// What the user should know of the data.
+    pub data_quality: Vec<Finding>,
+    /// Where the bare machine fails.
+    pub located: Vec<Located>,
+    /// Candidate effects, those of the model first, then by probability.
+    pub ranking: Vec<Candidate>,
+    /// The model that was found.
+    pub model: FoundModel,
+    /// What the recording would not show.
+    pub cannot_see: Vec<Unseen>,
+    /// What recording would decide.
+    pub next_experiment: Option<String>,
+    /// What a perfect model would leave in each channel.
+    pub noise_floor: BTreeMap<String, f64>,
+    /// Before and after.
+    pub fit: FitTable,
+    /// Which questions the recording could answer.
+    pub recording_kind: crate::recording::Kind,
+    /// Signals and predictions of the recording and of the validation run, by name; not part of the JSON.
+    #[serde(skip)]
+    pub traces: Traces,
+}
+
+/// Columns of equal length by name.
+pub type Columns = BTreeMap<String, Vec<f64>>;
+
+/// Signals behind an answer.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Traces {
+    /// The recording.
+    pub recording: Columns,
+    /// The validation run; empty without one.
+    pub validation: Columns,
+}

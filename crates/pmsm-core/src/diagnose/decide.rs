@@ -1,0 +1,115 @@
+//! From what the search found to a verdict, with rivals and probabilities.
+
+use super::answer::Verdict;
+use super::search::Outcome;
+use super::verdict::{INDISTINGUISHABLE, Judged, MISMATCH};
+use crate::effects::EffectId;
+
+/// Probability that is left for unknown physics when an effect explains everything, and what is added when it explains
+/// just enough.
+const UNKNOWN: (f64, f64) = (0.02, 0.4);
+/// Highest probability of any name when the verdict is "unknown".
+const CEILING_UNKNOWN: f64 = 0.4;
+/// Candidates less probable than this are not listed.
+const LEAST_LISTED: f64 = 0.001;
+
+/// A judged candidate.
+#[derive(Debug, Clone)]
+pub struct Ranked {
+    /// The effect.
+    pub effect: EffectId,
+    /// Its probability.
+    pub probability: f64,
+    /// Effects that cannot be told from it here.
+    pub equivalent: Vec<EffectId>,
+    /// The model in which it stands.
+    pub judged: Judged,
+}
+
+/// Verdict and candidates, those of the model first, then by probability.
+pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
+    let effects = outcome.best.fitted.effects();
+    let left = outcome.best.unexplained(&outcome.base);
+    let unexplained = left > 1.0;
+    let unknown = if unexplained {
+        1.0 - CEILING_UNKNOWN / left
+    } else {
+        UNKNOWN.0 + UNKNOWN.1 * left * left
+    };
+    let mut ranked: Vec<Ranked> = Vec::new();
+    for &effect in &effects {
+        let rivals: Vec<(EffectId, &Judged)> = outcome
+            .swaps
+            .iter()
+            .filter(|(replaced, by, _)| *replaced == effect && by != replaced)
+            .map(|(_, by, judged)| (*by, judged))
+            .collect();
+        let removed = outcome.swaps.iter().find(|(a, b, _)| *a == effect && a == b).map(|(_, _, j)| j);
+        let odds = |judged: &Judged| (-(judged.loss() - outcome.best.loss())).min(50.0).exp();
+        let none = odds(removed.unwrap_or(&outcome.base));
+        let sum = 1.0 + none + rivals.iter().map(|(e, j)| weight(*e, effect) * odds(j)).sum::<f64>();
+        let share = (1.0 - unknown) / sum;
+        let equivalent: Vec<EffectId> = rivals
+            .iter()
+            .filter(|(e, j)| {
+                !generalises(*e, effect) && j.loss() < outcome.best.loss() + INDISTINGUISHABLE
+            })
+            .map(|(e, _)| *e)
+            .collect();
+        ranked.push(Ranked { effect, probability: share, equivalent, judged: outcome.best.clone() });
+        for (rival, judged) in rivals {
+            let probability = share * odds(judged) * weight(rival, effect);
+            let known = effects.contains(&rival) || ranked.iter().any(|r| r.effect == rival);
+            if probability > LEAST_LISTED && !known {
+                ranked.push(Ranked { effect: rival, probability, equivalent: Vec::new(), judged: judged.clone() });
+            }
+        }
+    }
+    if effects.is_empty() {
+        ranked = unlikely(outcome);
+    }
+    let verdict = if effects.is_empty() {
+        if outcome.base.excess() > MISMATCH { Verdict::Unknown } else { Verdict::NoMismatch }
+    } else if unexplained {
+        Verdict::Unknown
+    } else if ranked.iter().any(|r| effects.contains(&r.effect) && !r.equivalent.is_empty()) || poor {
+        Verdict::Ambiguous
+    } else {
+        Verdict::Named
+    };
+    ranked.sort_by(|a, b| {
+        let of_model = |r: &Ranked| !effects.contains(&r.effect);
+        of_model(a).cmp(&of_model(b)).then(b.probability.total_cmp(&a.probability))
+    });
+    (verdict, ranked)
+}
+
+/// The best singles where none was worth being taken into the model.
+fn unlikely(outcome: &Outcome) -> Vec<Ranked> {
+    outcome
+        .singles
+        .iter()
+        .filter_map(|(prospect, judged)| {
+            let judged = judged.as_ref()?;
+            let left = judged.unexplained(&outcome.base).max(1.0);
+            let odds = (outcome.base.loss() - judged.loss()).min(0.0).exp();
+            let probability = 0.2 * odds / left;
+            (probability > LEAST_LISTED).then(|| Ranked {
+                effect: prospect.effect,
+                probability,
+                equivalent: Vec::new(),
+                judged: judged.clone(),
+            })
+        })
+        .collect()
+}
+
+/// Whether `wide` contains `narrow` as a special case, so that fitting as well is no rivalry.
+fn generalises(wide: EffectId, narrow: EffectId) -> bool {
+    wide.info().contains.contains(&narrow.id())
+}
+
+/// A rival that only generalises the effect competes with what its extra freedom deserves, not as another cause.
+fn weight(rival: EffectId, effect: EffectId) -> f64 {
+    if generalises(rival, effect) { 0.05 } else { 1.0 }
+}

@@ -1,0 +1,315 @@
+//! Where the bare machine fails: equation, operating region, angle order, frequency, time.
+
+use super::hypothesis::{Data, Hypothesis};
+use crate::experiment::Channel;
+use crate::load_steps::effective_samples;
+use crate::recording::Kind;
+use serde::Serialize;
+use std::f64::consts::TAU;
+
+/// Excess mean square over the floor's from which a channel is listed.
+const LISTED: f64 = 0.05;
+/// Share of the excess that a region must hold, and the largest share of the samples it may take to be worth naming.
+const REGION: (f64, f64) = (0.7, 0.6);
+/// Share of a residual's squares that a periodic part must hold to be named, and its largest chance probability.
+const LINE: (f64, f64) = (0.1, 1e-3);
+/// Bins of equal count per variable.
+const BINS: usize = 10;
+/// Points to which residuals are averaged before spectra are taken.
+const SPECTRUM: usize = 4096;
+
+/// A range of one variable.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Region {
+    /// Column name of the variable.
+    pub variable: String,
+    /// Lower end.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+    /// SI unit.
+    pub unit: String,
+}
+
+/// One place of the mismatch.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Located {
+    /// `d`, `q`, `mechanical` or `sensor`.
+    pub equation: String,
+    /// Share of the whole excess.
+    pub share: f64,
+    /// The place in plain words.
+    pub sentence: String,
+    /// Operating regions that hold most of it.
+    #[serde(rename = "where")]
+    pub regions: Vec<Region>,
+    /// Periods per electrical revolution, if it repeats with the electrical angle.
+    pub order_electrical: Option<f64>,
+    /// Periods per mechanical revolution, if it repeats with the mechanical angle.
+    pub order_mechanical: Option<f64>,
+    /// Frequency, if it swings in time, Hz.
+    pub frequency_hz: Option<f64>,
+    /// `grows` or `fades`, if it changes over the recording.
+    pub trend: Option<String>,
+    /// Probability of so much excess by chance.
+    pub p_value: f64,
+}
+
+/// Lists where `base` leaves more than the floors, largest share first.
+pub fn locate(data: &Data, base: &Hypothesis) -> Vec<Located> {
+    let experiment = data.whole(base);
+    let residual = experiment.residual(&base.parameters);
+    let n = data.signals.len();
+    let excess: Vec<f64> = base.squares.iter().map(|(_, s)| (s - 1.0).max(0.0)).collect();
+    let total: f64 = excess.iter().sum();
+    let mut out: Vec<Located> = base
+        .squares
+        .iter()
+        .enumerate()
+        .filter(|(c, _)| excess[*c] > LISTED)
+        .map(|(c, (channel, _))| {
+            let part = &residual.as_slice()[c * n..(c + 1) * n];
+            describe(data, *channel, part, excess[c], excess[c] / total)
+        })
+        .collect();
+    out.sort_by(|a, b| b.share.total_cmp(&a.share));
+    out
+}
+
+/// Name of the equation to which a channel belongs.
+pub fn equation_of(channel: Channel) -> &'static str {
+    match channel {
+        Channel::ID | Channel::VD => "d",
+        Channel::IQ | Channel::VQ => "q",
+        Channel::OmegaE => "mechanical",
+    }
+}
+
+fn describe(data: &Data, channel: Channel, residual: &[f64], excess: f64, share: f64) -> Located {
+    let regions = regions(data, residual);
+    let transient = data.signals.kind != Kind::OperatingPoints;
+    let orders = if transient && data.signals.angle_known { order(data, residual) } else { None };
+    let frequency = if transient && orders.is_none() { frequency(data, residual) } else { None };
+    let n_p = data.signals.n_p;
+    let (electrical, mechanical) = match orders {
+        Some(order) if (order / n_p).fract().abs() < 1e-9 => (Some(order / n_p), None),
+        Some(order) => (None, Some(order)),
+        None => (None, None),
+    };
+    let trend = trend(data, residual);
+    let mut located = Located {
+        equation: equation_of(channel).into(),
+        share,
+        sentence: String::new(),
+        regions,
+        order_electrical: electrical,
+        order_mechanical: mechanical,
+        frequency_hz: frequency,
+        trend,
+        p_value: chance(residual),
+    };
+    located.sentence = sentence(&located, channel, excess);
+    located
+}
+
+fn sentence(at: &Located, channel: Channel, excess: f64) -> String {
+    let equation = match at.equation.as_str() {
+        "mechanical" => "The equation of motion".to_string(),
+        axis => format!("The {axis}-axis voltage equation"),
+    };
+    let mut text = format!(
+        "{equation} leaves {:.1} times the noise in {}",
+        (1.0 + excess).sqrt(),
+        channel.name()
+    );
+    let regions: Vec<String> = at
+        .regions
+        .iter()
+        .map(|r| format!("{} between {:.3} and {:.3} {}", r.variable, r.low, r.high, r.unit))
+        .collect();
+    if !regions.is_empty() {
+        text += &format!(", most of it for {}", regions.join(" and for "));
+    }
+    if let Some(order) = at.order_electrical {
+        text += &format!("; it repeats {order:.0} times per electrical revolution");
+    }
+    if let Some(order) = at.order_mechanical {
+        text += &format!("; it repeats {order:.0} times per mechanical revolution");
+    }
+    if let Some(f) = at.frequency_hz {
+        text += &format!("; it swings at {f:.1} Hz");
+    }
+    if let Some(trend) = &at.trend {
+        text += &format!("; it {trend} over the recording");
+    }
+    text + "."
+}
+
+/// Per variable, the narrowest run of bins that holds most of the excess, if it is narrow enough to say something.
+pub fn regions(data: &Data, residual: &[f64]) -> Vec<Region> {
+    let s = &data.signals;
+    let mut variables: Vec<(&str, &str, &[f64])> = vec![("omega_e", "rad/s", &s.omega_e)];
+    if let Some([d, q]) = &s.i {
+        variables.push(("i_d", "A", d));
+        variables.push(("i_q", "A", q));
+    }
+    if let Some(tau) = &s.tau_e {
+        variables.push(("tau_e", "N m", tau));
+    }
+    variables.into_iter().filter_map(|(name, unit, x)| narrowest(name, unit, x, residual)).collect()
+}
+
+fn narrowest(name: &str, unit: &str, x: &[f64], residual: &[f64]) -> Option<Region> {
+    let mut order: Vec<usize> = (0..x.len()).collect();
+    order.sort_by(|a, b| x[*a].total_cmp(&x[*b]));
+    if x[order[0]] == x[order[order.len() - 1]] {
+        return None;
+    }
+    let edge = |bin: usize| bin * order.len() / BINS;
+    let excess: Vec<f64> = (0..BINS)
+        .map(|b| order[edge(b)..edge(b + 1)].iter().map(|k| (residual[*k].powi(2) - 1.0).max(0.0)).sum())
+        .collect();
+    let total: f64 = excess.iter().sum();
+    for width in 1..=((REGION.1 * BINS as f64) as usize) {
+        let run = (0..=BINS - width)
+            .map(|b| (b, excess[b..b + width].iter().sum::<f64>()))
+            .max_by(|a, b| a.1.total_cmp(&b.1))?;
+        if run.1 > REGION.0 * total {
+            let (low, high) = (x[order[edge(run.0)]], x[order[edge(run.0 + width) - 1]]);
+            return Some(Region { variable: name.into(), low, high, unit: unit.into() });
+        }
+    }
+    None
+}
+
+/// Mechanical order of the strongest line over the angle, if one stands out.
+fn order(data: &Data, residual: &[f64]) -> Option<f64> {
+    let s = &data.signals;
+    let turned = (s.theta_m[s.len() - 1] - s.theta_m[0]).abs().max(
+        s.theta_m.iter().fold(f64::NEG_INFINITY, |m, x| m.max(*x)) - s.theta_m.iter().fold(f64::INFINITY, |m, x| m.min(*x)),
+    );
+    let mut orders: Vec<f64> = (1..=24).map(|k| f64::from(k) * s.n_p).collect();
+    if turned > TAU {
+        orders.extend((1..=4).map(f64::from).filter(|k| (k / s.n_p).fract() != 0.0));
+    }
+    // What changes slowly by itself must not pass for an order.
+    let mean = residual.iter().sum::<f64>() / residual.len() as f64;
+    let lines = orders.iter().map(|order| {
+        let (mut c, mut q, mut cc, mut qq, mut total) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for k in 0..residual.len() {
+            let (sin, cos) = (order * s.theta_m[k]).sin_cos();
+            let r = residual[k] - mean;
+            c += r * cos;
+            q += r * sin;
+            cc += cos * cos;
+            qq += sin * sin;
+            total += r * r;
+        }
+        (*order, (c * c / cc.max(1e-9) + q * q / qq.max(1e-9)) / total.max(f64::MIN_POSITIVE))
+    });
+    strongest(lines.collect(), residual)
+}
+
+/// Frequency of the strongest line in time, if one stands out, Hz.
+fn frequency(data: &Data, residual: &[f64]) -> Option<f64> {
+    let block = residual.len().div_ceil(SPECTRUM).max(1);
+    let coarse: Vec<f64> =
+        residual.chunks(block).map(|c| c.iter().sum::<f64>() / c.len() as f64).collect();
+    let step = data.signals.period * block as f64;
+    let duration = step * coarse.len() as f64;
+    let total: f64 = residual.iter().map(|r| r * r).sum::<f64>() / block as f64;
+    let most = ((0.25 / step) * duration) as usize;
+    let lines = (4..most.min(800)).map(|k| {
+        let f = k as f64 / duration;
+        let (mut c, mut q) = (0.0, 0.0);
+        for (n, r) in coarse.iter().enumerate() {
+            let (sin, cos) = (TAU * f * step * n as f64).sin_cos();
+            c += r * cos;
+            q += r * sin;
+        }
+        (f, 2.0 * (c * c + q * q) / coarse.len() as f64 / total.max(f64::MIN_POSITIVE))
+    });
+    strongest(lines.collect(), &coarse)
+}
+
+/// The strongest of some lines if its share of the squares is large and unlikely by chance (Fisher's test with the
+/// effective number of samples, corrected for the number of lines).
+fn strongest(lines: Vec<(f64, f64)>, residual: &[f64]) -> Option<f64> {
+    let count = lines.len() as f64;
+    let (at, share) = lines.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let samples = effective_samples(residual).max(8.0);
+    let chance = count * (-share.min(0.999) * 0.5 * samples).exp();
+    (share > LINE.0 && chance < LINE.1).then_some(at)
+}
+
+/// Mean squares of blocks of the residual.
+fn blocks(residual: &[f64]) -> Vec<f64> {
+    let size = (residual.len() / 24).max(1);
+    residual.chunks(size).map(|b| b.iter().map(|r| r * r).sum::<f64>() / b.len() as f64).collect()
+}
+
+fn trend(data: &Data, residual: &[f64]) -> Option<String> {
+    let energy: Vec<f64> = blocks(residual).iter().map(|b| b.max(1e-300).ln()).collect();
+    let n = energy.len() as f64;
+    if n < 12.0 || data.signals.kind == Kind::OperatingPoints {
+        return None;
+    }
+    let mean = energy.iter().sum::<f64>() / n;
+    let centre = (n - 1.0) / 2.0;
+    let (mut xy, mut xx, mut yy) = (0.0, 0.0, 0.0);
+    for (k, e) in energy.iter().enumerate() {
+        let x = k as f64 - centre;
+        xy += x * (e - mean);
+        xx += x * x;
+        yy += (e - mean).powi(2);
+    }
+    let correlation = xy / (xx * yy).sqrt().max(f64::MIN_POSITIVE);
+    let score = correlation * ((n - 2.0) / (1.0 - correlation * correlation).max(1e-9)).sqrt();
+    (score.abs() > 4.5).then(|| if score > 0.0 { "grows" } else { "fades" }.to_string())
+}
+
+/// One-sided probability that blocks of pure noise average so much more than the floor, from their own scatter and a
+/// floor that is known to three per cent.
+fn chance(residual: &[f64]) -> f64 {
+    let energy = blocks(residual);
+    let n = energy.len() as f64;
+    let mean = energy.iter().sum::<f64>() / n;
+    let scatter = energy.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0) / n;
+    let z = (mean - 1.0) / (scatter + 0.06f64.powi(2)).sqrt();
+    upper_tail(z)
+}
+
+/// Upper tail of the normal distribution (Abramowitz & Stegun 7.1.26, with its asymptote far out).
+pub fn upper_tail(z: f64) -> f64 {
+    if z < 0.0 {
+        return 1.0 - upper_tail(-z);
+    }
+    if z > 5.0 {
+        return ((-0.5 * z * z).exp() / (z * TAU.sqrt())).max(1e-300);
+    }
+    let x = z / std::f64::consts::SQRT_2;
+    let t = 1.0 / (1.0 + 0.327_591_1 * x);
+    let poly = t * (0.254_829_592 + t * (-0.284_496_736 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
+    0.5 * poly * (-x * x).exp()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_normal_tail_is_right_where_it_is_known() {
+        for (z, p) in [(0.0, 0.5), (1.0, 0.158_655_25), (1.96, 0.024_997_9), (-1.0, 0.841_344_75)] {
+            assert!((upper_tail(z) - p).abs() < 2e-7, "{z}");
+        }
+        assert!((upper_tail(6.0) / 9.865_9e-10 - 1.0).abs() < 0.03);
+    }
+
+    #[test]
+    fn noise_is_not_significant_and_excess_is() {
+        let noise: Vec<f64> = (0..4800).map(|k| if k % 2 == 0 { 1.0 } else { -1.0 }).collect();
+        assert!(chance(&noise) > 0.3);
+        let loud: Vec<f64> = noise.iter().map(|x| 2.0 * x).collect();
+        assert!(chance(&loud) < 1e-6);
+    }
+}
