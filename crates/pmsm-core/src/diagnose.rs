@@ -30,7 +30,7 @@ use locate::Located;
 use outputs::Outputs;
 use search::{Outcome, Search};
 use std::collections::BTreeMap;
-use verdict::{LEAST_GAIN, PRICE, WORTH};
+use verdict::{LEAST_GAIN, MOST_WORTH, PRICE};
 
 /// Fewest mechanical windows from which every other one is held out where no validation run is given.
 const FEWEST_WINDOWS: usize = 4;
@@ -336,7 +336,7 @@ fn cannot_see(outcome: &Outcome) -> Vec<Unseen> {
         .map(|(effect, why)| Unseen { effect: effect.id().into(), why: why.clone(), power: 0.0 })
         .collect();
     for (prospect, _) in outcome.singles.iter().filter(|(p, _)| !found.contains(&p.effect)) {
-        let expected = 0.5 * WORTH * (1.0 + prospect.visible).ln();
+        let expected = 0.5 * MOST_WORTH * (1.0 + prospect.visible).ln();
         let count = prospect.effect.info().parameters.len() as f64;
         let power = 1.0 - locate::upper_tail((expected - LEAST_GAIN - PRICE * count) / (2.0 * expected + 1.0).sqrt());
         if power < 0.5 {

@@ -70,6 +70,9 @@ macro_rules! dispatch {
     };
 }
 
+#[cfg(test)]
+mod testing;
+
 catalogue! {
     coulomb_friction::CoulombFriction,
     stribeck_friction::StribeckFriction,

@@ -62,7 +62,7 @@ pub fn floors(experiment: &Experiment, p: &[f64]) -> Vec<Floor> {
                     current_noise(signals).unwrap_or_else(|| white_noise(&rest(at)))
                 }
                 Channel::OmegaE => white_noise(&signals.omega_e),
-                Channel::VD | Channel::VQ => neighbour_noise(&rest(at), &signals.omega_e),
+                Channel::VD | Channel::VQ => neighbour_noise(&rest(at), signals),
             };
             // A noiseless log still has a resolution; nothing can be told below it.
             let scale = experiment.measured(*channel).iter().fold(0.0f64, |m, x| m.max(x.abs()));
@@ -107,15 +107,32 @@ fn add_driven(experiment: &Experiment, p: &[f64], clean: &[Vec<f64>], floors: &m
     }
 }
 
-/// Noise of operating points: half the mean squared difference between neighbours in speed.
-fn neighbour_noise(rest: &[f64], omega: &[f64]) -> f64 {
-    let mut order: Vec<usize> = (0..rest.len()).collect();
-    order.sort_by(|a, b| omega[*a].total_cmp(&omega[*b]));
-    let squares = order.windows(2).map(|w| (rest[w[1]] - rest[w[0]]).powi(2));
-    let mut squares: Vec<f64> = squares.collect();
-    squares.sort_by(f64::total_cmp);
+/// Noise of operating points: what rows differ in although they were taken at nearly the same point. Of all nearest
+/// neighbours in speed and currents the closest fifth counts.
+fn neighbour_noise(rest: &[f64], signals: &Signals) -> f64 {
+    let Some([d, q]) = &signals.i else { return 0.0 };
+    let spread = |x: &[f64]| {
+        let mean = x.iter().sum::<f64>() / x.len() as f64;
+        (x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / x.len() as f64).sqrt().max(1e-12)
+    };
+    let axes: [(&[f64], f64); 3] =
+        [(&signals.omega_e, spread(&signals.omega_e)), (d, spread(d)), (q, spread(q))];
+    let distance =
+        |a: usize, b: usize| axes.iter().map(|(x, s)| ((x[a] - x[b]) / s).powi(2)).sum::<f64>();
+    let n = rest.len();
+    let stride = n.div_ceil(600);
+    let mut pairs: Vec<(f64, f64)> = (0..n)
+        .step_by(stride)
+        .filter_map(|a| {
+            let near = (0..n).filter(|b| *b != a).min_by(|x, y| distance(a, *x).total_cmp(&distance(a, *y)))?;
+            Some((distance(a, near), (rest[a] - rest[near]).powi(2)))
+        })
+        .collect();
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let closest = &mut pairs[..(n.div_ceil(stride) / 5).max(3).min(n.div_ceil(stride) - 1)];
+    closest.sort_by(|a, b| a.1.total_cmp(&b.1));
     // The median of a squared normal difference is 2·0.455·σ².
-    (squares[squares.len() / 2] / (2.0 * 0.4549)).sqrt()
+    (closest[closest.len() / 2].1 / (2.0 * 0.4549)).sqrt()
 }
 
 /// Normal deviates by counter, the same on every machine.

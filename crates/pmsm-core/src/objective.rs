@@ -142,8 +142,41 @@ impl<'a> Objective<'a> {
         }
     }
 
-    /// Dual numbers with `L` slots: the last three for the initial values of the segment, the others for parameters.
+    /// Estimates the initial values of each segment, then takes derivatives there and projects out what the initial
+    /// values can still do.
     fn coupled_linear<const L: usize>(&self, p: &[f64], free: &[usize]) -> Linearisation {
+        let signals = self.experiment.signals;
+        let measured = [Channel::ID, Channel::IQ, Channel::OmegaE].map(|c| self.experiment.measured(c));
+        let mut starts: Vec<[f64; 3]> =
+            signals.segments.iter().map(|s| measured.map(|x| x[s.start])).collect();
+        let (seen, initial) = self.coupled_pass::<INITIAL>(p, &[], &starts);
+        for (segment, start) in signals.segments.iter().zip(&mut starts) {
+            let rows = stacked(segment, signals.len());
+            let slope = DMatrix::from_fn(rows.len(), INITIAL, |r, c| initial[(rows[r], c)]);
+            let error = DVector::from_fn(rows.len(), |r, _| seen.residual[rows[r]]);
+            let normal = slope.tr_mul(&slope);
+            let Some(step) = normal.cholesky().map(|c| c.solve(&slope.tr_mul(&error))) else { continue };
+            if step.iter().all(|x| x.is_finite()) {
+                for c in 0..INITIAL {
+                    start[c] -= step[c];
+                }
+            }
+        }
+        let (mut linear, mut initial) = self.coupled_pass::<L>(p, free, &starts);
+        for segment in &signals.segments {
+            project(&stacked(segment, signals.len()), &mut initial, &mut linear);
+        }
+        linear
+    }
+
+    /// Residuals and derivatives from the initial values `starts` of each segment, and the derivatives with respect to
+    /// those. Dual numbers with `L` slots: the last three for the initial values, the others for parameters.
+    fn coupled_pass<const L: usize>(
+        &self,
+        p: &[f64],
+        free: &[usize],
+        starts: &[[f64; 3]],
+    ) -> (Linearisation, DMatrix<f64>) {
         let e = &self.experiment;
         let (n, own, lanes) = (e.signals.len(), e.model.parameter_count(), L - INITIAL);
         let measured = [Channel::ID, Channel::IQ, Channel::OmegaE].map(|c| e.measured(c));
@@ -157,7 +190,11 @@ impl<'a> Objective<'a> {
             for (slot, column) in columns.clone().enumerate() {
                 seeded[free[column]] = Dual::variable(p[free[column]], slot);
             }
-            let start = |x: [f64; 3]| [0, 1, 2].map(|c| Dual::variable(x[c], lanes + c));
+            let start = |k: usize, measured: [f64; 3]| {
+                let known = e.signals.segments.iter().position(|s| s.start == k);
+                let x = known.map_or(measured, |s| starts[s]);
+                [0, 1, 2].map(|c| Dual::variable(x[c], lanes + c))
+            };
             let (load, all) = (seeded[own], 0..n);
             coupled::run_from(e.model, e.signals, all, &seeded[..own], load, start, |k, now| {
                 for c in 0..3 {
@@ -173,11 +210,7 @@ impl<'a> Objective<'a> {
                 true
             });
         }
-        for segment in &e.signals.segments {
-            let rows: Vec<usize> = (0..3).flat_map(|c| segment.clone().map(move |k| c * n + k)).collect();
-            project(&rows, &mut initial, residual.as_mut_slice(), &mut jacobian);
-        }
-        Linearisation { residual, jacobian }
+        (Linearisation { residual, jacobian }, initial)
     }
 
     /// Root mean square of measured minus model in each channel, in the channel's own unit.
@@ -187,8 +220,13 @@ impl<'a> Objective<'a> {
     }
 }
 
+/// The rows of a segment in three stacked channels of `n` samples.
+fn stacked(segment: &Range<usize>, n: usize) -> Vec<usize> {
+    (0..3).flat_map(|c| segment.clone().map(move |k| c * n + k)).collect()
+}
+
 /// Takes the columns of `initial`, restricted to `rows`, out of the residual and of the derivatives (Gram–Schmidt).
-fn project(rows: &[usize], initial: &mut DMatrix<f64>, residual: &mut [f64], jacobian: &mut DMatrix<f64>) {
+fn project(rows: &[usize], initial: &mut DMatrix<f64>, linear: &mut Linearisation) {
     let remove = |direction: &[f64], x: &mut [f64]| {
         let share: f64 = rows.iter().zip(direction).map(|(r, d)| x[*r] * d).sum();
         for (r, d) in rows.iter().zip(direction) {
@@ -205,8 +243,8 @@ fn project(rows: &[usize], initial: &mut DMatrix<f64>, residual: &mut [f64], jac
         for mut later in initial.column_iter_mut().skip(column + 1) {
             remove(&direction, later.as_mut_slice());
         }
-        remove(&direction, residual);
-        for mut derivative in jacobian.column_iter_mut() {
+        remove(&direction, linear.residual.as_mut_slice());
+        for mut derivative in linear.jacobian.column_iter_mut() {
             remove(&direction, derivative.as_mut_slice());
         }
     }

@@ -5,6 +5,7 @@ mod diagnosis;
 mod errors;
 mod machine;
 mod recording;
+mod run;
 mod supervise;
 
 use pyo3::prelude::*;
@@ -24,6 +25,8 @@ mod _core {
     use super::machine::PyMachine;
     #[pymodule_export]
     use super::recording::PyRecording;
+    #[pymodule_export]
+    use super::run::identify;
     use super::{Bound, PyModule, PyModuleMethods, PyResult, supervise};
 
     #[pymodule_init]

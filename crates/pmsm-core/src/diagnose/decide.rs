@@ -36,6 +36,8 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
     } else {
         UNKNOWN.0 + UNKNOWN.1 * left * left
     };
+    let loss = |judged: &Judged| outcome.scale.loss(judged);
+    let floor = loss(&outcome.best);
     let mut ranked: Vec<Ranked> = Vec::new();
     for &effect in &effects {
         let rivals: Vec<(EffectId, &Judged)> = outcome
@@ -45,14 +47,14 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
             .map(|(_, by, judged)| (*by, judged))
             .collect();
         let removed = outcome.swaps.iter().find(|(a, b, _)| *a == effect && a == b).map(|(_, _, j)| j);
-        let odds = |judged: &Judged| (-(judged.loss() - outcome.best.loss())).min(50.0).exp();
+        let odds = |judged: &Judged| (floor - loss(judged)).min(50.0).exp();
         let none = odds(removed.unwrap_or(&outcome.base));
         let sum = 1.0 + none + rivals.iter().map(|(e, j)| weight(*e, effect) * odds(j)).sum::<f64>();
         let share = (1.0 - unknown) / sum;
         let equivalent: Vec<EffectId> = rivals
             .iter()
             .filter(|(e, j)| {
-                !generalises(*e, effect) && j.loss() < outcome.best.loss() + INDISTINGUISHABLE
+                !generalises(*e, effect) && loss(j) < floor + INDISTINGUISHABLE
             })
             .map(|(e, _)| *e)
             .collect();
@@ -92,7 +94,7 @@ fn unlikely(outcome: &Outcome) -> Vec<Ranked> {
         .filter_map(|(prospect, judged)| {
             let judged = judged.as_ref()?;
             let left = judged.unexplained(&outcome.base).max(1.0);
-            let odds = (outcome.base.loss() - judged.loss()).min(0.0).exp();
+            let odds = (outcome.scale.loss(&outcome.base) - outcome.scale.loss(judged)).min(0.0).exp();
             let probability = 0.2 * odds / left;
             (probability > LEAST_LISTED).then(|| Ranked {
                 effect: prospect.effect,

@@ -137,12 +137,14 @@ pub struct Hypothesis {
     pub nuisance: Nuisance,
     /// Mean square of the residual over the floor's, per channel of the recording.
     pub squares: Vec<(Channel, f64)>,
+    /// Independent samples that each channel's mean square rests on.
+    pub samples: Vec<f64>,
 }
 
 impl Hypothesis {
     /// A model at given parameters, before anything was fitted.
     pub fn bare(model: Model, parameters: Vec<f64>) -> Self {
-        Self { model, parameters, free: Vec::new(), nuisance: Nuisance::known(0), squares: Vec::new() }
+        Self { model, parameters, free: Vec::new(), nuisance: Nuisance::known(0), squares: Vec::new(), samples: Vec::new() }
     }
 
     /// Its effects.
@@ -243,11 +245,30 @@ pub fn transfer(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) -> 
 }
 
 fn finish(data: &Data, model: Model, parameters: Vec<f64>, free: Vec<usize>, nuisance: Nuisance) -> Hypothesis {
-    let mut out = Hypothesis { model, parameters, free, nuisance, squares: Vec::new() };
+    let mut out = Hypothesis { model, parameters, free, nuisance, squares: Vec::new(), samples: Vec::new() };
     let experiment = data.whole(&out);
-    let rms = experiment.relative_rms(&experiment.residual(&out.parameters));
-    out.squares = experiment.channels.iter().zip(rms).map(|((c, _), r)| (*c, r * r)).collect();
+    let residual = experiment.residual(&out.parameters);
+    let rms = experiment.relative_rms(&residual);
+    let n = data.signals.len();
+    let samples = (0..rms.len()).map(|c| energy_samples(&residual.as_slice()[c * n..(c + 1) * n])).collect();
+    let squares = experiment.channels.iter().zip(rms).map(|((c, _), r)| (*c, r * r)).collect();
+    (out.squares, out.samples) = (squares, samples);
     out
+}
+
+/// Blocks over which the energy of a residual is compared.
+const BLOCKS: usize = 24;
+
+/// Independent samples behind a mean square, from how much it varies from block to block: for n normal samples the mean
+/// square has the variance 2σ⁴/n. Held-out samples, which are exactly zero, do not count.
+fn energy_samples(residual: &[f64]) -> f64 {
+    let kept: Vec<f64> = residual.iter().filter(|r| **r != 0.0).map(|r| r * r).collect();
+    let size = (kept.len() / BLOCKS).max(1);
+    let means: Vec<f64> = kept.chunks_exact(size).map(|b| b.iter().sum::<f64>() / size as f64).collect();
+    let count = means.len() as f64;
+    let mean = means.iter().sum::<f64>() / count;
+    let variance = means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+    if variance > 0.0 { 2.0 * mean * mean * count / variance } else { kept.len() as f64 }
 }
 
 /// Free model parameters: electrical, mechanical, and those of sensors.

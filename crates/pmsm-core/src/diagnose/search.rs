@@ -3,7 +3,7 @@
 
 use super::hypothesis::{self, Data, Hypothesis};
 use super::shortlist::{Prospect, Scorer};
-use super::verdict::{Judged, LEAST_GAIN, MISMATCH, PROGRESS};
+use super::verdict::{Judged, LEAST_GAIN, MISMATCH, PROGRESS, Scale};
 use crate::effect::{Need, Site};
 use crate::effects::{self, EffectId};
 use crate::error::Result;
@@ -46,6 +46,8 @@ pub struct Outcome {
     pub swaps: Vec<(EffectId, EffectId, Judged)>,
     /// Effects that could not be judged, and why.
     pub unfit: Vec<(EffectId, String)>,
+    /// How they were compared.
+    pub scale: Scale,
 }
 
 impl Search<'_> {
@@ -58,18 +60,16 @@ impl Search<'_> {
         let (able, unfit) = self.able();
         let singles = self.extend(&base, &able, SINGLES)?;
         self.monitor.report("single effects", 0.6);
-        let mut beam: Vec<Judged> = singles.iter().filter_map(|(_, j)| j.clone()).collect();
-        beam.push(base.clone());
-        beam.sort_by(|a, b| a.loss().total_cmp(&b.loss()));
-        let mut best = beam[0].clone();
-        if !best.beats(&base) {
-            best = base.clone();
-        }
+        let mut seen: Vec<Judged> = singles.iter().filter_map(|(_, j)| j.clone()).collect();
+        seen.push(base.clone());
+        let mut scale = Scale::new(seen.iter());
+        let mut beam = sorted(&seen, &scale);
+        let mut best = if scale.beats(&beam[0], &base) { beam[0].clone() } else { base.clone() };
         for size in 2..=MOST {
-            if explained(&best, &base) || self.monitor.cancelled() {
+            if best.excess() < MISMATCH || self.monitor.cancelled() {
                 break;
             }
-            self.monitor.report("combinations of effects", 0.6 + 0.1 * size as f64);
+            self.monitor.report("combinations of effects", 0.5 + 0.1 * size as f64);
             beam.retain(|j| j.fitted.effects().len() == size - 1);
             beam.truncate(BEAM);
             let mut larger: Vec<Judged> = Vec::new();
@@ -81,23 +81,18 @@ impl Search<'_> {
                     .collect();
                 larger.extend(self.extend(parent, &rest, BRANCHES)?.into_iter().filter_map(|(_, j)| j));
             }
-            larger.sort_by(|a, b| a.loss().total_cmp(&b.loss()));
-            beam = larger;
+            seen.extend(larger.iter().cloned());
+            scale = Scale::new(seen.iter());
+            beam = sorted(&larger, &scale);
             match beam.first() {
-                Some(first)
-                    if first.beats(&best)
-                        && (best.fitted.effects().is_empty()
-                            || first.unexplained(&base) < PROGRESS * best.unexplained(&base)) =>
-                {
-                    best = first.clone();
-                }
+                Some(first) if scale.beats(first, &best) && progress(first, &best) => best = first.clone(),
                 _ => break,
             }
         }
-        let best = self.pruned(best)?;
+        let best = self.pruned(best, &scale)?;
         let swaps = self.swaps(&best, &able, &singles)?;
         self.monitor.report("alternatives", 0.95);
-        Ok(Outcome { base, singles, best, swaps, unfit })
+        Ok(Outcome { base, singles, best, swaps, unfit, scale })
     }
 
     /// Transfers a fitted hypothesis to the held-out run.
@@ -206,7 +201,7 @@ impl Search<'_> {
     }
 
     /// Drops effects that the others make superfluous.
-    fn pruned(&self, mut best: Judged) -> Result<Judged> {
+    fn pruned(&self, mut best: Judged, scale: &Scale) -> Result<Judged> {
         'again: loop {
             let effects = best.fitted.effects();
             if effects.len() < 2 {
@@ -214,7 +209,7 @@ impl Search<'_> {
             }
             for drop in &effects {
                 let fewer = self.without(&best, *drop)?;
-                if fewer.loss() < best.loss() + LEAST_GAIN {
+                if scale.loss(&fewer) < scale.loss(&best) + LEAST_GAIN {
                     best = fewer;
                     continue 'again;
                 }
@@ -264,9 +259,16 @@ impl Search<'_> {
     }
 }
 
-/// Whether nothing is left that a further effect would have to explain.
-fn explained(best: &Judged, base: &Judged) -> bool {
-    if best.fitted.effects().is_empty() { base.excess() < MISMATCH } else { best.unexplained(base) <= 1.0 }
+/// Hypotheses by loss, best first.
+fn sorted(hypotheses: &[Judged], scale: &Scale) -> Vec<Judged> {
+    let mut sorted = hypotheses.to_vec();
+    sorted.sort_by(|a, b| scale.loss(a).total_cmp(&scale.loss(b)));
+    sorted
+}
+
+/// Whether a larger set takes away a good part of what the smaller one leaves.
+fn progress(larger: &Judged, smaller: &Judged) -> bool {
+    smaller.fitted.effects().is_empty() || larger.all_squares() < PROGRESS * smaller.all_squares()
 }
 
 /// Model and parameters without one of the effects.

@@ -1,22 +1,24 @@
 //! How fitted hypotheses are compared, and when an effect is named.
 //!
-//! Every channel counts by the logarithm of its mean square over the floor's, worth [`WORTH`] independent samples: far fewer than
-//! the recording has, because what decides between hypotheses is the models' imperfection and the residual's colour,
-//! not the sensors' noise. A recording that was not used for fitting counts like the one that was. One nat of this
-//! measure is about half a per cent of the floor in one channel of both.
+//! Every channel counts by the logarithm of its mean square over the floor's, times half the number of independent samples
+//! behind it. That number is taken from how the energy of the best model's residual varies from block to block, and never
+//! above [`MOST_WORTH`]: what decides between hypotheses on a good log is the models' imperfection, not the sensors'
+//! noise. Recordings that were not used for fitting count like the one that was. On a good log one nat is about
+//! half a per cent of the floor in one channel.
 
 use super::hypothesis::Hypothesis;
 use crate::experiment::Channel;
 
-/// Independent samples that one channel is worth.
-pub const WORTH: f64 = 200.0;
+/// Most and fewest independent samples that one channel is worth.
+pub const MOST_WORTH: f64 = 200.0;
+const LEAST_WORTH: f64 = 10.0;
 /// Price of one parameter, nats.
 pub const PRICE: f64 = 0.5;
 /// An effect must gain this many nats beyond its price.
 pub const LEAST_GAIN: f64 = 3.0;
 /// And this many on recordings that were not used for fitting.
 pub const LEAST_HELD_OUT: f64 = 1.5;
-/// A further effect must bring what is unexplained below this share of what it was.
+/// A further effect must bring the excess that is left below this share of what it was.
 pub const PROGRESS: f64 = 0.6;
 /// Rivals within this many nats cannot be told apart.
 pub const INDISTINGUISHABLE: f64 = 3.0;
@@ -36,25 +38,71 @@ pub struct Judged {
     pub held_out: Vec<Hypothesis>,
 }
 
-impl Judged {
-    /// Loss in nats; differences between hypotheses are log odds.
-    pub fn loss(&self) -> f64 {
-        let count = self.fitted.free.iter().filter(|k| **k < self.fitted.model.parameter_count()).count();
-        let price = PRICE * (count + 2 * self.fitted.nuisance.steps()) as f64;
-        let others: f64 = self.held_out.iter().map(misfit).sum();
-        (misfit(&self.fitted) + others) / (1 + self.held_out.len()) as f64 + price
+/// What each channel's evidence is worth, on the fitted and on the held-out recordings.
+#[derive(Debug, Clone)]
+pub struct Scale {
+    fitted: Vec<f64>,
+    held_out: Vec<Vec<f64>>,
+}
+
+impl Scale {
+    /// From the whitest residual that any of the hypotheses leaves in each channel.
+    pub fn new<'a>(hypotheses: impl Iterator<Item = &'a Judged> + Clone) -> Self {
+        let widest = |pick: &dyn Fn(&Judged) -> Option<Vec<f64>>| -> Vec<f64> {
+            let mut most: Vec<f64> = Vec::new();
+            for samples in hypotheses.clone().filter_map(pick) {
+                most.resize(samples.len(), LEAST_WORTH);
+                for (m, s) in most.iter_mut().zip(samples) {
+                    *m = m.max(s.min(MOST_WORTH));
+                }
+            }
+            most
+        };
+        let count = hypotheses.clone().map(|j| j.held_out.len()).max().unwrap_or(0);
+        Self {
+            fitted: widest(&|j| Some(j.fitted.samples.clone())),
+            held_out: (0..count).map(|k| widest(&|j| j.held_out.get(k).map(|h| h.samples.clone()))).collect(),
+        }
+    }
+
+    /// Loss of a hypothesis in nats; differences are log odds.
+    pub fn loss(&self, judged: &Judged) -> f64 {
+        let fitted = &judged.fitted;
+        let count = fitted.free.iter().filter(|k| **k < fitted.model.parameter_count()).count();
+        let price = PRICE * (count + 2 * fitted.nuisance.steps()) as f64;
+        let all = misfit(fitted, &self.fitted) + self.others(judged);
+        all / (1 + judged.held_out.len()) as f64 + price
     }
 
     /// Misfit on the held-out recordings (on the recording where there are none), nats, without any price.
-    pub fn held_out_misfit(&self) -> f64 {
-        let others: f64 = self.held_out.iter().map(misfit).sum();
-        if self.held_out.is_empty() { misfit(&self.fitted) } else { others / self.held_out.len() as f64 }
+    pub fn held_out_misfit(&self, judged: &Judged) -> f64 {
+        if judged.held_out.is_empty() {
+            misfit(&judged.fitted, &self.fitted)
+        } else {
+            self.others(judged) / judged.held_out.len() as f64
+        }
     }
 
+    fn others(&self, judged: &Judged) -> f64 {
+        judged.held_out.iter().zip(&self.held_out).map(|(h, worth)| misfit(h, worth)).sum()
+    }
+
+    /// Whether `a` is worth its parameters over `b`: on all recordings together, and not only on the fitted one.
+    pub fn beats(&self, a: &Judged, b: &Judged) -> bool {
+        self.loss(a) < self.loss(b) - LEAST_GAIN
+            && self.held_out_misfit(a) < self.held_out_misfit(b) - LEAST_HELD_OUT
+    }
+}
+
+impl Judged {
     /// Excess mean squares on the held-out recordings (on the recording where there are none), summed over channels.
     pub fn held_out_squares(&self) -> f64 {
-        let excess = |h: &Hypothesis| h.squares.iter().map(|(_, s)| (s - 1.0).max(0.0)).sum::<f64>();
         if self.held_out.is_empty() { excess(&self.fitted) } else { self.held_out.iter().map(excess).sum() }
+    }
+
+    /// Excess mean squares on all recordings, summed over channels.
+    pub fn all_squares(&self) -> f64 {
+        excess(&self.fitted) + self.held_out.iter().map(excess).sum::<f64>()
     }
 
     /// Largest share of a channel's excess that `self` leaves of what `base` leaves, beyond the tolerance: at most one
@@ -68,20 +116,18 @@ impl Judged {
             .fold(on_recording, f64::max)
     }
 
-    /// Whether `self` is worth its parameters over `other`: on all recordings together, and not only on the fitted one.
-    pub fn beats(&self, other: &Judged) -> bool {
-        self.loss() < other.loss() - LEAST_GAIN && self.held_out_misfit() < other.held_out_misfit() - LEAST_HELD_OUT
-    }
-
     /// Largest excess mean square of any channel on the recording.
     pub fn excess(&self) -> f64 {
         self.fitted.squares.iter().map(|(_, s)| s - 1.0).fold(0.0, f64::max)
     }
 }
 
-fn misfit(hypothesis: &Hypothesis) -> f64 {
-    let sum: f64 = hypothesis.squares.iter().map(|(_, s)| log_square(*s)).sum();
-    0.5 * WORTH * sum
+fn excess(hypothesis: &Hypothesis) -> f64 {
+    hypothesis.squares.iter().map(|(_, s)| (s - 1.0).max(0.0)).sum()
+}
+
+fn misfit(hypothesis: &Hypothesis, worth: &[f64]) -> f64 {
+    hypothesis.squares.iter().zip(worth).map(|((_, s), w)| 0.5 * w * log_square(*s)).sum()
 }
 
 /// Logarithm of a mean square; what falls below the floor is chance and earns nothing, what is not a number costs all.

@@ -50,3 +50,18 @@ impl Effect for AsymmetricFriction {
         out.loss += p[0] * (at.omega_m * sign) + p[1] * sign.squared();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::{close, loss, shaft};
+
+    #[test]
+    fn forward_friction_grows_by_what_backward_friction_loses() {
+        let friction = |w: f64| loss::<AsymmetricFriction>(&[0.01, 0.2], &shaft(0.0, w, 0.0));
+        close(friction(50.0), 0.2 + 0.5, 1e-12);
+        // Turning backwards the same torque helps the motion along.
+        close(friction(-50.0), 0.2 + 0.5, 1e-12);
+        close(friction(0.0), 0.0, 0.0);
+    }
+}

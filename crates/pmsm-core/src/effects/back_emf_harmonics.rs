@@ -62,3 +62,56 @@ impl Effect for BackEmfHarmonics {
         ]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::{CX, close, env};
+    use crate::transforms::{inverse_park, park};
+    use proptest::prelude::*;
+    use std::f64::consts::TAU;
+
+    const PSI: f64 = 0.193;
+
+    fn magnet(p: &[f64], theta: f64) -> Magnet<f64> {
+        let mut out = Magnet { flux: [PSI, 0.0], slope: [0.0; 2] };
+        BackEmfHarmonics::magnet(p, PSI, &env(theta, 300.0), &CX, &mut out);
+        out
+    }
+
+    /// ψ_m·Σ h_n·cos(n·θ + φ_n) of one phase, and its derivative with respect to θ.
+    fn phase(h: [f64; 2], phi: [f64; 2], theta: f64) -> (f64, f64) {
+        let (five, seven) = (5.0 * theta + phi[0], 7.0 * theta + phi[1]);
+        let flux = theta.cos() + h[0] * five.cos() + h[1] * seven.cos();
+        let slope = -theta.sin() - 5.0 * h[0] * five.sin() - 7.0 * h[1] * seven.sin();
+        (PSI * flux, PSI * slope)
+    }
+
+    proptest! {
+        #[test]
+        fn flux_and_torque_are_those_of_the_phases(
+            h in prop::array::uniform2(0.0..0.05f64), phi in prop::array::uniform2(0.0..TAU), theta in 0.0..TAU,
+            i in prop::array::uniform2(-10.0..10.0f64),
+        ) {
+            let p = [h[0] * phi[0].cos(), h[0] * phi[0].sin(), h[1] * phi[1].cos(), h[1] * phi[1].sin()];
+            let phases = [0.0, 1.0, 2.0].map(|x| phase(h, phi, theta - x * TAU / 3.0));
+            let (s, c) = theta.sin_cos();
+            let got = magnet(&p, theta);
+            let flux = park(phases.map(|x| x.0), c, s);
+            prop_assert!((got.flux[0] - flux[0]).abs() < 1e-12 && (got.flux[1] - flux[1]).abs() < 1e-12);
+            // Without saliency τ_e/n_p = Σ i_x·dψ_x/dθ.
+            let currents = inverse_park(i, c, s);
+            let torque: f64 = (0..3).map(|x| currents[x] * phases[x].1).sum();
+            let vector = got.flux[0] * i[1] - got.flux[1] * i[0] + got.slope[0] * i[0] + got.slope[1] * i[1];
+            prop_assert!((1.5 * vector - torque).abs() < 1e-11);
+        }
+    }
+
+    #[test]
+    fn results_are_shares_of_the_induced_voltage() {
+        let p = [0.003, 0.004, 0.0, -0.002];
+        let out = BackEmfHarmonics::outputs(&p, &crate::effects::testing::base(), &CX);
+        close(out[0].2, 5.0 * 0.005, 1e-14);
+        close(out[1].2, 7.0 * 0.002, 1e-14);
+    }
+}

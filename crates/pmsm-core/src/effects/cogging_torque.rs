@@ -79,3 +79,30 @@ impl Effect for CoggingTorque {
         ]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::{CX, close, fourier, loss, shaft};
+
+    #[test]
+    fn lines_stand_at_n_and_twice_n_per_revolution_and_do_no_work() {
+        let p = [0.1, -0.2, 0.03, 0.04, 18.0];
+        let torque = |theta: f64| loss::<CoggingTorque>(&p, &shaft(theta, 5.0, 3.0));
+        for (order, a, b) in [(0, 0.0, 0.0), (6, 0.0, 0.0), (18, 0.1, -0.2), (36, 0.03, 0.04)] {
+            let line = fourier(order, torque);
+            close(line.0, a, 1e-12);
+            close(line.1, b, 1e-12);
+        }
+    }
+
+    #[test]
+    fn every_tried_order_is_a_multiple_of_the_poles() {
+        let slow = Context { period: 1e-3, ..CX };
+        for cx in [CX, slow] {
+            let probes = CoggingTorque::probes(&cx);
+            assert!(!probes.is_empty() && probes.iter().all(|p| p[4] % (2.0 * cx.n_p) == 0.0));
+        }
+        assert!(CoggingTorque::probes(&slow).len() < CoggingTorque::probes(&CX).len());
+    }
+}

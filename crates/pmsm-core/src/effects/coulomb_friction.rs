@@ -57,3 +57,23 @@ impl Effect for CoulombFriction {
         out.loss += p[0] * (at.omega_m / p[1]).tanh();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::{CX, close, loss, shaft};
+
+    #[test]
+    fn torque_is_constant_against_the_motion_and_turns_over_at_standstill() {
+        let friction = |w: f64| loss::<CoulombFriction>(&[0.3, 0.4], &shaft(0.0, w, 0.0));
+        for (w, expected) in [(100.0, 0.3), (5.0, 0.3), (-5.0, -0.3), (0.0, 0.0), (0.4, 0.3 * 1f64.tanh())] {
+            close(friction(w), expected, 1e-9);
+        }
+    }
+
+    #[test]
+    fn direction_is_a_sign_beyond_a_hundredth_of_the_top_speed() {
+        close(direction(0.01 * CX.omega_m_max(), &CX), 1.0, 1e-4);
+        close(direction(-CX.omega_m_max(), &CX), -1.0, 0.0);
+    }
+}

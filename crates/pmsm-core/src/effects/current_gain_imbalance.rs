@@ -54,3 +54,33 @@ impl Effect for CurrentGainImbalance {
         vec![("g_a", "1", a), ("g_b", "1", b), ("g_c", "1", c)]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::EffectId;
+    use crate::effects::testing::{CX, base, close, fourier};
+    use crate::model::Model;
+
+    #[test]
+    fn a_current_is_seen_with_a_second_order_of_half_the_gain_error_and_no_mean() {
+        let model = Model::new(CX, &[EffectId::CurrentGainImbalance]);
+        let p = [&crate::effects::testing::MACHINE[..], &[0.03, 0.04]].concat();
+        let error = |theta: f64, axis: usize| {
+            let sensor = model.sensor(&p, &crate::effects::testing::env(theta, 0.0));
+            model.measured_current(&sensor, [0.0, 8.0], theta)[axis] - [0.0, 8.0][axis]
+        };
+        for axis in 0..2 {
+            close(fourier(0, |theta| error(theta, axis)).0, 0.0, 1e-12);
+            let (a, b) = fourier(2, |theta| error(theta, axis));
+            close(a.hypot(b), 0.5 * 0.05 * 8.0, 1e-12);
+        }
+    }
+
+    #[test]
+    fn gains_have_no_common_part_and_phase_a_reads_the_alpha_part() {
+        let out = CurrentGainImbalance::outputs(&[0.02, -0.01], &base(), &CX);
+        close(out[0].2, 1.02, 1e-15);
+        close(out.iter().map(|x| x.2).sum::<f64>(), 3.0, 1e-15);
+    }
+}

@@ -54,3 +54,30 @@ impl Effect for CurrentOffset {
         vec![("o_a", "A", a), ("o_b", "A", b), ("o_c", "A", c)]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::EffectId;
+    use crate::effects::testing::{CX, MACHINE, base, close, env};
+    use crate::model::Model;
+    use crate::transforms::{inverse_park, park};
+
+    #[test]
+    fn the_log_shows_the_phase_currents_shifted() {
+        let model = Model::new(CX, &[EffectId::CurrentOffset]);
+        let p = [&MACHINE[..], &[0.1, -0.2]].concat();
+        let common = 0.05;
+        let o = CurrentOffset::outputs(&p[6..], &base(), &Context { zero_sequence: common, ..CX });
+        for theta in [0.0, 0.9, 4.0] {
+            let (s, c): (f64, f64) = f64::sin_cos(theta);
+            let true_phases = inverse_park([-2.0, 7.0], c, s);
+            let shown = park([0, 1, 2].map(|x| true_phases[x] + o[x].2), c, s);
+            let sensor = model.sensor(&p, &env(theta, 0.0));
+            let got = model.measured_current(&sensor, [-2.0, 7.0], theta);
+            close(got[0], shown[0], 1e-14);
+            close(got[1], shown[1], 1e-14);
+        }
+        close(o.iter().map(|x| x.2).sum::<f64>(), 3.0 * common, 1e-14);
+    }
+}

@@ -38,7 +38,7 @@ impl Effect for DcLinkSag {
                 role: Role::Shape,
                 low: |cx| cx.period,
                 high: |_| 1.0,
-                typical: |_| 0.02,
+                typical: |cx| cx.period.max(0.02),
             },
         ],
     };
@@ -58,5 +58,35 @@ impl Effect for DcLinkSag {
     fn electrical_states<T: Real>(p: &[T], x: &[T], at: &Electrical<T>, cx: &Context, dx: &mut [T]) {
         let power = (at.v[0] * at.i[0] + at.v[1] * at.i[1]) * 1.5;
         dx[0] = (p[0] * power * (1.0 / (cx.v_dc * cx.v_dc)) - x[0]) / p[1];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::{CX, close, lost, winding};
+
+    #[test]
+    fn steady_sag_is_source_resistance_times_power_over_voltage_squared() {
+        let at = Electrical { v: [-30.0, 120.0], ..winding([-2.0, 8.0], 0.0, 500.0) };
+        let power = 1.5 * (30.0 * 2.0 + 120.0 * 8.0);
+        let sag = 3.0 * power / (540.0 * 540.0);
+        let mut dx = [0.0];
+        DcLinkSag::electrical_states(&[3.0, 0.02], &[sag], &at, &CX, &mut dx);
+        close(dx[0], 0.0, 1e-12);
+        // The link itself: v_dc·(1 − x) behind 3 Ω feeds the inverter that turns out v*·(1 − x).
+        let current = (540.0 - 540.0 * (1.0 - sag)) / 3.0;
+        close(540.0 * (1.0 - sag) * current, power * (1.0 - sag), 1e-12);
+        let gone = lost::<DcLinkSag>(&[3.0, 0.02], &[sag], &at);
+        close(gone[0], -30.0 * sag, 1e-14);
+        close(gone[1], 120.0 * sag, 1e-14);
+    }
+
+    #[test]
+    fn the_capacitor_sets_the_pace() {
+        let at = winding([0.0; 2], 0.0, 0.0);
+        let mut dx = [0.0];
+        DcLinkSag::electrical_states(&[3.0, 0.02], &[0.1], &at, &CX, &mut dx);
+        close(dx[0], -0.1 / 0.02, 1e-12);
     }
 }

@@ -52,10 +52,45 @@ impl Effect for DeadTime {
     #[inline(always)]
     fn voltage<T: Real>(p: &[T], _: &[T], at: &Electrical<T>, _: &Context, lost: &mut [T; 2]) {
         let (s, c) = at.sin_cos;
-        let phases = inverse_park(at.i, c, s)
-            .map(|i| p[0] * i / (i.squared() + p[1].squared()).sqrt());
+        let phases = inverse_park(at.i, c, s).map(|i| p[0] * i / (i.squared() + p[1].squared()).sqrt());
         let [d, q] = park(phases, c, s);
         lost[0] += d;
         lost[1] += q;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::{close, fourier, lost, winding};
+    use std::f64::consts::PI;
+
+    /// Lost voltage along and across the current of size `i`, at the angle of the current.
+    fn around(i: f64, theta: f64) -> [f64; 2] {
+        lost::<DeadTime>(&[2.0, 1e-3], &[], &winding([i, 0.0], theta, 0.0))
+    }
+
+    #[test]
+    fn square_waves_leave_a_mean_along_the_current_and_a_sixth_order_across_it() {
+        // sgn(cos x) = 4/π·(cos x − cos 3x/3 + cos 5x/5 − cos 7x/7 …): orders 5 and 7 turn six times in the frame of the
+        // current, orders 11 and 13 twelve times.
+        let per_volt = 2.0 * 4.0 / PI;
+        close(fourier(0, |x| around(8.0, x)[0]).0, per_volt, 1e-3);
+        close(fourier(0, |x| around(8.0, x)[1]).0, 0.0, 1e-9);
+        close(fourier(6, |x| around(8.0, x)[0]).0, per_volt * (1.0 / 5.0 - 1.0 / 7.0), 1e-3);
+        close(fourier(6, |x| around(8.0, x)[1]).1.abs(), per_volt * (1.0 / 5.0 + 1.0 / 7.0), 1e-3);
+        close(fourier(12, |x| around(8.0, x)[1]).1.abs(), per_volt * (1.0 / 11.0 + 1.0 / 13.0), 1e-3);
+    }
+
+    #[test]
+    fn the_mean_does_not_grow_with_the_current() {
+        close(fourier(0, |x| around(8.0, x)[0]).0, fourier(0, |x| around(2.0, x)[0]).0, 1e-3);
+    }
+
+    #[test]
+    fn far_below_the_threshold_it_is_a_resistance() {
+        let v = lost::<DeadTime>(&[2.0, 0.5], &[], &winding([1e-4, 2e-4], 0.7, 0.0));
+        close(v[0] / (1e-4 * 2.0 / 0.5), 1.0, 1e-6);
+        close(v[1] / (2e-4 * 2.0 / 0.5), 1.0, 1e-6);
     }
 }

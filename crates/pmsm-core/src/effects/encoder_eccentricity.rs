@@ -57,3 +57,45 @@ impl Effect for EncoderEccentricity {
         vec![("amplitude_el_rad", "rad", (p[0].squared() + p[1].squared()).sqrt())]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::EffectId;
+    use crate::effects::testing::{CX, MACHINE, base, close, env};
+    use crate::model::Model;
+    use crate::simulate::electrical::true_env;
+
+    #[test]
+    fn true_speed_is_the_derivative_of_the_true_angle() {
+        let model = Model::new(CX, &[EffectId::EncoderEccentricity]);
+        let p = [&MACHINE[..], &[0.05, -0.08]].concat();
+        let truth = |t: f64| {
+            let measured = env(1.0 + 300.0 * t, 300.0);
+            true_env(&model.sensor(&p, &measured), &measured, CX.n_p)
+        };
+        let h = 1e-6;
+        for t in [0.0, 0.01, 0.037] {
+            let slope = (truth(t + h).theta_e - truth(t - h).theta_e) / (2.0 * h);
+            close(truth(t).omega_e, slope, 1e-8);
+        }
+        // Once per mechanical revolution, not per electrical one.
+        let turn = std::f64::consts::TAU / 300.0;
+        let error = |t: f64| 1.0 + 300.0 * t - truth(t).theta_e;
+        close(error(CX.n_p * turn), error(0.0), 1e-12);
+        assert!((error(turn) - error(0.0)).abs() > 0.01);
+        close(EncoderEccentricity::outputs(&p[6..], &base(), &CX)[0].2, 0.05f64.hypot(0.08), 1e-15);
+    }
+
+    #[test]
+    fn the_same_error_is_found_from_another_zero() {
+        let angle = |p: &[f64], theta_m: f64| {
+            let mut out = Sensor { gain: [1.0; 3], offset: [0.0; 3], angle: 0.0, angle_slope: 0.0 };
+            EncoderEccentricity::sensor(p, &env(theta_m * CX.n_p, 0.0), &CX, &mut out);
+            out.angle
+        };
+        let mut turned = [0.05, -0.08];
+        assert!(EncoderEccentricity::turned(&mut turned, 0.7));
+        close(angle(&turned, 1.1 + 0.7), angle(&[0.05, -0.08], 1.1), 1e-14);
+    }
+}

@@ -70,3 +70,47 @@ fn six_fold<T: Real>((s, c): (T, T)) -> (T, T) {
     let (s4, c4) = double(s2, c2);
     (s4 * c2 + c4 * s2, c4 * c2 - s4 * s2)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::EffectId;
+    use crate::effects::testing::{CX, MACHINE, base, close, env};
+    use crate::model::Model;
+    use crate::transforms::{inverse_park, park};
+    use proptest::prelude::*;
+    use std::f64::consts::TAU;
+
+    proptest! {
+        /// Self and mutual inductances L_xy = L_4·cos(4θ + φ + (x+y)·2π/3) of the phases x, y = 0, 1, 2.
+        #[test]
+        fn flux_is_that_of_the_phase_inductances(
+            phi in 0.0..TAU, theta in 0.0..TAU, i in prop::array::uniform2(-8.0..8.0f64),
+        ) {
+            let share = 1e-5;
+            let l_4 = share * MACHINE[2] / 1.5;
+            let (s, c) = theta.sin_cos();
+            let currents = inverse_park(i, c, s);
+            let phases = [0, 1, 2].map(|x: u32| {
+                (0..3).map(|y: u32| {
+                    l_4 * (4.0 * theta + phi + f64::from(x + y) * TAU / 3.0).cos() * currents[y as usize]
+                }).sum::<f64>()
+            });
+            let extra = park(phases, c, s);
+            let flux = [MACHINE[3] + MACHINE[1] * i[0] + extra[0], MACHINE[2] * i[1] + extra[1]];
+            let model = Model::new(CX, &[EffectId::InductanceHarmonics]);
+            let p = [&MACHINE[..], &[share * phi.cos(), share * phi.sin()]].concat();
+            let got = model.state_current(&p, &base(), &flux, &env(theta, 0.0)).i;
+            // First order in the share: what is left is its square.
+            prop_assert!((got[0] - i[0]).abs() < 100.0 * share * share * 10.0);
+            prop_assert!((got[1] - i[1]).abs() < 100.0 * share * share * 10.0);
+        }
+    }
+
+    #[test]
+    fn the_angle_is_taken_six_times() {
+        let (s, c) = six_fold(0.3f64.sin_cos());
+        close(s, 1.8f64.sin(), 1e-14);
+        close(c, 1.8f64.cos(), 1e-14);
+    }
+}

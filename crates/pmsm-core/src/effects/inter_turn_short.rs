@@ -79,3 +79,43 @@ fn phase_emf<T: Real>(p: &[T], emf: [T; 2], (s, c): (T, T)) -> T {
     let phases = inverse_park(emf, c, s);
     chosen(p[2], 0) * phases[0] + chosen(p[2], 1) * phases[1] + chosen(p[2], 2) * phases[2]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::{CX, close, fourier};
+
+    #[test]
+    fn one_phase_in_three_draws_a_mean_and_a_negative_sequence() {
+        let p = [0.02, 1.2e-4, 1.0];
+        let emf = [-20.0, 90.0];
+        let bypass = |theta: f64| {
+            let sin_cos = theta.sin_cos();
+            let (mut x, mut i) = ([0.0], [0.0; 2]);
+            InterTurnShort::electrical_start(&p, emf, sin_cos, &CX, &mut x);
+            InterTurnShort::shunt(&p, &x, sin_cos, &CX, &mut i);
+            i
+        };
+        for axis in 0..2 {
+            close(fourier(0, |theta| bypass(theta)[axis]).0, p[0] * emf[axis] / 3.0, 1e-12);
+            let (a, b) = fourier(2, |theta| bypass(theta)[axis]);
+            close(a.hypot(b), p[0] * emf[0].hypot(emf[1]) / 3.0, 1e-12);
+        }
+        // Its power is that of the conductance on the phase's voltage.
+        let power = fourier(0, |theta| {
+            let i = bypass(theta);
+            1.5 * (emf[0] * i[0] + emf[1] * i[1])
+        });
+        close(power.0, 0.5 * p[0] * (emf[0] * emf[0] + emf[1] * emf[1]), 1e-12);
+    }
+
+    #[test]
+    fn the_start_is_steady_in_the_phase() {
+        let at = Electrical { emf: [-20.0, 90.0], ..crate::effects::testing::winding([0.0; 2], 0.4, 0.0) };
+        let (mut x, mut dx) = ([0.0], [1.0]);
+        let p = [0.02, 1.2e-4, 2.0];
+        InterTurnShort::electrical_start(&p, at.emf, at.sin_cos, &CX, &mut x);
+        InterTurnShort::electrical_states(&p, &x, &at, &CX, &mut dx);
+        close(dx[0], 0.0, 1e-9);
+    }
+}

@@ -68,3 +68,47 @@ impl Effect for IronLoss {
         vec![("r_c", "ohm", T::one() / least), ("tau_c", "s", p[1])]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::EffectId;
+    use crate::effects::testing::{CX, MACHINE, base, close, env};
+    use crate::model::Model;
+    use crate::rk4;
+
+    #[test]
+    fn steady_loss_is_that_of_r_c_across_the_induced_voltage() {
+        let (r_c, tau_c, omega) = (150.0, 5e-5, 400.0);
+        let model = Model::new(CX, &[EffectId::IronLoss]);
+        let p = [&MACHINE[..], &[1.0 / r_c, tau_c]].concat();
+        let (v, at) = ([-20.0, 85.0], env(0.0, omega));
+        let mut state = model.steady_state::<f64, 4>(&p, &base(), [0.0, 2.0], &at).0;
+        for _ in 0..50_000 {
+            state = rk4::step(1e-5, &state, |_, s| model.electrical_rhs(&p, &base(), s, v, &at));
+        }
+        let end = model.state_current(&p, &base(), &state, &at);
+        let input = 1.5 * (v[0] * end.i[0] + v[1] * end.i[1]);
+        let copper = 1.5 * MACHINE[0] * (end.i[0].powi(2) + end.i[1].powi(2));
+        let shaft = end.tau_e * omega / CX.n_p;
+        let e_squared = omega * omega * (state[0].powi(2) + state[1].powi(2));
+        // The lag leaves the part along the voltage: 1/(1 + (ω·τ_c)²).
+        let expected = 1.5 * e_squared / r_c / (1.0 + (omega * tau_c).powi(2));
+        close((input - copper - shaft) / expected, 1.0, 1e-6);
+    }
+
+    #[test]
+    fn eddy_currents_of_the_iron_stand_still_in_the_stator() {
+        // Left alone, they decay without turning in the stator: in the rotor frame they turn backwards.
+        let at = crate::effects::testing::winding([0.0; 2], 0.0, 400.0);
+        let mut dx = [0.0; 2];
+        IronLoss::electrical_states(&[0.0, 1e9], &[1.0, 0.0], &at, &CX, &mut dx);
+        close(dx[0], 0.0, 1e-8);
+        close(dx[1], -400.0, 1e-8);
+    }
+
+    #[test]
+    fn no_conductance_is_a_finite_resistance_in_the_results() {
+        assert!(IronLoss::outputs(&[0.0, 1e-4], &base(), &CX)[0].2.is_finite());
+    }
+}

@@ -37,3 +37,18 @@ impl Effect for LoadDependentFriction {
         out.loss += p[0] * at.tau_e.abs() * direction(at.omega_m, cx);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::{close, loss, shaft};
+
+    #[test]
+    fn friction_follows_the_size_of_the_torque_against_the_motion() {
+        let friction = |w, tau| loss::<LoadDependentFriction>(&[0.05], &shaft(0.0, w, tau));
+        for (w, tau, expected) in [(50.0, 4.0, 0.2), (50.0, -4.0, 0.2), (-50.0, 4.0, -0.2), (50.0, 0.0, 0.0)]
+        {
+            close(friction(w, tau), expected, 1e-12);
+        }
+    }
+}

@@ -69,3 +69,30 @@ impl Effect for LoadTorquePulsation {
         vec![("tau_pul", "N m", (p[0].squared() + p[1].squared()).sqrt()), ("order_mech", "1", p[2])]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::{CX, base, close, fourier, loss, shaft};
+
+    #[test]
+    fn one_line_at_the_given_order_whatever_the_speed() {
+        let p = [0.3, 0.4, 2.0];
+        for speed in [-10.0, 100.0] {
+            let torque = |theta: f64| loss::<LoadTorquePulsation>(&p, &shaft(theta, speed, 0.0));
+            close(fourier(2, torque).0, 0.3, 1e-12);
+            close(fourier(2, torque).1, 0.4, 1e-12);
+            close(fourier(1, torque).0, 0.0, 1e-12);
+        }
+        close(LoadTorquePulsation::outputs(&p, &base(), &CX)[0].2, 0.5, 1e-15);
+    }
+
+    #[test]
+    fn the_same_torque_is_found_from_another_zero() {
+        let p = [0.3, 0.4, 3.0];
+        let mut turned = p;
+        assert!(LoadTorquePulsation::turned(&mut turned, 0.7));
+        let torque = |p: &[f64], theta: f64| loss::<LoadTorquePulsation>(p, &shaft(theta, 0.0, 0.0));
+        close(torque(&turned, 1.1 + 0.7), torque(&p, 1.1), 1e-14);
+    }
+}

@@ -76,3 +76,29 @@ impl Effect for MagnetThermalDrift {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::{CX, close, env};
+
+    fn factor(p: &[f64], t: f64, magnet_heating: f64) -> f64 {
+        let mut out = Drift { r_s: 1.0, psi_m: 1.0 };
+        MagnetThermalDrift::drift(p, &[], &Env { t, magnet_heating, ..env(0.0, 0.0) }, &CX, &mut out);
+        assert_eq!(out.r_s, 1.0);
+        out.psi_m
+    }
+
+    #[test]
+    fn neodymium_loses_a_tenth_of_a_percent_per_kelvin() {
+        close(factor(&[0.0011, 0.0, 1.0], 5.0, 50.0), 0.945, 1e-14);
+    }
+
+    #[test]
+    fn without_a_sensor_the_flux_falls_exponentially_from_the_start() {
+        let p = [0.0, 0.05, 3.0];
+        close(factor(&p, 0.0, 0.0), 1.0, 0.0);
+        close(factor(&p, 3.0, 0.0), 1.0 - 0.05 * (1.0 - (-1f64).exp()), 1e-14);
+        close(factor(&p, 300.0, 0.0), 0.95, 1e-14);
+    }
+}

@@ -74,3 +74,35 @@ impl Effect for PhaseResistanceImbalance {
         vec![("r_excess_rel", "1", p[0]), ("phase", "1", p[1])]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::{MACHINE, close, fourier, lost, winding};
+
+    #[test]
+    fn a_third_of_the_excess_is_mean_and_a_third_turns_twice() {
+        let i = [-3.0, 6.0];
+        for phase in [0.0, 1.0, 2.0] {
+            for axis in 0..2 {
+                let voltage = |theta: f64| {
+                    lost::<PhaseResistanceImbalance>(&[0.2, phase], &[], &winding(i, theta, 100.0))[axis]
+                };
+                close(fourier(0, voltage).0, 0.2 * MACHINE[0] * i[axis] / 3.0, 1e-12);
+                let (a, b) = fourier(2, voltage);
+                close(a.hypot(b), 0.2 * MACHINE[0] * i[0].hypot(i[1]) / 3.0, 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn the_loss_is_in_the_phase_concerned() {
+        // Phase b's axis lies 2π/3 ahead of a's; a current along it flows in b in full.
+        let theta = std::f64::consts::TAU / 3.0;
+        let at = winding([5.0, 0.0], theta, 0.0);
+        let v = lost::<PhaseResistanceImbalance>(&[0.2, 1.0], &[], &at);
+        close(1.5 * (v[0] * 5.0), 0.2 * MACHINE[0] * 25.0, 1e-12);
+        let across = winding([0.0, 5.0], theta, 0.0);
+        close(lost::<PhaseResistanceImbalance>(&[0.2, 1.0], &[], &across)[1], 0.0, 1e-12);
+    }
+}

@@ -37,3 +37,17 @@ impl Effect for QuadraticDrag {
         out.loss += p[0] * (at.omega_m * at.omega_m.abs());
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::{close, loss, shaft};
+
+    #[test]
+    fn drag_is_odd_and_four_times_at_twice_the_speed() {
+        let drag = |w| loss::<QuadraticDrag>(&[2e-4], &shaft(0.0, w, 0.0));
+        close(drag(100.0), 2.0, 1e-14);
+        close(drag(-100.0), -2.0, 1e-14);
+        close(drag(200.0), 8.0, 1e-14);
+    }
+}

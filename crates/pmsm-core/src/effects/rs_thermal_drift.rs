@@ -30,7 +30,7 @@ impl Effect for RsThermalDrift {
                 meaning: "temperature coefficient (copper: 0.0039)",
                 role: Role::Amplitude,
                 low: |_| 0.0,
-                high: |_| 0.02,
+                high: |_| 0.006,
                 typical: |_| 0.0039,
             },
             Parameter {
@@ -81,5 +81,38 @@ impl Effect for RsThermalDrift {
         } else {
             vec![("heating", "1/J", p[1]), ("tau_th", "s", p[2])]
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::{CX, MACHINE, close, env, winding};
+
+    fn factor(p: &[f64], x: f64, heating: f64) -> f64 {
+        let mut out = Drift { r_s: 1.0, psi_m: 1.0 };
+        RsThermalDrift::drift(p, &[x], &Env { heating, ..env(0.0, 0.0) }, &CX, &mut out);
+        out.r_s
+    }
+
+    #[test]
+    fn copper_gains_two_fifths_of_a_percent_per_kelvin() {
+        close(factor(&[0.00393, 0.0, 1.0], 0.0, 100.0), 1.393, 1e-14);
+        close(factor(&[0.00393, 0.0, 1.0], 0.0, -20.0), 1.0 - 0.0786, 1e-14);
+    }
+
+    #[test]
+    fn self_heating_starts_with_the_copper_loss_and_ends_where_cooling_balances_it() {
+        let p = [0.0, 1e-4, 40.0];
+        let at = winding([-3.0, 8.0], 0.0, 0.0);
+        let power = 1.5 * MACHINE[0] * (9.0 + 64.0);
+        let rate = |x: f64| {
+            let mut dx = [0.0];
+            RsThermalDrift::electrical_states(&p, &[x], &at, &CX, &mut dx);
+            dx[0]
+        };
+        close(rate(0.0), 1e-4 * power, 1e-14);
+        close(rate(1e-4 * power * 40.0), 0.0, 1e-14);
+        close(factor(&p, 0.2, 0.0), 1.2, 1e-15);
     }
 }

@@ -62,8 +62,38 @@ impl Effect for SaturationQ {
 
     #[inline(always)]
     fn field<T: Real>(p: &[T], at: &FieldPoint<T>, base: &Base<T>, cx: &Context, out: &mut Field<T>) {
-        let (current, slope) = extra_current(p, base.inverse_l_q, at.flux[1], cx);
+        // The magnet alone calls for no current, whatever its harmonics.
+        let (current, slope) = extra_current(p, base.inverse_l_q, at.flux[1] - at.magnet[1], cx);
         out.i[1] += current;
         out.inverse[2] += slope;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::CX;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn current_grows_with_flux_and_incremental_inductance_is_below_apparent(
+            k in 0.01..5.0f64, s in 0.5..8.0f64, flux in 0.01..0.4f64,
+        ) {
+            let inverse_l = 1.0 / 21.3e-3;
+            let current = |flux: f64| flux * inverse_l + extra_current(&[k, s], inverse_l, flux, &CX).0;
+            let inverse_incremental = inverse_l + extra_current(&[k, s], inverse_l, flux, &CX).1;
+            prop_assert!(inverse_incremental > current(flux) / flux);
+            prop_assert!(current(flux * 1.01) > current(flux));
+            prop_assert!((current(-flux) + current(flux)).abs() < 1e-12 * current(flux));
+            let quotient = (current(flux * (1.0 + 1e-6)) - current(flux * (1.0 - 1e-6))) / (2e-6 * flux);
+            prop_assert!((quotient / inverse_incremental - 1.0).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn strength_is_the_share_of_the_linear_current_at_the_largest_flux() {
+        let (extra, _) = extra_current(&[0.3, 3.7], 50.0, CX.psi_max, &CX);
+        assert!((extra / (50.0 * CX.psi_max) - 0.3).abs() < 1e-12);
     }
 }

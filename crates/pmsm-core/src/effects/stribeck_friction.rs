@@ -75,6 +75,29 @@ impl Effect for StribeckFriction {
     }
 
     fn outputs<T: Real>(p: &[T], _: &Base<T>, _: &Context) -> Vec<Output<T>> {
-        vec![("tau_c", "N m", p[0]), ("tau_s", "N m", p[0] + p[1]), ("w_s", "rad/s", p[2]), ("w_0", "rad/s", p[3])]
+        vec![
+            ("tau_c", "N m", p[0]),
+            ("tau_s", "N m", p[0] + p[1]),
+            ("w_s", "rad/s", p[2]),
+            ("w_0", "rad/s", p[3]),
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::{CX, base, close, loss, shaft};
+
+    #[test]
+    fn friction_falls_from_the_standstill_value_to_the_running_one() {
+        let p = [0.2, 0.15, 10.0, 0.01];
+        let friction = |w| loss::<StribeckFriction>(&p, &shaft(0.0, w, 0.0));
+        close(friction(0.1), 0.35, 1e-3);
+        close(friction(10.0), 0.2 + 0.15 * (-1f64).exp(), 1e-12);
+        close(friction(60.0), 0.2, 1e-12);
+        close(friction(-10.0), -friction(10.0), 1e-15);
+        let out = StribeckFriction::outputs(&p, &base(), &CX);
+        assert_eq!((out[1].0, out[1].2), ("tau_s", 0.35));
     }
 }

@@ -54,16 +54,17 @@ impl Effect for TimeVaryingLoad {
                 role: Role::Shape,
                 low: |cx| 0.2 / cx.duration,
                 high: |cx| 0.1 / cx.period,
-                typical: |_| 5.0,
+                typical: |cx| 5f64.min(0.1 / cx.period).max(0.2 / cx.duration),
             },
         ],
     };
 
     fn probes(cx: &Context) -> Vec<Vec<f64>> {
         let step = 0.5 / cx.duration;
+        let highest = 15f64.min(0.1 / cx.period);
         (1..)
             .map(|k| f64::from(k) * step)
-            .take_while(|f| *f < 15.0)
+            .take_while(|f| *f < highest)
             .take(80)
             .map(|f| vec![0.0, 0.0, 0.0, f])
             .collect()
@@ -82,5 +83,35 @@ impl Effect for TimeVaryingLoad {
             ("f", "Hz", p[3]),
             ("slope", "N m/s", p[2]),
         ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::{CX, base, close, loss, shaft};
+
+    #[test]
+    fn the_torque_follows_the_clock_alone() {
+        let p = [0.3, -0.4, 0.05, 4.0];
+        let load = |t: f64, theta_m: f64, omega_m: f64| {
+            let mut at = shaft(theta_m, omega_m, 2.0);
+            at.env.t = t;
+            loss::<TimeVaryingLoad>(&p, &at)
+        };
+        close(load(0.0, 0.0, 0.0), 0.3, 1e-14);
+        close(load(1.0 / 16.0, 0.0, 0.0), -0.4 + 0.05 / 16.0, 1e-14);
+        close(load(2.25, 1.0, -50.0) - load(2.0, 0.0, 50.0), 0.05 * 0.25, 1e-12);
+        close(TimeVaryingLoad::outputs(&p, &base(), &CX)[0].2, 0.5, 1e-15);
+    }
+
+    #[test]
+    fn tried_frequencies_fit_the_recording() {
+        let f = &TimeVaryingLoad::INFO.parameters[3];
+        for cx in [CX, Context { period: 0.02, duration: 40.0, ..CX }, Context { duration: 0.5, ..CX }] {
+            let (low, high) = ((f.low)(&cx), (f.high)(&cx));
+            let probes = TimeVaryingLoad::probes(&cx);
+            assert!(!probes.is_empty() && probes.iter().all(|p| low <= p[3] && p[3] <= high));
+        }
     }
 }

@@ -47,7 +47,7 @@ impl Effect for TwoMassShaft {
                 role: Role::Shape,
                 low: |cx| 2.0 / cx.duration,
                 high: |cx| 0.1 / cx.period,
-                typical: |_| 60.0,
+                typical: |cx| 60f64.min(0.1 / cx.period).max(2.0 / cx.duration),
             },
             Parameter {
                 name: "zeta",
@@ -63,9 +63,12 @@ impl Effect for TwoMassShaft {
     const MECHANICAL_STATES: usize = 2;
 
     fn probes(cx: &Context) -> Vec<Vec<f64>> {
-        let (low, high) = (8f64.max(3.0 / cx.duration), 600f64.min(0.04 / cx.period));
+        let high = 600f64.min(0.04 / cx.period);
+        let low = 8f64.max(3.0 / cx.duration).min(0.5 * high);
         let steps = ((high / low).ln() / 1.2f64.ln()).ceil().max(1.0) as i32;
-        (0..=steps).map(|k| vec![0.5, low * (high / low).powf(f64::from(k) / f64::from(steps)), 0.03]).collect()
+        (0..=steps)
+            .map(|k| vec![0.5, low * (high / low).powf(f64::from(k) / f64::from(steps)), 0.03])
+            .collect()
     }
 
     #[inline(always)]
@@ -102,5 +105,81 @@ impl Effect for TwoMassShaft {
             ("zeta", "1", p[2]),
             ("k_shaft", "N m", stiffness),
         ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::{CX, MACHINE, close, shaft};
+    use nalgebra::{Complex, Matrix3, Vector3};
+
+    const P: [f64; 3] = [0.4, 60.0, 0.003];
+
+    /// d/dt of [ω_m, x_1, x_2] without friction.
+    fn slope(p: &[f64], state: [f64; 3], tau_e: f64, tau_load: f64) -> [f64; 3] {
+        let at = Mechanical { tau_load, ..shaft(0.0, state[0], tau_e) };
+        let mut rotor = Rotor { inertia: at.j, loss: 0.0, load: tau_load };
+        TwoMassShaft::rotor(p, &state[1..], &at, &CX, &mut rotor);
+        let acceleration = (tau_e - rotor.load) / rotor.inertia;
+        let mut dx = [0.0; 2];
+        TwoMassShaft::mechanical_states(p, &state[1..], &at, acceleration, &CX, &mut dx);
+        [acceleration, dx[0], dx[1]]
+    }
+
+    /// |ω_m/τ_e| at a frequency in Hz.
+    fn response(f: f64) -> f64 {
+        let unit = |k: usize| {
+            let mut state = [0.0; 3];
+            state[k] = 1.0;
+            slope(&P, state, 0.0, 0.0)
+        };
+        let columns = [unit(0), unit(1), unit(2)];
+        let system =
+            Matrix3::from_fn(|r, c| Complex::new(-columns[c][r], if r == c { TAU * f } else { 0.0 }));
+        let input = Vector3::from(slope(&P, [0.0; 3], 1.0, 0.0)).map(|x| Complex::new(x, 0.0));
+        system.lu().solve(&input).expect("regular away from f = 0")[0].norm()
+    }
+
+    #[test]
+    fn the_response_dips_at_the_antiresonance_and_peaks_at_the_resonance() {
+        let out = TwoMassShaft::outputs(&P, &crate::effects::testing::base(), &CX);
+        let (f_antires, f_res) = (out[0].2, out[1].2);
+        close(f_res, 60.0 / 0.6f64.sqrt(), 1e-12);
+        let grid: Vec<f64> = (400..1200).map(|k| 0.1 * f64::from(k)).collect();
+        let lowest = grid.iter().copied().min_by(|a, b| response(*a).total_cmp(&response(*b))).unwrap();
+        let highest = grid.iter().copied().max_by(|a, b| response(*a).total_cmp(&response(*b))).unwrap();
+        assert!((lowest - f_antires).abs() < 0.11 && (highest - f_res).abs() < 0.11, "{lowest} {highest}");
+        // Far below both, the shaft is rigid; far above, the rotor moves alone.
+        close(response(0.5) * TAU * 0.5 * MACHINE[4], 1.0, 1e-3);
+        close(response(5000.0) * TAU * 5000.0 * MACHINE[4] * 0.6, 1.0, 1e-3);
+    }
+
+    #[test]
+    fn energy_of_both_masses_and_the_spring_leaves_only_through_the_damper() {
+        let (j, omega) = (MACHINE[4], TAU * P[1]);
+        let stiffness = P[0] * j * omega * omega;
+        let state = [20.0, 1.5, 0.8];
+        let (tau_e, tau_load) = (3.0, 1.2);
+        let d = slope(&P, state, tau_e, tau_load);
+        // x_2 = κ·(ω_m − ω_load); the spring stores x_1²/2k.
+        let (load_speed, d_load) = (state[0] - state[2] / P[0], d[0] - d[2] / P[0]);
+        let stored =
+            j * (1.0 - P[0]) * state[0] * d[0] + j * P[0] * load_speed * d_load + state[1] * d[1] / stiffness;
+        let damping = 2.0 * P[2] * omega * P[0] * j;
+        let lost = damping * (state[0] - load_speed).powi(2);
+        close(stored, tau_e * state[0] - tau_load * load_speed - lost, 1e-10);
+    }
+
+    #[test]
+    fn the_start_has_both_masses_at_one_acceleration() {
+        let (tau_e, tau_load) = (3.0, 1.2);
+        let rigid = (tau_e - tau_load) / MACHINE[4];
+        let at = Mechanical { tau_load, ..shaft(0.0, 20.0, tau_e) };
+        let mut x = [0.0; 2];
+        TwoMassShaft::mechanical_start(&P, &at, rigid, &CX, &mut x);
+        let d = slope(&P, [20.0, x[0], x[1]], tau_e, tau_load);
+        close(d[0], rigid, 1e-12);
+        close(d[2], 0.0, 1e-9);
     }
 }

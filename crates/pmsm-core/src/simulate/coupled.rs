@@ -27,17 +27,18 @@ pub fn run<T: Real>(
     tau_load: T,
     sink: impl FnMut(usize, [T; 3]) -> bool,
 ) {
-    run_from(model, signals, range, p, tau_load, |measured| measured.map(T::constant), sink);
+    run_from(model, signals, range, p, tau_load, |_, measured| measured.map(T::constant), sink);
 }
 
-/// As [`run`], but each segment starts from what `start` makes of its first measured i_d, i_q (A), ω_e (rad/s).
+/// As [`run`], but each segment starts from what `start` makes of the number of its first sample and the i_d, i_q (A),
+/// ω_e (rad/s) measured there.
 pub fn run_from<T: Real>(
     model: &Model,
     signals: &Signals,
     range: Range<usize>,
     p: &[T],
     tau_load: T,
-    start: impl Fn([f64; 3]) -> [T; 3],
+    start: impl Fn(usize, [f64; 3]) -> [T; 3],
     sink: impl FnMut(usize, [T; 3]) -> bool,
 ) {
     match (model.electrical_states(), model.mechanical_states()) {
@@ -54,7 +55,7 @@ fn run_sized<T: Real, const E: usize, const M: usize, const N: usize>(
     range: Range<usize>,
     p: &[T],
     tau_load: T,
-    start: impl Fn([f64; 3]) -> [T; 3],
+    start: impl Fn(usize, [f64; 3]) -> [T; 3],
     mut sink: impl FnMut(usize, [T; 3]) -> bool,
 ) {
     let (Some(v), Some(i)) = (&signals.v, &signals.i) else { return };
@@ -66,7 +67,7 @@ fn run_sized<T: Real, const E: usize, const M: usize, const N: usize>(
             continue;
         }
         let begin = measured_env::<T>(signals, first);
-        let [i_d, i_q, omega_e] = start([i[0][first], i[1][first], signals.omega_e[first]]);
+        let [i_d, i_q, omega_e] = start(first, [i[0][first], i[1][first], signals.omega_e[first]]);
         let begin = Env { omega_e, ..begin };
         let (electrical, tau_e) = model.steady_state::<T, E>(p, &base, [i_d, i_q], &begin);
         let load = tau_load + known_load(signals, first, last);

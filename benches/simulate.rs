@@ -1,0 +1,111 @@
+//! Cost of the simulations per sample, and of one window of the paper's swarm.
+
+#[path = "../tests/plant/mod.rs"]
+mod plant;
+
+use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+use plant::Plant;
+use pmsm_core::identify::{Method, Request, identify};
+use pmsm_core::machine::Machine;
+use pmsm_core::model::Model;
+use pmsm_core::monitor::Silent;
+use pmsm_core::real::{Dual, Real};
+use pmsm_core::recording::{Load, Recording};
+use pmsm_core::signals::Signals;
+use pmsm_core::simulate::mechanical::{self, Nuisance, Restart};
+use pmsm_core::simulate::{coupled, electrical};
+use pmsm_core::swarm::SwarmSettings;
+use std::hint::black_box;
+
+/// Samples of one window of the paper.
+const SAMPLES: usize = 3300;
+
+/// Starts every window at the measured speed.
+struct Measured<'a>(&'a [f64]);
+
+impl<T: Real> Restart<T> for Measured<'_> {
+    fn speed(&mut self, _: usize, k: usize) -> T {
+        T::constant(self.0[k])
+    }
+    fn forget(&self, _: &mut T) {}
+}
+
+fn recording() -> (Plant, Recording, Machine) {
+    let plant = Plant::liu();
+    let (start, v) = plant.steady([0.0, 4.0], 80.0);
+    let run = plant.run(SAMPLES, 1e-5, start, |t| [v[0], v[1] + 4.0 * (60.0 * t).sin()]);
+    let machine = plant.nameplate([1.0; 6]);
+    (plant, run.log([0.05, 0.5], 0.0, 1, Load::UnknownConstant), machine)
+}
+
+fn simulations(c: &mut Criterion) {
+    let (plant, recording, machine) = recording();
+    let signals = Signals::new(&recording, &machine).expect("signals");
+    let model = Model::new(signals.context, &[]);
+    let p = [plant.r_s, plant.l_d, plant.l_q, plant.psi_m, plant.j, plant.b];
+    let dual: Vec<Dual<8>> = (0..6).map(|k| Dual::variable(p[k], k)).collect();
+    let windows = mechanical::windows(&signals);
+    let torque = mechanical::torque(&model, &signals, &p);
+    let load = Nuisance::unknown(0, 0);
+    let mut group = c.benchmark_group("per sample");
+    group.throughput(Throughput::Elements(SAMPLES as u64));
+    group.bench_function("electrical f64", |b| {
+        b.iter(|| {
+            let mut sum = 0.0;
+            electrical::run(&model, &signals, black_box(&p), |_, i| sum += i[0] + i[1]);
+            sum
+        });
+    });
+    group.bench_function("electrical Dual<8>", |b| {
+        b.iter(|| {
+            let mut sum = Dual::<8>::zero();
+            electrical::run(&model, &signals, black_box(&dual), |_, i| sum += i[0] + i[1]);
+            sum
+        });
+    });
+    group.bench_function("mechanical f64", |b| {
+        b.iter(|| {
+            let mut sum = 0.0;
+            let (p, restart) = (black_box(&p), Measured(&signals.omega_e));
+            let load = (load, &[3.0][..]);
+            mechanical::run(&model, &signals, p, &torque, load, &windows, restart, |_, _, w| sum += w);
+            sum
+        });
+    });
+    group.bench_function("coupled f64", |b| {
+        b.iter(|| {
+            let mut sum = 0.0;
+            coupled::run(&model, &signals, 0..SAMPLES, black_box(&p), 3.0, |_, x| {
+                sum += x[0] + x[1] + x[2];
+                true
+            });
+            sum
+        });
+    });
+    group.finish();
+}
+
+/// J1: the whole identification of r_s and tau_load in one window, 10 particles, 31 generations, one thread.
+fn window(c: &mut Criterion) {
+    let (_, recording, machine) = recording();
+    let request = Request {
+        fit: vec![
+            ("r_s".parse().expect("known"), Some((0.05, 0.5))),
+            ("tau_load".parse().expect("known"), Some((0.0, 10.0))),
+        ],
+        method: Method::Swarm,
+        swarm: SwarmSettings::default(),
+        seed: 1,
+    };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+    c.bench_function("J1 swarm window, 1 thread", |b| {
+        b.iter_batched(
+            || request.clone(),
+            |request| pool.install(|| identify(&recording, &machine, &request, &Silent).expect("an answer")),
+            BatchSize::SmallInput,
+        );
+    });
+}
+
+criterion_group!(benches, simulations, window);
+criterion_main!(benches);

@@ -1,0 +1,432 @@
+//! Offline identification as in Liu, Liu & Cartes (2008): any subset of the dq-model's parameters and the load torque from
+//! one recording, by the paper's particle swarm, by least squares, or by both.
+//!
+//! A recording of a running machine is compared with the coupled model (1)–(3) in free run, weighted by the fitness
+//! (9). Where it cannot be, or where only electrical parameters are asked for and inertia, friction or load are unknown,
+//! measured signals take the place of the missing equation (see [`Drive`]).
+
+mod plan;
+mod search;
+
+use crate::error::{Error, Result};
+use crate::experiment::Linearisation;
+use crate::least_squares::{self, Status};
+use crate::machine::{BaseParameter, Machine};
+use crate::model::Model;
+use crate::monitor::Monitor;
+use crate::objective::{Drive, Objective};
+use crate::recording::Recording;
+use crate::signals::Signals;
+use crate::simulate::mechanical;
+use crate::swarm::SwarmSettings;
+use crate::uncertainty::{self, Estimate, NotShown};
+use plan::Plan;
+use serde::{Serialize, Serializer};
+use std::str::FromStr;
+
+/// A swarm's estimate farther than this many standard errors from the minimum has no standard error.
+const STOPPED_SHORT: f64 = 10.0;
+/// A swarm has converged if its last quarter lowered the cost by no more than this share.
+const FLAT: f64 = 0.01;
+
+/// A parameter that can be fitted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Target {
+    /// One of the machine.
+    Base(BaseParameter),
+    /// Constant load torque, N·m; where the recording tells of a load, what comes on top of it.
+    TauLoad,
+}
+
+impl Target {
+    /// All, in the order of a point of [`Objective`].
+    pub const ALL: [Self; 7] = [
+        Self::Base(BaseParameter::RS),
+        Self::Base(BaseParameter::LD),
+        Self::Base(BaseParameter::LQ),
+        Self::Base(BaseParameter::PsiM),
+        Self::Base(BaseParameter::J),
+        Self::Base(BaseParameter::B),
+        Self::TauLoad,
+    ];
+
+    /// Name used in files and results.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Base(p) => p.name(),
+            Self::TauLoad => "tau_load",
+        }
+    }
+
+    /// SI unit.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Base(p) => p.unit(),
+            Self::TauLoad => "N m",
+        }
+    }
+
+    /// Whether it acts on the speed alone.
+    pub fn is_mechanical(self) -> bool {
+        match self {
+            Self::Base(p) => BaseParameter::MECHANICAL.contains(&p),
+            Self::TauLoad => true,
+        }
+    }
+
+    /// Place in a point of [`Objective`].
+    fn index(self) -> usize {
+        match self {
+            Self::Base(p) => p.index(),
+            Self::TauLoad => plan::LOAD,
+        }
+    }
+}
+
+impl FromStr for Target {
+    type Err = Error;
+
+    /// By name.
+    fn from_str(name: &str) -> Result<Self> {
+        Self::ALL.into_iter().find(|t| t.name() == name).ok_or_else(|| Error::Unknown {
+            kind: "parameter",
+            name: name.into(),
+            known: Self::ALL.map(Self::name).join(", "),
+        })
+    }
+}
+
+/// How the minimum is sought.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum Method {
+    /// Particle swarm as in the paper.
+    #[serde(rename = "pso")]
+    Swarm,
+    /// Levenberg–Marquardt from the nameplate, and from a regression where that fails.
+    #[serde(rename = "lm")]
+    LeastSquares,
+    /// Swarm, then least squares from its best point.
+    #[serde(rename = "pso+lm")]
+    Both,
+}
+
+impl FromStr for Method {
+    type Err = Error;
+
+    /// `pso`, `lm` or `pso+lm`.
+    fn from_str(name: &str) -> Result<Self> {
+        match name {
+            "pso" => Ok(Self::Swarm),
+            "lm" => Ok(Self::LeastSquares),
+            "pso+lm" => Ok(Self::Both),
+            _ => Err(Error::Unknown { kind: "method", name: name.into(), known: "pso, lm, pso+lm".into() }),
+        }
+    }
+}
+
+/// What is asked of [`identify`].
+#[derive(Debug, Clone)]
+pub struct Request {
+    /// Parameters to fit, each with its bounds in SI units or `None` for a wide range around the nameplate (a fifth to
+    /// five times the value; the load torque within three rated torques). Empty: all that the recording can show.
+    pub fit: Vec<(Target, Option<(f64, f64)>)>,
+    /// How the minimum is sought.
+    pub method: Method,
+    /// Settings of the swarm.
+    pub swarm: SwarmSettings,
+    /// Seed of the swarm.
+    pub seed: u64,
+}
+
+impl Default for Request {
+    fn default() -> Self {
+        Self { fit: Vec::new(), method: Method::Both, swarm: SwarmSettings::default(), seed: 1 }
+    }
+}
+
+/// The answer of [`identify`]; serialises to the object that is written to files.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Identification {
+    /// Estimates by name; what was asked for and cannot be fitted has no value.
+    #[serde(serialize_with = "as_map")]
+    pub parameters: Vec<(&'static str, Estimate)>,
+    /// The fitness (9) at the answer; with least squares its initial values are estimated (see [`Objective::residual`]).
+    pub cost: f64,
+    /// Best cost after each generation of the swarm, then after each step of least squares.
+    pub history: Vec<f64>,
+    /// How the minimum was sought.
+    pub method: Method,
+    /// What drove the model.
+    pub drive: Drive,
+    /// Number of evaluations of the fitness.
+    pub evaluations: usize,
+    /// True if least squares met its tolerance, or the swarm came to rest.
+    pub converged: bool,
+    /// True if the monitor stopped the search: this is the best so far.
+    pub interrupted: bool,
+    /// Root mean square of measured minus model per channel, in the channel's SI unit.
+    #[serde(serialize_with = "as_map")]
+    pub rms: Vec<(&'static str, f64)>,
+    /// Parameters, or combinations of them, that the recording does not show.
+    pub cannot_show: Vec<NotShown>,
+    /// Disturbed load torque (4), N·m, mean over the recording: what an identification with the nameplate's J and B
+    /// would call the load. `None` unless the load is fitted and the nameplate has both.
+    pub disturbed_load_torque: Option<f64>,
+    /// Seed of the swarm.
+    pub seed: u64,
+}
+
+impl Identification {
+    /// The estimate of a parameter that was asked for.
+    pub fn get(&self, name: &str) -> Option<&Estimate> {
+        self.parameters.iter().find(|(n, _)| *n == name).map(|(_, e)| e)
+    }
+}
+
+fn as_map<T: Serialize, S: Serializer>(
+    pairs: &[(&'static str, T)],
+    serializer: S,
+) -> std::result::Result<S::Ok, S::Error> {
+    serializer.collect_map(pairs.iter().map(|(name, value)| (name, value)))
+}
+
+/// The best point of a search and how it was reached.
+struct Found {
+    values: Vec<f64>,
+    cost: f64,
+    history: Vec<f64>,
+    evaluations: usize,
+    converged: bool,
+    interrupted: bool,
+}
+
+/// Estimates parameters of the dq-model from a recording. The same call gives the same bits for any number of threads.
+/// Once `monitor` says stop, the best so far is returned.
+///
+/// An unknown load is always fitted along with anything that acts on the speed.
+///
+/// # Errors
+/// Those of [`Signals::new`]; [`Error::Unusable`] if none of the parameters asked for is in the equations of this
+/// recording, or if a value that is needed is neither on the nameplate nor visible; [`Error::Quantity`] for bounds
+/// outside the physical range and for absurd settings of the swarm.
+pub fn identify(
+    recording: &Recording,
+    machine: &Machine,
+    request: &Request,
+    monitor: &dyn Monitor,
+) -> Result<Identification> {
+    let mut signals = Signals::new(recording, machine)?;
+    let plan = Plan::new(&mut signals, machine, &request.fit)?;
+    let windows = mechanical::windows(&signals);
+    let model = Model::new(signals.context, &[]);
+    let objective = Objective::new(plan.drive, &model, &signals, &windows);
+    let found = match request.method {
+        Method::Swarm => by_swarm(&objective, &plan, request, false, monitor)?,
+        Method::LeastSquares => from_starts(&objective, &plan, &signals, machine, monitor)?,
+        Method::Both => {
+            let first = by_swarm(&objective, &plan, request, true, monitor)?;
+            if first.interrupted { first } else { refine(&objective, &plan, first, monitor)? }
+        }
+    };
+    answer(&objective, &plan, &signals, machine, request, found)
+}
+
+fn by_swarm(
+    objective: &Objective,
+    plan: &Plan,
+    request: &Request,
+    warm: bool,
+    monitor: &dyn Monitor,
+) -> Result<Found> {
+    let result = search::swarm(objective, plan, &request.swarm, request.seed, warm, monitor)?;
+    let history = result.history;
+    let settled = history.len().checked_sub(1 + history.len() / 4).map(|k| history[k]);
+    let rest = settled.is_some_and(|cost| cost - result.cost <= FLAT * result.cost);
+    let mut found = Found {
+        values: result.parameters,
+        cost: result.cost,
+        history,
+        evaluations: result.evaluations,
+        converged: !result.interrupted && rest,
+        interrupted: result.interrupted,
+    };
+    if !found.cost.is_finite() {
+        // No particle could be simulated, or none was: the nameplate is the best there is.
+        found.values = plan.first();
+        found.cost = objective.fitness(&plan.start, f64::INFINITY);
+        found.evaluations += 1;
+        found.converged = false;
+        if found.cost.is_infinite() {
+            return Err(Error::unusable(
+                "the model cannot be simulated anywhere within the bounds",
+                "check the nameplate and the units of the recording, or give narrower bounds",
+            ));
+        }
+    }
+    Ok(found)
+}
+
+fn refine(objective: &Objective, plan: &Plan, first: Found, monitor: &dyn Monitor) -> Result<Found> {
+    let descent = search::descend(objective, plan, &first.values, monitor)?;
+    let evaluations = first.evaluations + descent.evaluations;
+    if !descent.fit.cost.is_finite() {
+        return Ok(Found { evaluations, ..first });
+    }
+    Ok(Found {
+        values: descent.fit.parameters,
+        cost: descent.fit.cost,
+        history: first.history.into_iter().chain(descent.history).collect(),
+        evaluations,
+        converged: descent.fit.status == Status::Converged,
+        interrupted: descent.fit.status == Status::Interrupted,
+    })
+}
+
+/// Least squares from the nameplate; where that does not converge, from the regression as well.
+fn from_starts(
+    objective: &Objective,
+    plan: &Plan,
+    signals: &Signals,
+    machine: &Machine,
+    monitor: &dyn Monitor,
+) -> Result<Found> {
+    let mut starts = vec![plan.first()];
+    let blank = Machine { base: [None; 6], ..machine.clone() };
+    if let Ok(base) = crate::start::values(signals, &blank) {
+        let value = |t: &Target| base.get(t.index()).copied().unwrap_or(0.0);
+        starts.push(plan.targets.iter().map(value).collect());
+    }
+    let mut best: Option<Found> = None;
+    for start in starts {
+        let descent = search::descend(objective, plan, &start, monitor)?;
+        let before = best.as_ref().map_or(0, |b| b.evaluations);
+        let evaluations = before + descent.evaluations;
+        match &mut best {
+            Some(b) if !(descent.fit.cost < b.cost || b.cost.is_nan()) => b.evaluations = evaluations,
+            _ => {
+                best = Some(Found {
+                    values: descent.fit.parameters,
+                    cost: descent.fit.cost,
+                    history: descent.history,
+                    evaluations,
+                    converged: descent.fit.status == Status::Converged,
+                    interrupted: descent.fit.status == Status::Interrupted,
+                });
+            }
+        }
+        if matches!(descent.fit.status, Status::Converged | Status::Interrupted) {
+            break;
+        }
+    }
+    best.filter(|b| b.cost.is_finite()).ok_or_else(|| {
+        Error::unusable(
+            "the model cannot be simulated from the nameplate",
+            "check the nameplate and the units of the recording, or use method pso+lm",
+        )
+    })
+}
+
+fn answer(
+    objective: &Objective,
+    plan: &Plan,
+    signals: &Signals,
+    machine: &Machine,
+    request: &Request,
+    found: Found,
+) -> Result<Identification> {
+    let point = plan.point(&found.values);
+    let whole = objective.linearise(&point, &plan.free());
+    let mut cannot_show = plan.refused.clone();
+    if whole.jacobian.iter().all(|x| x.is_finite()) {
+        let names: Vec<&str> = plan.targets.iter().map(|t| t.name()).collect();
+        let sizes: Vec<f64> =
+            plan.targets.iter().zip(&found.values).map(|(t, x)| plan::size(*t, *x, signals)).collect();
+        let spread = uncertainty::spread(&whole.jacobian, &whole.residual, signals.len());
+        cannot_show.extend(uncertainty::not_shown(&names, &sizes, &whole.jacobian, &spread, plan::advice)?);
+    }
+    let on_bound = |k: usize| found.values[k] <= plan.bounds[k].0 || found.values[k] >= plan.bounds[k].1;
+    let inside: Vec<usize> = (0..found.values.len()).filter(|k| !on_bound(*k)).collect();
+    let linear = Linearisation { jacobian: whole.jacobian.select_columns(&inside), residual: whole.residual };
+    let spread = uncertainty::spread(&linear.jacobian, &linear.residual, signals.len());
+    let all = vec![true; inside.len()];
+    let inverse = least_squares::covariance(&linear.jacobian.tr_mul(&linear.jacobian), None, &all);
+    let off = linear.jacobian.tr_mul(&linear.residual);
+    let quantile = uncertainty::quantile(spread.blocks);
+    let mut parameters = Vec::new();
+    for (k, target) in plan.targets.iter().enumerate() {
+        let (value, unit) = (found.values[k], target.unit());
+        let estimate = match inside.iter().position(|x| *x == k) {
+            None if cannot_show.iter().any(|x| x.parameters == [target.name()]) => {
+                Estimate::bare(None, unit, "the recording does not show it")
+            }
+            None => Estimate::bare(
+                Some(value),
+                unit,
+                format!("the best value lies on its bound, {value} {unit}; give wider bounds"),
+            ),
+            Some(at) if !spread.covariance[(at, at)].is_finite() => {
+                Estimate::bare(None, unit, "the recording does not show it")
+            }
+            Some(_) if !spread.settled => Estimate::bare(
+                Some(value),
+                unit,
+                "what the model leaves over swings so slowly that the recording is only a few independent looks; record \
+                 longer, or find what the model leaves out",
+            ),
+            Some(at) => {
+                let own = spread.covariance[(at, at)].sqrt();
+                let short = (inverse.row(at) * &off)[0];
+                if short.abs() > STOPPED_SHORT * own {
+                    let why = "the search stopped short of the minimum; give it more iterations or use pso+lm";
+                    Estimate::bare(Some(value), unit, why)
+                } else {
+                    Estimate::known(value, own.hypot(short), quantile, unit)
+                }
+            }
+        };
+        parameters.push((target.name(), estimate));
+    }
+    for refused in &plan.refused {
+        for target in Target::ALL.iter().filter(|t| refused.parameters == [t.name()]) {
+            if !plan.targets.contains(target) {
+                parameters.push((target.name(), Estimate::bare(None, target.unit(), refused.why.clone())));
+            }
+        }
+    }
+    let rms = objective.rms(&linear.residual).into_iter().map(|(c, x)| (c.name(), x)).collect();
+    Ok(Identification {
+        parameters,
+        cost: found.cost,
+        history: found.history,
+        method: request.method,
+        drive: plan.drive,
+        evaluations: found.evaluations,
+        converged: found.converged,
+        interrupted: found.interrupted,
+        rms,
+        cannot_show,
+        disturbed_load_torque: disturbed_load(plan, signals, machine, &point),
+        seed: request.seed,
+    })
+}
+
+/// Equation (4): T_L + ΔJ·dω_m/dt + ΔB·ω_m, mean over the recording.
+fn disturbed_load(plan: &Plan, signals: &Signals, machine: &Machine, point: &[f64]) -> Option<f64> {
+    if !plan.targets.contains(&Target::TauLoad) {
+        return None;
+    }
+    let (j, b) = (machine.get(BaseParameter::J)?, machine.get(BaseParameter::B)?);
+    let (mut turned, mut gained, mut time) = (0.0, 0.0, 0.0);
+    for segment in &signals.segments {
+        let (first, last) = (segment.start, segment.end - 1);
+        gained += (signals.omega_e[last] - signals.omega_e[first]) / signals.n_p;
+        time += signals.t[last] - signals.t[first];
+        for k in first..last {
+            let speed = 0.5 * (signals.omega_e[k] + signals.omega_e[k + 1]) / signals.n_p;
+            turned += speed * (signals.t[k + 1] - signals.t[k]);
+        }
+    }
+    let inertia = point[BaseParameter::J.index()] - j;
+    let friction = point[BaseParameter::B.index()] - b;
+    (time > 0.0).then(|| point[plan::LOAD] + (inertia * gained + friction * turned) / time)
+}

@@ -1,0 +1,51 @@
+//! Identification for Python.
+
+use crate::errors::{InternalError, to_python};
+use crate::machine::PyMachine;
+use crate::recording::PyRecording;
+use crate::supervise;
+use pmsm_core::identify as core;
+use pmsm_core::swarm::SwarmSettings;
+use pyo3::prelude::*;
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Estimates parameters; the answer is JSON text. `fit` maps names to bounds in SI units, or to None for a wide range
+/// around the nameplate; empty means whatever the recording can show.
+#[pyfunction]
+#[pyo3(signature = (recording, machine, *, fit, method, particles, iterations, inertia, cognitive, social, seed, threads, progress))]
+pub fn identify(
+    py: Python<'_>,
+    recording: PyRef<'_, PyRecording>,
+    machine: PyRef<'_, PyMachine>,
+    fit: BTreeMap<String, Option<(f64, f64)>>,
+    method: &str,
+    particles: usize,
+    iterations: usize,
+    inertia: f64,
+    cognitive: f64,
+    social: f64,
+    seed: u64,
+    threads: Option<usize>,
+    progress: Option<Bound<'_, PyAny>>,
+) -> PyResult<String> {
+    let (run, machine) = (Arc::clone(&recording.0), machine.0.clone());
+    let refused = |error| to_python(py, &error);
+    let fit: Vec<_> = fit
+        .into_iter()
+        .map(|(name, bounds)| name.parse().map(|target| (target, bounds)))
+        .collect::<Result<_, _>>()
+        .map_err(refused)?;
+    let swarm =
+        SwarmSettings { particles, iterations, inertia, cognitive, social, ..SwarmSettings::default() };
+    let request = core::Request { fit, method: method.parse().map_err(refused)?, swarm, seed };
+    let (answer, interrupted) = supervise::run(py, threads, progress.as_ref(), |monitor| {
+        core::identify(&run, &machine, &request, monitor)
+    })?;
+    let fault = |error: serde_json::Error| InternalError::new_err(error.to_string());
+    let mut value = serde_json::to_value(&answer).map_err(fault)?;
+    value["interrupted"] = json!(interrupted || answer.interrupted);
+    value["version"] = json!(env!("CARGO_PKG_VERSION"));
+    serde_json::to_string(&value).map_err(fault)
+}
