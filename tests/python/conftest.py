@@ -1,4 +1,4 @@
-"""A small plausible recording, a machine file, and the command line as a function."""
+"""A small plausible recording, a machine file, the command line as a function, and what is under test."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pmsm_rs
 import pytest
 from numpy.typing import NDArray
 from pmsm_rs.cli import main
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = Path(pmsm_rs.__file__).resolve().parent
 
 Columns = dict[str, NDArray[np.float64]]
 
@@ -26,6 +30,23 @@ b = 0.0017
 [load]
 kind = "unknown_constant"
 """
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--installed", action="store_true", help="refuse to test the source tree instead of the wheel"
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--installed") and PACKAGE.is_relative_to(ROOT / "python"):
+        raise pytest.UsageError(
+            f"pmsm_rs is imported from the source tree, {PACKAGE}; install the wheel instead (make test)"
+        )
+
+
+def pytest_report_header() -> str:
+    return f"pmsm_rs {pmsm_rs.__version__} from {PACKAGE}"
 
 
 def plausible(n: int = 400) -> Columns:

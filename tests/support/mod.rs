@@ -1,5 +1,6 @@
 //! A synthetic run that excites everything a model can show: speed reversals, steps and dither in both axes, heating.
 
+use pmsm_core::effect::Env;
 use pmsm_core::effects::EffectId;
 use pmsm_core::machine::{BaseParameter, Machine};
 use pmsm_core::model::{BASE, Model};
@@ -123,4 +124,9 @@ pub fn with(own: &[f64]) -> Vec<f64> {
 /// Typical parameters of an effect.
 pub fn typical(effect: EffectId, signals: &Signals) -> Vec<f64> {
     effect.info().parameters.iter().map(|p| (p.typical)(&signals.context)).collect()
+}
+
+/// The machine at standstill at an electrical angle.
+pub fn still(theta_e: f64) -> Env<f64> {
+    Env { t: 0.0, omega_e: 0.0, theta_e, theta_m: theta_e / N_P, heating: 0.0, magnet_heating: 0.0 }
 }

@@ -300,8 +300,9 @@ fn next_experiment(
         )),
         Verdict::Ambiguous => {
             let first = ranked.iter().find(|r| !r.equivalent.is_empty())?;
-            let rival = outcome.swaps.iter().find(|(a, b, _)| *a == first.effect && *b == first.equivalent[0])?;
-            let text = prescribe::separate(data, (first.effect.id(), &outcome.best), (rival.1.id(), &rival.2));
+            let other = first.equivalent[0];
+            let rival = outcome.swaps.iter().find(|s| s.replaced == first.effect && s.by == Some(other))?;
+            let text = prescribe::separate(data, (first.effect.id(), &outcome.best), (other.id(), &rival.judged));
             Some(if weak.is_empty() { text } else { format!("{text} Record {rich}.") })
         }
     }

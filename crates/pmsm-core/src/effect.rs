@@ -258,6 +258,8 @@ pub trait Effect {
     const ELECTRICAL_STATES: usize = 0;
     /// Number of its own mechanical states.
     const MECHANICAL_STATES: usize = 0;
+    /// Whether it has a [`Effect::field`] or [`Effect::shunt`], so that the flux of a current must be iterated for.
+    const MAGNETIC: bool = false;
 
     /// Points from which the parameters are tried: shapes and whole numbers on a grid. Amplitudes are ignored.
     fn probes(cx: &Context) -> Vec<Vec<f64>> {

@@ -33,6 +33,10 @@ macro_rules! catalogue {
             pub fn mechanical_state_count(self) -> usize {
                 match self { $(Self::$name => <$module::$name as Effect>::MECHANICAL_STATES),+ }
             }
+            /// Whether the flux of a current must be iterated for.
+            pub fn is_magnetic(self) -> bool {
+                match self { $(Self::$name => <$module::$name as Effect>::MAGNETIC),+ }
+            }
             dispatch! { [$($module::$name),+]
                 fn probes[](cx: &Context) -> Vec<Vec<f64>>;
                 fn fitted[](cx: &Context, index: usize) -> bool;

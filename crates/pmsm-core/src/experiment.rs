@@ -15,6 +15,7 @@ use crate::simulate::{electrical, quasi_static};
 use crate::effect::Site;
 use crate::machine::BaseParameter;
 use nalgebra::{DMatrix, DVector};
+use std::borrow::Cow;
 use std::ops::Range;
 
 /// A measured quantity that a model predicts.
@@ -66,6 +67,8 @@ pub struct Experiment<'a> {
     pub windows: &'a [Range<usize>],
     /// Channels compared, each with the standard deviation of its noise.
     pub channels: Vec<(Channel, f64)>,
+    /// Motor torque per sample (N·m) where it is known not to change with what is fitted.
+    pub torque: Option<&'a [f64]>,
     /// Samples that do not count (held out), if any.
     pub held_out: Option<&'a [bool]>,
     /// What is known beforehand: parameter, value, standard deviation. It decides only what the recording does not show.
@@ -118,7 +121,7 @@ impl<'a> Experiment<'a> {
             self.fill_electrical::<f64>(p, |row, value| residual[row] = value);
         }
         if self.has_mechanical() {
-            let torque = mechanical::torque(self.model, self.signals, &p[..self.model.parameter_count()]);
+            let torque = self.torque_at(p);
             let (shown, slope) = self.sensitive_speed(p, &torque);
             self.project(&shown, &slope, residual.as_mut_slice(), &mut DMatrix::zeros(0, 0));
         }
@@ -175,7 +178,7 @@ impl<'a> Experiment<'a> {
         jacobian: &mut DMatrix<f64>,
     ) {
         let count = self.model.parameter_count();
-        let torque = mechanical::torque(self.model, self.signals, &p[..count]);
+        let torque = self.torque_at(p);
         let starts = self.starts(p, &torque);
         let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
         let n = self.samples();
@@ -199,6 +202,16 @@ impl<'a> Experiment<'a> {
             });
         }
         self.project(&shown, &slope, residual.as_mut_slice(), jacobian);
+    }
+
+    /// Motor torque per sample.
+    fn torque_at(&self, p: &[f64]) -> Cow<'a, [f64]> {
+        match self.torque {
+            Some(torque) => Cow::Borrowed(torque),
+            None => {
+                Cow::Owned(mechanical::torque(self.model, self.signals, &p[..self.model.parameter_count()]))
+            }
+        }
     }
 
     /// Speed at the best initial speed of each window, and its derivative with respect to that speed.
@@ -286,7 +299,7 @@ impl<'a> Experiment<'a> {
             })
             .collect();
         if let Some(c) = self.channels.iter().position(|(c, _)| *c == Channel::OmegaE) {
-            let torque = mechanical::torque(self.model, self.signals, &p[..self.model.parameter_count()]);
+            let torque = self.torque_at(p);
             let starts = self.starts(p, &torque);
             out[c] = self.speed_pass(p, &torque, &starts).0;
         }

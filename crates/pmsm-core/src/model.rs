@@ -66,6 +66,7 @@ pub struct Model {
     uses_angle: bool,
     has_sensor: bool,
     electrical_count: usize,
+    is_magnetic: bool,
 }
 
 /// Magnetic state that belongs to a flux linkage.
@@ -99,7 +100,8 @@ impl Model {
         }
         let uses_angle = effects.iter().any(|e| e.info().needs.contains(&Need::Angle));
         let has_sensor = effects.iter().any(|e| e.info().site == Site::Sensor);
-        Self { context, slots, uses_angle, has_sensor, electrical_count: electrical }
+        let is_magnetic = effects.iter().any(|e| e.is_magnetic());
+        Self { context, slots, uses_angle, has_sensor, electrical_count: electrical, is_magnetic }
     }
 
     /// The scales it was built for.
@@ -276,7 +278,7 @@ impl Model {
         let sin_cos = self.sin_cos(env);
         let mut flux = [magnet.flux[0] + base.l_d * i[0], magnet.flux[1] + base.l_q * i[1]];
         let mut at = self.magnetic(p, base, psi_m, &magnet, sin_cos, flux);
-        if self.slots.iter().any(|s| s.effect.info().site == Site::Electrical) {
+        if self.is_magnetic {
             for _ in 0..6 {
                 let emf = [-env.omega_e * flux[1], env.omega_e * flux[0]];
                 for s in &self.slots {

@@ -74,8 +74,16 @@ impl<'a> Objective<'a> {
         let sigma = |c: Channel| if c == Channel::OmegaE { speed } else { phase };
         let channels = drive.channels().iter().map(|c| (*c, sigma(*c))).collect();
         let nuisance = Nuisance::unknown(0, model.mechanical_states());
-        let experiment =
-            Experiment { model, signals, nuisance, windows, channels, held_out: None, prior: &[] };
+        let experiment = Experiment {
+            model,
+            signals,
+            nuisance,
+            windows,
+            channels,
+            held_out: None,
+            prior: &[],
+            torque: None,
+        };
         Self { drive, experiment }
     }
 

@@ -43,10 +43,10 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
         let rivals: Vec<(EffectId, &Judged)> = outcome
             .swaps
             .iter()
-            .filter(|(replaced, by, _)| *replaced == effect && by != replaced)
-            .map(|(_, by, judged)| (*by, judged))
+            .filter(|swap| swap.replaced == effect)
+            .filter_map(|swap| Some((swap.by?, &swap.judged)))
             .collect();
-        let removed = outcome.swaps.iter().find(|(a, b, _)| *a == effect && a == b).map(|(_, _, j)| j);
+        let removed = outcome.swaps.iter().find(|s| s.replaced == effect && s.by.is_none()).map(|s| &s.judged);
         let odds = |judged: &Judged| (floor - loss(judged)).min(50.0).exp();
         let none = odds(removed.unwrap_or(&outcome.base));
         let sum = 1.0 + none + rivals.iter().map(|(e, j)| weight(*e, effect) * odds(j)).sum::<f64>();
@@ -80,8 +80,8 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
         Verdict::Named
     };
     ranked.sort_by(|a, b| {
-        let of_model = |r: &Ranked| !effects.contains(&r.effect);
-        of_model(a).cmp(&of_model(b)).then(b.probability.total_cmp(&a.probability))
+        let place = |r: &Ranked| effects.iter().position(|e| *e == r.effect).unwrap_or(usize::MAX);
+        place(a).cmp(&place(b)).then(b.probability.total_cmp(&a.probability))
     });
     (verdict, ranked)
 }

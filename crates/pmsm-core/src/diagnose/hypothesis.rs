@@ -103,6 +103,7 @@ impl Data {
             nuisance,
             windows: &self.windows,
             channels,
+            torque: None,
             held_out: self.held_out.as_deref(),
             prior: &self.prior,
         }
@@ -165,7 +166,7 @@ impl Hypothesis {
 
 /// Settings of every fit of the diagnosis: as exact as the noise deserves.
 pub fn settings() -> Settings {
-    Settings { max_iterations: 40, cost_tolerance: 1e-6, step_tolerance: 1e-4, ..Settings::default() }
+    Settings { max_iterations: 25, cost_tolerance: 1e-6, step_tolerance: 1e-4, ..Settings::default() }
 }
 
 /// Fits the effects of `model` to `data`, starting from the model parameters `start`. `electrical_done` says that the
@@ -315,12 +316,12 @@ fn fit_mechanical(
     let own = &start[..model.parameter_count()];
     let initial = model.mechanical_states();
     let mut steps = Vec::new();
+    let torque = mechanical::torque(model, signals, own);
     if signals.load == Load::UnknownPiecewise {
-        let torque = mechanical::torque(model, signals, own);
         steps = load_steps::find(model, signals, own, &torque, rotor);
     }
     let unknown = matches!(signals.load, Load::UnknownConstant | Load::UnknownPiecewise);
-    let mut levels = vec![if unknown { start_level(data, model, own) } else { 0.0 }; steps.len() + 1];
+    let mut levels = vec![if unknown { start_level(data, &torque, own) } else { 0.0 }; steps.len() + 1];
     let mut parameters = own.to_vec();
     let mut deviations = vec![0.0; initial];
     loop {
@@ -335,7 +336,8 @@ fn fit_mechanical(
         if free.is_empty() {
             return Ok(Mechanics { parameters, free, nuisance });
         }
-        let experiment = data.experiment(model, nuisance, data.channels(false, true));
+        let mut experiment = data.experiment(model, nuisance, data.channels(false, true));
+        experiment.torque = Some(&torque);
         let fitted = experiment.fit(&parameters, &free, &settings(), monitor)?;
         let own = model.parameter_count();
         let keep = worthwhile_steps(&experiment, &fitted, nuisance, own);
@@ -351,8 +353,7 @@ fn fit_mechanical(
 }
 
 /// Mean torque that is neither acceleration nor viscous friction: where the search for the load begins.
-fn start_level(data: &Data, model: &Model, own: &[f64]) -> f64 {
-    let torque = mechanical::torque(model, &data.signals, own);
+fn start_level(data: &Data, torque: &[f64], own: &[f64]) -> f64 {
     let b = own[BaseParameter::B.index()];
     let friction = data.signals.omega_e.iter().map(|w| b * w / data.signals.n_p);
     torque.iter().zip(friction).map(|(t, f)| t - f).sum::<f64>() / torque.len() as f64

@@ -15,11 +15,11 @@ use rayon::prelude::*;
 /// Effects whose first-order score (mean square in units of what is left) is below this are not refitted.
 const LEAST_SCORE: f64 = 0.002;
 /// Single effects refitted at most.
-const SINGLES: usize = 12;
+const SINGLES: usize = 10;
 /// Sets from which larger ones are grown.
-const BEAM: usize = 3;
+const BEAM: usize = 2;
 /// Effects added to each of them.
-const BRANCHES: usize = 4;
+const BRANCHES: usize = 3;
 /// Most effects in one model.
 const MOST: usize = 3;
 
@@ -42,12 +42,23 @@ pub struct Outcome {
     pub singles: Vec<(Prospect, Option<Judged>)>,
     /// The best set of effects (possibly none).
     pub best: Judged,
-    /// For each effect of `best`, the best model in which another effect stands in its place.
-    pub swaps: Vec<(EffectId, EffectId, Judged)>,
+    /// For each effect of `best`, the models in which another effect or none stands in its place.
+    pub swaps: Vec<Swap>,
     /// Effects that could not be judged, and why.
     pub unfit: Vec<(EffectId, String)>,
     /// How they were compared.
     pub scale: Scale,
+}
+
+/// A variant of the best set.
+#[derive(Debug, Clone)]
+pub struct Swap {
+    /// The effect that was taken out.
+    pub replaced: EffectId,
+    /// What stands in its place, if anything.
+    pub by: Option<EffectId>,
+    /// The refitted set.
+    pub judged: Judged,
 }
 
 impl Search<'_> {
@@ -89,8 +100,8 @@ impl Search<'_> {
                 _ => break,
             }
         }
-        let best = self.pruned(best, &scale)?;
-        let swaps = self.swaps(&best, &able, &singles)?;
+        let best = self.pruned(best, &scale, &mut seen)?;
+        let swaps = self.swaps(&best, &able, &mut seen)?;
         self.monitor.report("alternatives", 0.95);
         Ok(Outcome { base, singles, best, swaps, unfit, scale })
     }
@@ -201,14 +212,14 @@ impl Search<'_> {
     }
 
     /// Drops effects that the others make superfluous.
-    fn pruned(&self, mut best: Judged, scale: &Scale) -> Result<Judged> {
+    fn pruned(&self, mut best: Judged, scale: &Scale, seen: &mut Vec<Judged>) -> Result<Judged> {
         'again: loop {
             let effects = best.fitted.effects();
             if effects.len() < 2 {
                 return Ok(best);
             }
             for drop in &effects {
-                let fewer = self.without(&best, *drop)?;
+                let fewer = self.without(&best, *drop, seen)?;
                 if scale.loss(&fewer) < scale.loss(&best) + LEAST_GAIN {
                     best = fewer;
                     continue 'again;
@@ -218,42 +229,41 @@ impl Search<'_> {
         }
     }
 
-    /// The same set without one effect, refitted.
-    fn without(&self, best: &Judged, drop: EffectId) -> Result<Judged> {
+    /// The same set without one effect, refitted unless it was tried before.
+    fn without(&self, best: &Judged, drop: EffectId, seen: &mut Vec<Judged>) -> Result<Judged> {
+        let kept: Vec<EffectId> = best.fitted.effects().into_iter().filter(|e| *e != drop).collect();
+        if let Some(known) = seen.iter().find(|j| is_set(&j.fitted.effects(), &kept)) {
+            return Ok(known.clone());
+        }
         let (model, start) = reduced(&best.fitted, drop);
-        self.judge(hypothesis::fit(self.data, &model, &start, false, self.monitor)?)
+        let judged = self.judge(hypothesis::fit(self.data, &model, &start, false, self.monitor)?)?;
+        seen.push(judged.clone());
+        Ok(judged)
     }
 
-    /// For each effect of the best set, what another effect in its place achieves.
-    fn swaps(
-        &self,
-        best: &Judged,
-        able: &[EffectId],
-        singles: &[(Prospect, Option<Judged>)],
-    ) -> Result<Vec<(EffectId, EffectId, Judged)>> {
+    /// For each effect of the best set, the set without it and what other effects in its place achieve.
+    fn swaps(&self, best: &Judged, able: &[EffectId], seen: &mut Vec<Judged>) -> Result<Vec<Swap>> {
         let effects = best.fitted.effects();
         let mut out = Vec::new();
-        if let [only] = effects[..] {
-            for (prospect, judged) in singles {
-                if let (true, Some(judged)) = (prospect.effect != only, judged) {
-                    out.push((only, prospect.effect, judged.clone()));
-                }
-            }
-            return Ok(out);
-        }
-        for effect in effects {
+        for &effect in &effects {
             if self.monitor.cancelled() {
                 break;
             }
-            let fewer = self.without(best, effect)?;
-            let rest: Vec<EffectId> =
-                self.rest(able, &fewer).into_iter().filter(|e| *e != effect).collect();
-            for (prospect, judged) in self.extend(&fewer, &rest, BRANCHES)? {
-                if let Some(judged) = judged {
-                    out.push((effect, prospect.effect, judged));
-                }
+            let fewer = self.without(best, effect, seen)?;
+            let kept = fewer.fitted.effects();
+            let tried = |e: EffectId, seen: &[Judged]| {
+                seen.iter().find(|j| same(&j.fitted.effects(), &kept, e)).cloned()
+            };
+            let rest: Vec<EffectId> = able.iter().copied().filter(|e| !effects.contains(e)).collect();
+            if !rest.iter().any(|e| tried(*e, seen).is_some()) {
+                let extended = self.extend(&fewer, &rest, BRANCHES)?;
+                seen.extend(extended.into_iter().filter_map(|(_, j)| j));
             }
-            out.push((effect, effect, fewer));
+            let rivals = rest.iter().filter_map(|e| {
+                Some(Swap { replaced: effect, by: Some(*e), judged: tried(*e, seen)? })
+            });
+            out.extend(rivals.collect::<Vec<_>>());
+            out.push(Swap { replaced: effect, by: None, judged: fewer });
         }
         Ok(out)
     }
@@ -279,6 +289,11 @@ fn reduced(hypothesis: &Hypothesis, drop: EffectId) -> (Model, Vec<f64>) {
         start.extend(&hypothesis.parameters[slot.parameters.clone()]);
     }
     (Model::new(*hypothesis.model.context(), &kept), start)
+}
+
+/// Whether both hold the same effects.
+fn is_set(a: &[EffectId], b: &[EffectId]) -> bool {
+    a.len() == b.len() && a.iter().all(|e| b.contains(e))
 }
 
 /// Whether `set` is `parent` with `added`.

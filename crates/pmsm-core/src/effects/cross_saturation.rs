@@ -38,6 +38,7 @@ impl Effect for CrossSaturation {
             PRELOAD,
         ],
     };
+    const MAGNETIC: bool = true;
 
     fn probes(_: &Context) -> Vec<Vec<f64>> {
         [0.1, 0.9].map(|beta| vec![0.0, beta]).to_vec()

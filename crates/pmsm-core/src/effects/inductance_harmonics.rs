@@ -39,6 +39,7 @@ impl Effect for InductanceHarmonics {
         needs: &[Need::Angle, Need::Transients],
         parameters: &[part("a", "cosine part, share of l_q"), part("b", "sine part, share of l_q")],
     };
+    const MAGNETIC: bool = true;
 
     #[inline(always)]
     fn field<T: Real>(p: &[T], at: &FieldPoint<T>, base: &Base<T>, _: &Context, out: &mut Field<T>) {

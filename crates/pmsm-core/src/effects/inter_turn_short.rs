@@ -47,6 +47,7 @@ impl Effect for InterTurnShort {
             PHASE,
         ],
     };
+    const MAGNETIC: bool = true;
     const ELECTRICAL_STATES: usize = 1;
 
     fn probes(cx: &Context) -> Vec<Vec<f64>> {

@@ -43,6 +43,7 @@ impl Effect for IronLoss {
             },
         ],
     };
+    const MAGNETIC: bool = true;
     const ELECTRICAL_STATES: usize = 2;
 
     #[inline(always)]

@@ -38,6 +38,7 @@ impl Effect for SaturationD {
         needs: &[],
         parameters: &[PARAMETERS[0], PARAMETERS[1], PRELOAD],
     };
+    const MAGNETIC: bool = true;
 
     fn probes(_: &Context) -> Vec<Vec<f64>> {
         [1.0, 2.0, 4.0, 7.0].iter().flat_map(|s| [0.1, 0.9].map(|beta| vec![0.0, *s, beta])).collect()

@@ -55,6 +55,7 @@ impl Effect for SaturationQ {
         needs: &[],
         parameters: &PARAMETERS,
     };
+    const MAGNETIC: bool = true;
 
     fn probes(_: &Context) -> Vec<Vec<f64>> {
         [1.0, 2.0, 4.0, 7.0].map(|s| vec![0.0, s]).to_vec()

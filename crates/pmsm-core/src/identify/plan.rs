@@ -61,8 +61,7 @@ impl Plan {
             // An unknown load cannot be left at zero.
             asked.push((Target::TauLoad, None));
         }
-        let mut plan =
-            Self { drive, targets: Vec::new(), bounds: Vec::new(), start, refused: Vec::new() };
+        let mut plan = Self { drive, targets: Vec::new(), bounds: Vec::new(), start, refused: Vec::new() };
         for (target, bounds) in asked {
             if plan.targets.contains(&target) {
                 return Err(Error::unusable(format!("{} is named twice", target.name()), "name it once"));
@@ -150,9 +149,9 @@ fn missing(target: Target, drive: Drive, signals: &Signals) -> Option<String> {
         Drive::MeasuredSpeed if target.is_mechanical() => {
             Some(format!("{name} acts on the speed alone, and the rotor is held"))
         }
-        Drive::OperatingPoints if target.is_mechanical() => {
-            Some(format!("{name} acts on the speed alone, and steady operating points show no change of speed"))
-        }
+        Drive::OperatingPoints if target.is_mechanical() => Some(format!(
+            "{name} acts on the speed alone, and steady operating points show no change of speed"
+        )),
         Drive::MeasuredTorque if !target.is_mechanical() => {
             let torque = target == Target::Base(BaseParameter::PsiM) && signals.tau_e.is_none();
             (!torque).then(|| format!("{name} acts on the voltages, which were not recorded"))
@@ -170,7 +169,8 @@ fn check(target: Target, (low, high): (f64, f64)) -> Result<(f64, f64)> {
     if low.is_finite() && high.is_finite() && bounds.0 < bounds.1 {
         return Ok(bounds);
     }
-    let expected = format!("give two finite bounds, the lower one first, that reach into {least:e} to {most:e}");
+    let expected =
+        format!("give two finite bounds, the lower one first, that reach into {least:e} to {most:e}");
     Err(Error::quantity(&format!("bound of {}", target.name()), low, target.unit(), &expected))
 }
 

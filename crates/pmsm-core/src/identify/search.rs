@@ -76,12 +76,7 @@ pub struct Descent {
 ///
 /// # Errors
 /// Those of [`least_squares::minimise`].
-pub fn descend(
-    objective: &Objective,
-    plan: &Plan,
-    values: &[f64],
-    monitor: &dyn Monitor,
-) -> Result<Descent> {
+pub fn descend(objective: &Objective, plan: &Plan, values: &[f64], monitor: &dyn Monitor) -> Result<Descent> {
     let problem = Descending {
         objective,
         plan,

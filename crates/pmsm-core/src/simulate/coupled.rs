@@ -78,7 +78,8 @@ fn run_sized<T: Real, const E: usize, const M: usize, const N: usize>(
         let turn = begin.theta_m - begin.theta_e * (1.0 / n_p);
         for k in first..last {
             let here = measured_env::<T>(signals, k);
-            let now = model.state_current(p, &base, &parts::<T, E, M, N>(&state).0, &at(&here, &state, n_p, turn));
+            let now =
+                model.state_current(p, &base, &parts::<T, E, M, N>(&state).0, &at(&here, &state, n_p, turn));
             if !sink(k, [now.i[0], now.i[1], state[2] * n_p]) {
                 return;
             }

@@ -74,11 +74,18 @@ pub fn torque<T: Real>(model: &Model, signals: &Signals, p: &[T]) -> Vec<T> {
     if let Some(tau) = &signals.tau_e {
         return tau.iter().map(|x| T::constant(*x)).collect();
     }
-    let Some(phases) = &signals.phases else { return vec![T::zero(); signals.len()] };
+    let (Some(phases), Some(i)) = (&signals.phases, &signals.i) else {
+        return vec![T::zero(); signals.len()];
+    };
     let base = Base::new(p);
+    let sensed = model.has_sensor();
     (0..signals.len())
         .map(|k| {
             let measured = measured_env(signals, k);
+            if !sensed {
+                let i = [T::constant(i[0][k]), T::constant(i[1][k])];
+                return model.steady_state::<T, 12>(p, &base, i, &measured).1;
+            }
             let sensor = model.sensor(p, &measured);
             let env = true_env(&sensor, &measured, signals.n_p);
             let i = model.true_current(&sensor, [phases[0][k], phases[1][k], phases[2][k]], measured.theta_e);
@@ -160,7 +167,7 @@ fn run_sized<T: Real, const N: usize>(
                 }
             }
             let shown = state[0] * n_p;
-            sink(number, k, if sensed { shown * (sensor.angle_slope + 1.0) } else { shown });
+            sink(number, k, if sensed { shown / (T::one() - sensor.angle_slope) } else { shown });
             if k + 1 == window.end && k + 1 == signals.len() {
                 break;
             }
@@ -169,6 +176,7 @@ fn run_sized<T: Real, const N: usize>(
             let (torque, torque_next) = (tau_e[k], tau_e[k + 1]);
             state = rk4::step(h, &state, |c, s| {
                 let at = Env {
+                    t: env.t + c * h,
                     theta_e: env.theta_e * (1.0 - c) + next_env.theta_e * c,
                     theta_m: env.theta_m * (1.0 - c) + next_env.theta_m * c,
                     ..env

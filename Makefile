@@ -1,0 +1,100 @@
+# `make demo` and `make test` need Python >= 3.11, cargo and a C linker, and fetch the rest into .venv and target.
+# Other goals: readme, accuracy, wheel, format, doc, clean.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+MAKEFLAGS += --no-builtin-rules --no-print-directory
+
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+WHEELS := $(VENV)/wheels
+REPORT := out/demo.html
+CONCEALED ?= ../shared/concealed
+ANSWERS ?= out/accuracy
+
+SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md \
+  $(shell find crates python -type f -not -name '*.so' -not -name '*.pyc' -not -path '*/target/*')
+
+.PHONY: help need demo test rust lint python readme accuracy wheel format doc clean
+
+help:
+	@echo 'make demo      install into $(VENV) and diagnose the recording that ships with the package'
+	@echo 'make test      lints, Rust tests, and Python tests against the installed wheel'
+	@echo 'make accuracy  score the diagnosis on concealed cases, where CONCEALED=folder has them'
+	@echo 'make readme    put real output and the picture into README.md'
+	@echo 'make wheel     build the wheel only'
+	@echo 'make format    rustfmt and ruff format'
+	@echo 'make doc       the manual of the Rust crate'
+	@echo 'make clean     remove $(VENV), target and out'
+
+# One sentence for each tool that is missing, before anything is built.
+need:
+	@.ci/need
+
+$(VENV)/pyvenv.cfg: | need
+	@"$$(.ci/need python)" -m venv $(VENV)
+	@$(PIP) install --upgrade pip
+
+$(VENV)/.wheel: $(SOURCES) | need $(VENV)/pyvenv.cfg
+	@echo 'Building the wheel; the first time takes some minutes ...'
+	@rm -rf $(WHEELS)
+	@$(PIP) wheel . --no-deps --wheel-dir $(WHEELS)
+	@touch $@
+
+$(VENV)/.installed: $(VENV)/.wheel
+	@$(PIP) install --force-reinstall --no-deps $(WHEELS)/pmsm_rs-*.whl
+	@$(PIP) install $(WHEELS)/pmsm_rs-*.whl
+	@touch $@
+
+$(VENV)/.test: $(VENV)/.installed
+	@$(PIP) install "$$(echo $(WHEELS)/pmsm_rs-*.whl)[test,proof]"
+	@touch $@
+
+wheel: $(VENV)/.wheel
+	@ls $(WHEELS)/pmsm_rs-*.whl
+
+demo: $(VENV)/.installed
+	@mkdir -p $(dir $(REPORT))
+	@$(BIN)/pmsm-rs demo --report $(REPORT)
+	@echo 'Open it in a browser: file://$(CURDIR)/$(REPORT)'
+
+test: lint rust python
+
+lint: $(VENV)/.test
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets --locked -- -D warnings
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+rust: | need
+	cargo test --locked
+	RUSTDOCFLAGS='-D warnings' cargo doc --locked --no-deps
+
+# `--installed` refuses to test anything but the wheel.
+python: $(VENV)/.test
+	$(BIN)/pytest --installed
+	@$(BIN)/python docs/readme.py --check || \
+	  { echo 'README.md does not show what the package prints; run make readme and read the difference.' >&2; exit 1; }
+
+readme: $(VENV)/.installed
+	$(BIN)/python docs/readme.py
+
+accuracy: $(VENV)/.test
+	@if [ ! -d $(CONCEALED)/open ]; then \
+	  echo 'No concealed cases at $(CONCEALED); name a folder with open/, sealed/, run.py and score.py by CONCEALED=...'; exit 1; fi
+	@mkdir -p $(ANSWERS)
+	$(BIN)/python $(CONCEALED)/run.py --answers $(ANSWERS) --tool $(BIN)/pmsm-rs $(if $(CASES),--only $(CASES))
+	$(BIN)/python $(CONCEALED)/score.py --answers $(ANSWERS) --out $(ANSWERS).json
+
+format:
+	cargo fmt --all
+	$(BIN)/ruff format .
+
+doc:
+	cargo doc --locked --no-deps
+
+clean:
+	rm -rf $(VENV) target out

@@ -1,0 +1,124 @@
+//! From the best point of a search to the answer: standard errors, what is not shown, and how well the model fits.
+
+use super::plan::{self, Plan};
+use super::{Found, Identification, Request, Target};
+use crate::error::Result;
+use crate::experiment::Linearisation;
+use crate::least_squares;
+use crate::machine::{BaseParameter, Machine};
+use crate::objective::Objective;
+use crate::signals::Signals;
+use crate::uncertainty::{self, Estimate};
+
+/// A swarm's estimate farther than this many standard errors from the minimum has no standard error.
+const STOPPED_SHORT: f64 = 10.0;
+
+/// The answer at the best point of a search.
+///
+/// # Errors
+/// Those of [`uncertainty::not_shown`].
+pub fn assemble(
+    objective: &Objective,
+    plan: &Plan,
+    signals: &Signals,
+    machine: &Machine,
+    request: &Request,
+    found: Found,
+) -> Result<Identification> {
+    let point = plan.point(&found.values);
+    let whole = objective.linearise(&point, &plan.free());
+    let mut cannot_show = plan.refused.clone();
+    if whole.jacobian.iter().all(|x| x.is_finite()) {
+        let names: Vec<&str> = plan.targets.iter().map(|t| t.name()).collect();
+        let sizes: Vec<f64> =
+            plan.targets.iter().zip(&found.values).map(|(t, x)| plan::size(*t, *x, signals)).collect();
+        let spread = uncertainty::spread(&whole.jacobian, &whole.residual, signals.len());
+        cannot_show.extend(uncertainty::not_shown(&names, &sizes, &whole.jacobian, &spread, plan::advice)?);
+    }
+    let on_bound = |k: usize| found.values[k] <= plan.bounds[k].0 || found.values[k] >= plan.bounds[k].1;
+    let inside: Vec<usize> = (0..found.values.len()).filter(|k| !on_bound(*k)).collect();
+    let linear = Linearisation { jacobian: whole.jacobian.select_columns(&inside), residual: whole.residual };
+    let spread = uncertainty::spread(&linear.jacobian, &linear.residual, signals.len());
+    let all = vec![true; inside.len()];
+    let inverse = least_squares::covariance(&linear.jacobian.tr_mul(&linear.jacobian), None, &all);
+    let off = linear.jacobian.tr_mul(&linear.residual);
+    let quantile = uncertainty::quantile(spread.blocks);
+    let mut parameters = Vec::new();
+    for (k, target) in plan.targets.iter().enumerate() {
+        let (value, unit) = (found.values[k], target.unit());
+        let estimate = match inside.iter().position(|x| *x == k) {
+            None if cannot_show.iter().any(|x| x.parameters == [target.name()]) => {
+                Estimate::bare(None, unit, "the recording does not show it")
+            }
+            None => Estimate::bare(
+                Some(value),
+                unit,
+                format!("the best value lies on its bound, {value} {unit}; give wider bounds"),
+            ),
+            Some(at) if !spread.covariance[(at, at)].is_finite() => {
+                Estimate::bare(None, unit, "the recording does not show it")
+            }
+            Some(_) if !spread.settled => Estimate::bare(
+                Some(value),
+                unit,
+                "what the model leaves over swings so slowly that the recording is only a few independent looks; record \
+                 longer, or find what the model leaves out",
+            ),
+            Some(at) => {
+                let own = spread.covariance[(at, at)].sqrt();
+                let short = (inverse.row(at) * &off)[0];
+                if short.abs() > STOPPED_SHORT * own {
+                    let why =
+                        "the search stopped short of the minimum; give it more iterations or use pso+lm";
+                    Estimate::bare(Some(value), unit, why)
+                } else {
+                    Estimate::known(value, own.hypot(short), quantile, unit)
+                }
+            }
+        };
+        parameters.push((target.name(), estimate));
+    }
+    for refused in &plan.refused {
+        for target in Target::ALL.iter().filter(|t| refused.parameters == [t.name()]) {
+            if !plan.targets.contains(target) {
+                parameters.push((target.name(), Estimate::bare(None, target.unit(), refused.why.clone())));
+            }
+        }
+    }
+    let rms = objective.rms(&linear.residual).into_iter().map(|(c, x)| (c.name(), x)).collect();
+    Ok(Identification {
+        parameters,
+        cost: found.cost,
+        history: found.history,
+        method: request.method,
+        drive: plan.drive,
+        evaluations: found.evaluations,
+        converged: found.converged,
+        interrupted: found.interrupted,
+        rms,
+        cannot_show,
+        disturbed_load_torque: disturbed_load(plan, signals, machine, &point),
+        seed: request.seed,
+    })
+}
+
+/// Equation (4): T_L + ΔJ·dω_m/dt + ΔB·ω_m, mean over the recording.
+fn disturbed_load(plan: &Plan, signals: &Signals, machine: &Machine, point: &[f64]) -> Option<f64> {
+    if !plan.targets.contains(&Target::TauLoad) {
+        return None;
+    }
+    let (j, b) = (machine.get(BaseParameter::J)?, machine.get(BaseParameter::B)?);
+    let (mut turned, mut gained, mut time) = (0.0, 0.0, 0.0);
+    for segment in &signals.segments {
+        let (first, last) = (segment.start, segment.end - 1);
+        gained += (signals.omega_e[last] - signals.omega_e[first]) / signals.n_p;
+        time += signals.t[last] - signals.t[first];
+        for k in first..last {
+            let speed = 0.5 * (signals.omega_e[k] + signals.omega_e[k + 1]) / signals.n_p;
+            turned += speed * (signals.t[k + 1] - signals.t[k]);
+        }
+    }
+    let inertia = point[BaseParameter::J.index()] - j;
+    let friction = point[BaseParameter::B.index()] - b;
+    (time > 0.0).then(|| point[plan::LOAD] + (inertia * gained + friction * turned) / time)
+}
