@@ -17,7 +17,7 @@ ANSWERS ?= out/accuracy
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md \
   $(shell find crates python -type f -not -name '*.so' -not -name '*.pyc' -not -path '*/target/*')
 
-.PHONY: help need demo test rust lint python readme accuracy wheel format doc clean
+.PHONY: help need demo test lint rustfmt clippy ruff mypy rust python readme accuracy wheel format doc clean
 
 help:
 	@echo 'make demo      install into $(VENV) and diagnose the recording that ships with the package'
@@ -62,11 +62,19 @@ demo: $(VENV)/.installed
 
 test: lint rust python
 
-lint: $(VENV)/.test
+lint: rustfmt clippy ruff mypy
+
+rustfmt: | need
 	cargo fmt --all --check
-	cargo clippy --workspace --all-targets --locked -- -D warnings
+
+clippy: | need
+	cargo clippy --workspace --all-targets --locked --keep-going -- -D warnings
+
+ruff: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+mypy: $(VENV)/.test
 	$(BIN)/mypy
 
 rust: | need

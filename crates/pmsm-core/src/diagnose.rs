@@ -9,6 +9,7 @@ pub mod answer;
 mod decide;
 pub mod hypothesis;
 pub mod locate;
+mod motion;
 mod outputs;
 mod prescribe;
 pub mod search;

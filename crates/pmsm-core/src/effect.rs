@@ -328,6 +328,11 @@ pub trait Effect {
     fn mechanical_start<T: Real>(p: &[T], at: &Mechanical<T>, acceleration: T, cx: &Context, x: &mut [T]) {
         let _ = (p, at, acceleration, cx, x);
     }
+    /// Frequency (Hz) at which the effect lets the speed ring of itself, if it does.
+    fn ringing(p: &[f64]) -> Option<f64> {
+        let _ = p;
+        None
+    }
     /// Changes what the sensors show; `env` holds the measured angle.
     fn sensor<T: Real>(p: &[T], env: &Env<T>, cx: &Context, out: &mut Sensor<T>) {
         let _ = (p, env, cx, out);

@@ -105,7 +105,37 @@ impl Grid {
             columns[(row, 1)] = t[row];
         }
         let closest = CLOSEST * signals.context.duration;
-        Self { t, y, columns, closest }
+        let mut grid = Self { t, y, columns, closest };
+        for slot in model.slots() {
+            if let Some(f) = slot.effect.ringing(&p[slot.parameters.clone()]) {
+                grid.smooth(1.0 / f);
+            }
+        }
+        grid
+    }
+
+    /// Takes a ringing of this period (s) out by averaging over it; a hinge stays a hinge but for its corner.
+    fn smooth(&mut self, period: f64) {
+        let n = self.t.len();
+        let step = (self.t[n - 1] - self.t[0]) / (n - 1) as f64;
+        let half = (0.5 * period / step).round() as usize;
+        if half == 0 || 4 * half > n {
+            return;
+        }
+        let average = |x: &[f64]| -> Vec<f64> {
+            let mut sums = vec![0.0; n + 1];
+            for k in 0..n {
+                sums[k + 1] = sums[k] + x[k];
+            }
+            // Symmetric everywhere, so that a straight line stays one at the ends.
+            let reach = |k: usize| half.min(k).min(n - 1 - k);
+            (0..n).map(|k| (sums[k + reach(k) + 1] - sums[k - reach(k)]) / (2 * reach(k) + 1) as f64).collect()
+        };
+        self.y = DVector::from_vec(average(self.y.as_slice()));
+        for mut column in self.columns.column_iter_mut() {
+            let smoothed = average(&column.iter().copied().collect::<Vec<_>>());
+            column.copy_from_slice(&smoothed);
+        }
     }
 
     fn hinge(&self, step: f64) -> DVector<f64> {

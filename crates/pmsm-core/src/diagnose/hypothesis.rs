@@ -4,18 +4,17 @@
 use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
-use crate::experiment::{Channel, Experiment, Fitted};
+use super::motion;
+use crate::experiment::{Channel, Experiment};
 use crate::least_squares::Settings;
-use crate::load_steps;
 use crate::machine::{BaseParameter, Machine};
 use crate::model::{BASE, Model};
 use crate::monitor::Monitor;
 use crate::noise::{self, Floor};
-use crate::recording::{Kind, Load};
+use crate::recording::Kind;
 use crate::signals::Signals;
 use crate::simulate::mechanical::{self, Nuisance};
 use crate::start;
-use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
 /// Standard deviation of a nameplate value, share of the value.
@@ -91,7 +90,8 @@ impl Data {
         self.floors = noise::floors(&experiment, &hypothesis.parameters);
     }
 
-    fn experiment<'a>(
+    /// The recording seen through a model.
+    pub(super) fn experiment<'a>(
         &'a self,
         model: &'a Model,
         nuisance: Nuisance,
@@ -195,7 +195,7 @@ pub fn fit(
         free = wanted;
     }
     if data.has(false) {
-        let fitted = fit_mechanical(data, model, &parameters, &rotor, monitor)?;
+        let fitted = motion::fit(data, model, &parameters, &rotor, monitor)?;
         (parameters, nuisance) = (fitted.parameters, fitted.nuisance);
         free.extend(fitted.free);
         if !sensors.is_empty() && data.has(true) {
@@ -223,7 +223,7 @@ pub fn transfer(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) -> 
         let mut parameters = own.to_vec();
         let mut nuisance = Nuisance::known(0);
         if data.has(false) {
-            let fitted = fit_mechanical(data, model, &parameters, &[], monitor)?;
+            let fitted = motion::fit(data, model, &parameters, &[], monitor)?;
             (parameters, nuisance) = (fitted.parameters, fitted.nuisance);
         }
         Ok(finish(data, model.clone(), parameters, Vec::new(), nuisance))
@@ -296,131 +296,4 @@ pub fn free_parameters(data: &Data, model: &Model) -> (Vec<usize>, Vec<usize>, V
         }
     }
     (electrical, rotor, sensors)
-}
-
-struct Mechanics {
-    parameters: Vec<f64>,
-    free: Vec<usize>,
-    nuisance: Nuisance,
-}
-
-/// Fits the speed. Steps of an unknown load are found anew, fitted with everything else, and pruned.
-fn fit_mechanical(
-    data: &Data,
-    model: &Model,
-    start: &[f64],
-    rotor: &[usize],
-    monitor: &dyn Monitor,
-) -> Result<Mechanics> {
-    let signals = &data.signals;
-    let own = &start[..model.parameter_count()];
-    let initial = model.mechanical_states();
-    let mut steps = Vec::new();
-    let torque = mechanical::torque(model, signals, own);
-    if signals.load == Load::UnknownPiecewise {
-        steps = load_steps::find(model, signals, own, &torque, rotor);
-    }
-    let unknown = matches!(signals.load, Load::UnknownConstant | Load::UnknownPiecewise);
-    let mut levels = vec![if unknown { start_level(data, &torque, own) } else { 0.0 }; steps.len() + 1];
-    let mut parameters = own.to_vec();
-    let mut deviations = vec![0.0; initial];
-    loop {
-        let nuisance =
-            if unknown { Nuisance::unknown(steps.len(), initial) } else { Nuisance::known(initial) };
-        parameters.truncate(model.parameter_count());
-        parameters.extend(levels.iter().take(nuisance.levels));
-        parameters.extend(&steps);
-        parameters.extend(&deviations);
-        let mut free = rotor.to_vec();
-        free.extend(model.parameter_count()..parameters.len());
-        if free.is_empty() {
-            return Ok(Mechanics { parameters, free, nuisance });
-        }
-        let mut experiment = data.experiment(model, nuisance, data.channels(false, true));
-        experiment.torque = Some(&torque);
-        let fitted = experiment.fit(&parameters, &free, &settings(), monitor)?;
-        let own = model.parameter_count();
-        let keep = worthwhile_steps(&experiment, &fitted, nuisance, own);
-        parameters = fitted.parameters;
-        if keep.len() == steps.len() || monitor.cancelled() {
-            return Ok(Mechanics { parameters, free, nuisance });
-        }
-        // What is left starts from where it was.
-        levels = std::iter::once(own).chain(keep.iter().map(|k| own + k + 1)).map(|k| parameters[k]).collect();
-        deviations = parameters[parameters.len() - initial..].to_vec();
-        steps = keep.iter().map(|k| parameters[own + nuisance.levels + k]).collect();
-    }
-}
-
-/// Mean torque that is neither acceleration nor viscous friction: where the search for the load begins.
-fn start_level(data: &Data, torque: &[f64], own: &[f64]) -> f64 {
-    let b = own[BaseParameter::B.index()];
-    let friction = data.signals.omega_e.iter().map(|w| b * w / data.signals.n_p);
-    torque.iter().zip(friction).map(|(t, f)| t - f).sum::<f64>() / torque.len() as f64
-}
-
-/// What a load step must be worth: this share of the floor's variance over the whole recording, and this many times the
-/// variance of what is left, colour included.
-const STEP_SHARE: f64 = 0.003;
-const STEP_SIGNIFICANCE: f64 = 25.0;
-
-/// Numbers of the steps of a fitted load that pay for themselves: the weakest is taken away as long as it does not, by
-/// what equal levels on either side would cost to second order (Wald).
-fn worthwhile_steps(experiment: &Experiment, fitted: &Fitted, nuisance: Nuisance, own: usize) -> Vec<usize> {
-    let mut kept: Vec<usize> = (0..nuisance.steps()).collect();
-    if kept.is_empty() {
-        return kept;
-    }
-    let residual = experiment.residual(&fitted.parameters);
-    let n = residual.len() as f64;
-    let colour = n / load_steps::effective_samples(residual.as_slice());
-    let unit = (residual.norm_squared() / n).max(1.0) * colour.max(1.0);
-    let threshold = (STEP_SIGNIFICANCE * unit).max(STEP_SHARE * n);
-    let position = |index: usize| fitted.free.iter().position(|f| *f == index).expect("levels are free");
-    // Constraints of the steps already taken away: level after minus level before.
-    let constraint = |step: usize| {
-        let mut row = DVector::zeros(fitted.free.len());
-        row[position(own + step + 1)] = 1.0;
-        row[position(own + step)] = -1.0;
-        row
-    };
-    let levels = DVector::from_iterator(fitted.free.len(), fitted.free.iter().map(|k| fitted.parameters[*k]));
-    let information = scaled_inverse(&fitted.fit.normal.jtj);
-    let mut gone: Vec<usize> = Vec::new();
-    let cost = |steps: &[usize]| -> f64 {
-        let rows: Vec<_> = steps.iter().map(|s| constraint(*s)).collect();
-        let c = DMatrix::from_columns(&rows);
-        let off = c.tr_mul(&levels);
-        let spread = c.transpose() * &information * &c;
-        spread.pseudo_inverse(1e-12).map_or(f64::INFINITY, |inverse| off.dot(&(inverse * &off)))
-    };
-    loop {
-        let spent = if gone.is_empty() { 0.0 } else { cost(&gone) };
-        let weakest = kept
-            .iter()
-            .map(|step| {
-                let mut tried = gone.clone();
-                tried.push(*step);
-                (*step, cost(&tried) - spent)
-            })
-            .min_by(|a, b| a.1.total_cmp(&b.1));
-        match weakest {
-            Some((step, worth)) if worth < threshold => {
-                kept.retain(|k| *k != step);
-                gone.push(step);
-            }
-            _ => return kept,
-        }
-    }
-}
-
-/// Inverse of an information matrix after scaling to unit diagonal, by eigenvalues with a floor.
-fn scaled_inverse(jtj: &DMatrix<f64>) -> DMatrix<f64> {
-    let n = jtj.nrows();
-    let scale: Vec<f64> = (0..n).map(|k| jtj[(k, k)].max(f64::MIN_POSITIVE).sqrt()).collect();
-    let scaled = DMatrix::from_fn(n, n, |r, c| jtj[(r, c)] / (scale[r] * scale[c]));
-    let eigen = scaled.symmetric_eigen();
-    let inverse = eigen.eigenvalues.map(|x| 1.0 / x.max(1e-12));
-    let full = &eigen.eigenvectors * DMatrix::from_diagonal(&inverse) * eigen.eigenvectors.transpose();
-    DMatrix::from_fn(n, n, |r, c| full[(r, c)] / (scale[r] * scale[c]))
 }

@@ -1,6 +1,7 @@
 //! Cross-saturation: the axes share iron, so that the flux of one falls with the current of the other. From one energy
 //! W = (k/l_q)·x²·λ_q²/(2λ_0²), x = λ_d − (1−β)·ψ_m: Δi_d = (k/l_q)·x·λ_q²/λ_0² and Δi_q = (k/l_q)·x²·λ_q/λ_0², so that the cross
-//! terms are reciprocal. β is the share of the magnet's flux that fills the common iron beforehand.
+//! terms are reciprocal. β is the share of the magnet's flux that fills the common iron beforehand; it is
+//! negative where the magnet's leakage saturates bridges that q flux relieves.
 //!
 //! Source: Hinkkanen, Pescetto, Mölsä, Saarakkala, Pellegrino & Bojoi, IEEE Trans. Industry Applications 53 (2017) 2644.
 
@@ -32,16 +33,16 @@ impl Effect for CrossSaturation {
                 role: Role::Amplitude,
                 low: |_| 0.0,
                 // Beyond, the energy is no longer convex: one current would belong to several flux linkages.
-                high: |_| 2.0,
+                high: |_| 5.0,
                 typical: |_| 0.1,
             },
-            PRELOAD,
+            Parameter { low: |_| -1.0, ..PRELOAD },
         ],
     };
     const MAGNETIC: bool = true;
 
     fn probes(_: &Context) -> Vec<Vec<f64>> {
-        [0.1, 0.9].map(|beta| vec![0.0, beta]).to_vec()
+        [-0.6, 0.1, 0.9].map(|beta| vec![0.0, beta]).to_vec()
     }
 
     #[inline(always)]

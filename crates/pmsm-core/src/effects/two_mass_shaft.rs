@@ -96,6 +96,10 @@ impl Effect for TwoMassShaft {
         x[1] = T::zero();
     }
 
+    fn ringing(p: &[f64]) -> Option<f64> {
+        Some(p[1] / (1.0 - p[0]).sqrt())
+    }
+
     fn outputs<T: Real>(p: &[T], base: &Base<T>, _: &Context) -> Vec<Output<T>> {
         let stiffness = p[0] * base.j * (p[1] * TAU).squared();
         vec![

@@ -1,0 +1,287 @@
+//! The equation of motion fitted to the measured speed, with an unknown load whose steps are found, added where the
+//! simulation still misses one, and pruned where they do not pay.
+
+use super::hypothesis::{Data, settings};
+use crate::error::Result;
+use crate::experiment::{Channel, Experiment, Fitted};
+use crate::load_steps;
+use crate::machine::BaseParameter;
+use crate::model::Model;
+use crate::monitor::Monitor;
+use crate::recording::Load;
+use crate::simulate::mechanical::{self, Nuisance};
+use nalgebra::{DMatrix, DVector};
+
+/// Excess mean square of the speed from which a missing load step is looked for.
+const MISSING: f64 = 0.3;
+/// A step added there must bring the mean square below this share of what it was.
+const IMPROVEMENT: f64 = 0.7;
+/// Instants tried for it.
+const TRIED: usize = 96;
+/// Steps added at most.
+const ADDED: usize = 4;
+
+/// A fitted equation of motion.
+pub struct Motion {
+    /// Model parameters followed by those of the nuisance.
+    pub parameters: Vec<f64>,
+    /// Which of them were fitted.
+    pub free: Vec<usize>,
+    /// Shape of the unknown load.
+    pub nuisance: Nuisance,
+    /// Mean square of the residual over the floor's.
+    square: f64,
+}
+
+/// Unknown load and initial values at some stage of the fit.
+#[derive(Clone)]
+struct State {
+    levels: Vec<f64>,
+    steps: Vec<f64>,
+    deviations: Vec<f64>,
+}
+
+/// Fits the mechanical parameters `rotor` of `model`, starting from `start`, and whatever the run leaves open.
+///
+/// # Errors
+/// Those of the least-squares fit.
+pub fn fit(
+    data: &Data,
+    model: &Model,
+    start: &[f64],
+    rotor: &[usize],
+    monitor: &dyn Monitor,
+) -> Result<Motion> {
+    let own = &start[..model.parameter_count()];
+    let torque = mechanical::torque(model, &data.signals, own);
+    let piecewise = data.signals.load == Load::UnknownPiecewise;
+    let steps =
+        if piecewise { load_steps::find(model, &data.signals, own, &torque, rotor) } else { Vec::new() };
+    let unknown = piecewise || data.signals.load == Load::UnknownConstant;
+    let level = if unknown { start_level(data, &torque, own) } else { 0.0 };
+    let state = State {
+        levels: vec![level; if unknown { steps.len() + 1 } else { 0 }],
+        steps,
+        deviations: vec![0.0; model.mechanical_states()],
+    };
+    let mut best = settle(data, model, own, state, rotor, &torque, monitor)?;
+    for _ in 0..ADDED {
+        if !piecewise || best.square < 1.0 + MISSING || monitor.cancelled() {
+            break;
+        }
+        let Some(state) = with_missing_step(data, model, &best, &torque) else { break };
+        let own = &best.parameters[..model.parameter_count()];
+        let more = settle(data, model, own, state, rotor, &torque, monitor)?;
+        if more.square > IMPROVEMENT * best.square {
+            break;
+        }
+        best = more;
+    }
+    Ok(best)
+}
+
+/// Fits from one state, pruning load steps until all that are left pay.
+fn settle(
+    data: &Data,
+    model: &Model,
+    own: &[f64],
+    mut state: State,
+    rotor: &[usize],
+    torque: &[f64],
+    monitor: &dyn Monitor,
+) -> Result<Motion> {
+    let count = model.parameter_count();
+    let mut parameters = own.to_vec();
+    loop {
+        let initial = state.deviations.len();
+        let nuisance = Nuisance { levels: state.levels.len(), initial };
+        parameters.truncate(count);
+        parameters.extend(state.levels.iter().chain(&state.steps).chain(&state.deviations));
+        let mut free = rotor.to_vec();
+        free.extend(count..parameters.len());
+        let experiment = experiment(data, model, nuisance, torque);
+        if free.is_empty() {
+            let square = mean_square(&experiment, &parameters);
+            return Ok(Motion { parameters, free, nuisance, square });
+        }
+        let fitted = experiment.fit(&parameters, &free, &settings(), monitor)?;
+        let keep = worthwhile_steps(&experiment, &fitted, nuisance, count);
+        parameters = fitted.parameters;
+        if keep.len() == nuisance.steps() || monitor.cancelled() {
+            let square = mean_square(&experiment, &parameters);
+            return Ok(Motion { parameters, free, nuisance, square });
+        }
+        // What is left starts from where it was.
+        let fresh = State::of(&parameters, count, nuisance);
+        state = State {
+            levels: std::iter::once(0).chain(keep.iter().map(|k| k + 1)).map(|k| fresh.levels[k]).collect(),
+            steps: keep.iter().map(|k| fresh.steps[*k]).collect(),
+            deviations: fresh.deviations,
+        };
+    }
+}
+
+impl State {
+    fn of(parameters: &[f64], count: usize, nuisance: Nuisance) -> Self {
+        let (levels, rest) = parameters[count..].split_at(nuisance.levels);
+        let (steps, deviations) = rest.split_at(nuisance.steps());
+        Self { levels: levels.to_vec(), steps: steps.to_vec(), deviations: deviations.to_vec() }
+    }
+}
+
+fn experiment<'a>(data: &'a Data, model: &'a Model, nuisance: Nuisance, torque: &'a [f64]) -> Experiment<'a> {
+    let mut experiment = data.experiment(model, nuisance, data.channels(false, true));
+    experiment.torque = Some(torque);
+    experiment
+}
+
+fn mean_square(experiment: &Experiment, parameters: &[f64]) -> f64 {
+    let rms = experiment.relative_rms(&experiment.residual(parameters));
+    let at = experiment.channels.iter().position(|(c, _)| *c == Channel::OmegaE);
+    at.map_or(1.0, |at| rms[at] * rms[at])
+}
+
+/// The fitted load with one more step, at the instant where one explains most of what the simulation leaves. The
+/// response to a step is the simulation's own: the derivative with respect to all load levels behind it.
+fn with_missing_step(data: &Data, model: &Model, fitted: &Motion, torque: &[f64]) -> Option<State> {
+    let count = model.parameter_count();
+    let state = State::of(&fitted.parameters, count, fitted.nuisance);
+    let duration = data.signals.context.duration;
+    let spacing = duration / (TRIED + 1) as f64;
+    let tried: Vec<f64> = (1..=TRIED)
+        .map(|k| k as f64 * spacing)
+        .filter(|t| state.steps.iter().all(|s| (s - t).abs() > 0.5 * spacing))
+        .collect();
+    // All instants at once, as steps of no height.
+    let mut steps: Vec<f64> = state.steps.iter().chain(&tried).copied().collect();
+    steps.sort_by(f64::total_cmp);
+    let segment = |t: f64| state.steps.iter().filter(|s| **s <= t).count();
+    let levels: Vec<f64> = std::iter::once(state.levels[0])
+        .chain(steps.iter().map(|s| state.levels[segment(*s)]))
+        .collect();
+    let nuisance = Nuisance { levels: levels.len(), initial: state.deviations.len() };
+    let mut parameters = fitted.parameters[..count].to_vec();
+    parameters.extend(levels.iter().chain(&steps).chain(&state.deviations));
+    let free: Vec<usize> = (count..count + levels.len()).collect();
+    let linear = experiment(data, model, nuisance, torque).linearise(&parameters, &free);
+    let mut responses: Vec<DVector<f64>> = Vec::with_capacity(steps.len());
+    let mut sum = DVector::zeros(linear.residual.len());
+    for column in (1..levels.len()).rev() {
+        sum += linear.jacobian.column(column);
+        responses.push(sum.clone());
+    }
+    responses.reverse();
+    // What the present levels can do is theirs.
+    let mut basis: Vec<DVector<f64>> = Vec::new();
+    let whole = &sum + linear.jacobian.column(0);
+    let present = std::iter::once(&whole)
+        .chain(steps.iter().zip(&responses).filter(|(s, _)| state.steps.contains(s)).map(|(_, r)| r));
+    for column in present {
+        let mut free = column.clone();
+        for _ in 0..2 {
+            for b in &basis {
+                let along = b.dot(&free);
+                free.axpy(-along, b, 1.0);
+            }
+        }
+        let norm = free.norm();
+        if norm > 1e-6 * column.norm() {
+            basis.push(free / norm);
+        }
+    }
+    let gain = |response: &DVector<f64>| {
+        let mut free = response.clone();
+        for b in &basis {
+            let along = b.dot(&free);
+            free.axpy(-along, b, 1.0);
+        }
+        let square = free.norm_squared();
+        let product = free.dot(&linear.residual);
+        if square > 1e-9 * response.norm_squared() { product * product / square } else { 0.0 }
+    };
+    let best = steps
+        .iter()
+        .zip(&responses)
+        .filter(|(s, _)| !state.steps.contains(s))
+        .map(|(s, r)| (*s, gain(r)))
+        .max_by(|a, b| a.1.total_cmp(&b.1))?
+        .0;
+    let at = segment(best);
+    let mut more = state.clone();
+    more.steps.insert(at, best);
+    more.levels.insert(at, state.levels[at]);
+    Some(more)
+}
+
+/// Mean torque that is neither acceleration nor viscous friction: where the search for the load begins.
+fn start_level(data: &Data, torque: &[f64], own: &[f64]) -> f64 {
+    let b = own[BaseParameter::B.index()];
+    let friction = data.signals.omega_e.iter().map(|w| b * w / data.signals.n_p);
+    torque.iter().zip(friction).map(|(t, f)| t - f).sum::<f64>() / torque.len() as f64
+}
+
+/// What a load step must be worth: this share of the floor's variance over the whole recording, and this many times the
+/// variance of what is left, colour included.
+const STEP_SHARE: f64 = 0.003;
+const STEP_SIGNIFICANCE: f64 = 25.0;
+
+/// Numbers of the steps of a fitted load that pay for themselves: the weakest is taken away as long as it does not, by
+/// what equal levels on either side would cost to second order (Wald).
+fn worthwhile_steps(experiment: &Experiment, fitted: &Fitted, nuisance: Nuisance, own: usize) -> Vec<usize> {
+    let mut kept: Vec<usize> = (0..nuisance.steps()).collect();
+    if kept.is_empty() {
+        return kept;
+    }
+    let residual = experiment.residual(&fitted.parameters);
+    let n = residual.len() as f64;
+    let colour = n / load_steps::effective_samples(residual.as_slice());
+    let unit = (residual.norm_squared() / n).max(1.0) * colour.max(1.0);
+    let threshold = (STEP_SIGNIFICANCE * unit).max(STEP_SHARE * n);
+    let position = |index: usize| fitted.free.iter().position(|f| *f == index).expect("levels are free");
+    // Constraints of the steps already taken away: level after minus level before.
+    let constraint = |step: usize| {
+        let mut row = DVector::zeros(fitted.free.len());
+        row[position(own + step + 1)] = 1.0;
+        row[position(own + step)] = -1.0;
+        row
+    };
+    let levels = DVector::from_iterator(fitted.free.len(), fitted.free.iter().map(|k| fitted.parameters[*k]));
+    let information = scaled_inverse(&fitted.fit.normal.jtj);
+    let mut gone: Vec<usize> = Vec::new();
+    let cost = |steps: &[usize]| -> f64 {
+        let rows: Vec<_> = steps.iter().map(|s| constraint(*s)).collect();
+        let c = DMatrix::from_columns(&rows);
+        let off = c.tr_mul(&levels);
+        let spread = c.transpose() * &information * &c;
+        spread.pseudo_inverse(1e-12).map_or(f64::INFINITY, |inverse| off.dot(&(inverse * &off)))
+    };
+    loop {
+        let spent = if gone.is_empty() { 0.0 } else { cost(&gone) };
+        let weakest = kept
+            .iter()
+            .map(|step| {
+                let mut tried = gone.clone();
+                tried.push(*step);
+                (*step, cost(&tried) - spent)
+            })
+            .min_by(|a, b| a.1.total_cmp(&b.1));
+        match weakest {
+            Some((step, worth)) if worth < threshold => {
+                kept.retain(|k| *k != step);
+                gone.push(step);
+            }
+            _ => return kept,
+        }
+    }
+}
+
+/// Inverse of an information matrix after scaling to unit diagonal, by eigenvalues with a floor.
+fn scaled_inverse(jtj: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = jtj.nrows();
+    let scale: Vec<f64> = (0..n).map(|k| jtj[(k, k)].max(f64::MIN_POSITIVE).sqrt()).collect();
+    let scaled = DMatrix::from_fn(n, n, |r, c| jtj[(r, c)] / (scale[r] * scale[c]));
+    let eigen = scaled.symmetric_eigen();
+    let inverse = eigen.eigenvalues.map(|x| 1.0 / x.max(1e-12));
+    let full = &eigen.eigenvectors * DMatrix::from_diagonal(&inverse) * eigen.eigenvectors.transpose();
+    DMatrix::from_fn(n, n, |r, c| full[(r, c)] / (scale[r] * scale[c]))
+}
