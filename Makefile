@@ -17,7 +17,7 @@ ANSWERS ?= out/accuracy
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md \
   $(shell find crates python -type f -not -name '*.so' -not -name '*.pyc' -not -path '*/target/*')
 
-.PHONY: help need demo test lint rustfmt clippy ruff mypy rust python readme accuracy wheel format doc clean
+.PHONY: help need demo test lint rustfmt clippy ruff mypy rust python readme readme-check accuracy wheel format doc clean
 
 help:
 	@echo 'make demo      install into $(VENV) and diagnose the recording that ships with the package'
@@ -60,7 +60,7 @@ demo: $(VENV)/.installed
 	@$(BIN)/pmsm-rs demo --report $(REPORT)
 	@echo 'Open it in a browser: file://$(CURDIR)/$(REPORT)'
 
-test: lint rust python
+test: lint rust python readme-check
 
 lint: rustfmt clippy ruff mypy
 
@@ -78,12 +78,14 @@ mypy: $(VENV)/.test
 	$(BIN)/mypy
 
 rust: | need
-	cargo test --locked
+	cargo test --locked --no-fail-fast
 	RUSTDOCFLAGS='-D warnings' cargo doc --locked --no-deps
 
 # `--installed` refuses to test anything but the wheel.
 python: $(VENV)/.test
 	$(BIN)/pytest --installed
+
+readme-check: $(VENV)/.test
 	@$(BIN)/python docs/readme.py --check || \
 	  { echo 'README.md does not show what the package prints; run make readme and read the difference.' >&2; exit 1; }
 

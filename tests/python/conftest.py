@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -43,6 +44,9 @@ def pytest_configure(config: pytest.Config) -> None:
         raise pytest.UsageError(
             f"pmsm_rs is imported from the source tree, {PACKAGE}; install the wheel instead (make test)"
         )
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # A shell starts background jobs with Ctrl-C ignored; the tests of Ctrl-C need it to work.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_report_header() -> str:

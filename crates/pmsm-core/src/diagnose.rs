@@ -18,13 +18,13 @@ pub mod verdict;
 
 use crate::effect::Site;
 use crate::error::Result;
+use crate::least_squares;
 use crate::machine::Machine;
 use crate::model::Model;
 use crate::monitor::Monitor;
 use crate::recording::{Kind, Recording};
 use crate::signals::{Finding, Signals};
-use crate::uncertainty;
-use answer::{Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, Traces, Unseen, Verdict};
+use answer::{Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, Step, Traces, Unseen, Verdict};
 use decide::Ranked;
 use hypothesis::{Data, Hypothesis};
 use locate::Located;
@@ -37,8 +37,9 @@ use verdict::{LEAST_GAIN, MOST_WORTH, PRICE};
 const FEWEST_WINDOWS: usize = 4;
 /// Signals must exceed their noise by this factor for anything to be said.
 const LEAST_SIGNAL: f64 = 5.0;
-/// Relative standard error of an electrical base parameter from which the recording is called poor.
-const POOR: f64 = 0.05;
+/// Relative standard error of an electrical base parameter, from the sensors' noise alone, from which the recording is
+/// called poor.
+const POOR: f64 = 0.01;
 
 /// Diagnoses a machine from `recordings` (the first is fitted, further ones judge like a validation run) and an optional
 /// `validation` run on which nothing is estimated but initial values and an unknown load.
@@ -128,7 +129,14 @@ fn on_whole(data: &Data, found: Outcome, base: &Hypothesis, monitor: &dyn Monito
     }
     let mut whole = found.base;
     whole.fitted = base.clone();
-    Ok(Outcome { base: whole, best, ..found })
+    let mut path = found.path;
+    let last = path.len() - 1;
+    for judged in &mut path[1..last.max(1)] {
+        judged.fitted = refit(data, &judged.fitted, monitor)?;
+    }
+    path[0] = whole.clone();
+    path[last] = if last == 0 { whole.clone() } else { best.clone() };
+    Ok(Outcome { base: whole, best, path, ..found })
 }
 
 /// A finding if currents, voltages or speed hardly leave their noise.
@@ -161,6 +169,7 @@ fn undetermined(data: &Data, finding: Finding) -> Answer {
         located: Vec::new(),
         ranking: Vec::new(),
         model: FoundModel { effects: Vec::new(), base: BTreeMap::new() },
+        path: Vec::new(),
         cannot_see: Vec::new(),
         next_experiment: Some("Record a rich manoeuvre: reversals, two levels of i_q, steps of i_d.".into()),
         noise_floor: floors(data),
@@ -178,7 +187,8 @@ fn weak_parameters(data: &Data, base: &Hypothesis) -> Vec<String> {
         return Vec::new();
     }
     let linear = experiment.linearise(&base.parameters, &free);
-    let covariance = uncertainty::covariance(&linear.jacobian, &linear.residual, data.signals.len());
+    let information = linear.jacobian.tr_mul(&linear.jacobian);
+    let covariance = least_squares::covariance(&information, None, &vec![true; free.len()]);
     let names = crate::machine::BaseParameter::ALL;
     free.iter()
         .enumerate()
@@ -215,7 +225,8 @@ fn conclude(
         )),
         None => None,
     };
-    let mut traces = Traces { recording: traces(data, &outcome.base.fitted, &best.fitted), ..Traces::default() };
+    let mut traces =
+        Traces { recording: traces(data, &outcome.base.fitted, &best.fitted), ..Traces::default() };
     let mut fit = FitTable { recording: table(&traces.recording, data), ..FitTable::default() };
     if let Some((judge, before, after)) = &validation {
         traces.validation = self::traces(judge, before, after);
@@ -230,9 +241,10 @@ fn conclude(
         located,
         ranking,
         model: FoundModel {
-            effects: best.fitted.effects().iter().map(|e| e.id().to_string()).collect(),
+            effects: outcome.order().iter().map(|e| e.id().to_string()).collect(),
             base: model_outputs.base(),
         },
+        path: outcome.path.iter().map(|judged| step(data, &judged.fitted)).collect(),
         cannot_see: cannot_see(&outcome),
         next_experiment,
         noise_floor: floors(data),
@@ -240,6 +252,18 @@ fn conclude(
         recording_kind: data.signals.kind,
         traces,
     })
+}
+
+fn step(data: &Data, hypothesis: &Hypothesis) -> Step {
+    let outputs = Outputs::new(data, hypothesis);
+    let effects = hypothesis.effects();
+    let floor = |channel| data.floors.iter().find(|f| f.channel == channel).map_or(f64::NAN, |f| f.total());
+    Step {
+        effects: effects.iter().map(|e| e.id().to_string()).collect(),
+        base: outputs.base(),
+        parameters: effects.iter().map(|e| (e.id().to_string(), outputs.effect(*e))).collect(),
+        rms: hypothesis.squares.iter().map(|(c, s)| (c.name().to_string(), s.sqrt() * floor(*c))).collect(),
+    }
 }
 
 fn candidate(data: &Data, outcome: &Outcome, ranked: &Ranked, model: &Outputs) -> Candidate {
@@ -340,9 +364,11 @@ fn cannot_see(outcome: &Outcome) -> Vec<Unseen> {
     for (prospect, _) in outcome.singles.iter().filter(|(p, _)| !found.contains(&p.effect)) {
         let expected = 0.5 * MOST_WORTH * (1.0 + prospect.visible).ln();
         let count = prospect.effect.info().parameters.len() as f64;
-        let power = 1.0 - locate::upper_tail((expected - LEAST_GAIN - PRICE * count) / (2.0 * expected + 1.0).sqrt());
+        let power =
+            1.0 - locate::upper_tail((expected - LEAST_GAIN - PRICE * count) / (2.0 * expected + 1.0).sqrt());
         if power < 0.5 {
-            let why = "at its typical strength it would disappear in the noise or in the fitted parameters".into();
+            let why =
+                "at its typical strength it would disappear in the noise or in the fitted parameters".into();
             out.push(Unseen { effect: prospect.effect.id().into(), why, power });
         }
     }

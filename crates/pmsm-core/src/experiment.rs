@@ -4,16 +4,16 @@
 //! the noise of the channel, stacked channel by channel. The initial speed of each mechanical window is estimated
 //! inside and projected out, so that callers never see it.
 
+use crate::effect::Site;
 use crate::error::Result;
 use crate::least_squares::{self, Fit, Normal, Problem, Settings};
+use crate::machine::BaseParameter;
 use crate::model::{BASE, Model};
 use crate::monitor::Monitor;
 use crate::real::{Dual, Real};
 use crate::signals::Signals;
 use crate::simulate::mechanical::{self, Nuisance, Restart};
 use crate::simulate::{electrical, quasi_static};
-use crate::effect::Site;
-use crate::machine::BaseParameter;
 use nalgebra::{DMatrix, DVector};
 use std::borrow::Cow;
 use std::ops::Range;
@@ -94,7 +94,10 @@ impl<'a> Experiment<'a> {
     }
 
     fn row_of(&self, channel: Channel) -> Option<(usize, f64)> {
-        self.channels.iter().position(|(c, _)| *c == channel).map(|k| (k * self.samples(), 1.0 / self.channels[k].1))
+        self.channels
+            .iter()
+            .position(|(c, _)| *c == channel)
+            .map(|k| (k * self.samples(), 1.0 / self.channels[k].1))
     }
 
     fn has_mechanical(&self) -> bool {
@@ -194,12 +197,21 @@ impl<'a> Experiment<'a> {
             let restart = FromStarts::<LANES> { starts: &starts, slot: LANES - 1 };
             let load = (self.nuisance, &seeded[count..]);
             let own = &seeded[..count];
-            mechanical::run(self.model, self.signals, own, &lifted, load, self.windows, restart, |_, k, now| {
-                (shown[k], slope[k]) = (now.re, now.eps[LANES - 1]);
-                for (at, column) in columns.iter().enumerate() {
-                    jacobian[(row + k, *column)] = now.eps[at] * weight;
-                }
-            });
+            mechanical::run(
+                self.model,
+                self.signals,
+                own,
+                &lifted,
+                load,
+                self.windows,
+                restart,
+                |_, k, now| {
+                    (shown[k], slope[k]) = (now.re, now.eps[LANES - 1]);
+                    for (at, column) in columns.iter().enumerate() {
+                        jacobian[(row + k, *column)] = now.eps[at] * weight;
+                    }
+                },
+            );
         }
         self.project(&shown, &slope, residual.as_mut_slice(), jacobian);
     }
@@ -228,9 +240,18 @@ impl<'a> Experiment<'a> {
         let torque: Vec<Dual<1>> = torque.iter().map(|x| Dual::constant(*x)).collect();
         let restart = FromStarts::<1> { starts, slot: 0 };
         let load = (self.nuisance, &lifted[count..]);
-        mechanical::run(self.model, self.signals, &lifted[..count], &torque, load, self.windows, restart, |_, k, x| {
-            (shown[k], slope[k]) = (x.re, x.eps[0]);
-        });
+        mechanical::run(
+            self.model,
+            self.signals,
+            &lifted[..count],
+            &torque,
+            load,
+            self.windows,
+            restart,
+            |_, k, x| {
+                (shown[k], slope[k]) = (x.re, x.eps[0]);
+            },
+        );
         (shown, slope)
     }
 
@@ -346,7 +367,13 @@ impl<'a> Experiment<'a> {
     ///
     /// # Errors
     /// Those of [`least_squares::minimise`].
-    pub fn fit(&self, start: &[f64], free: &[usize], settings: &Settings, monitor: &dyn Monitor) -> Result<Fitted> {
+    pub fn fit(
+        &self,
+        start: &[f64],
+        free: &[usize],
+        settings: &Settings,
+        monitor: &dyn Monitor,
+    ) -> Result<Fitted> {
         let problem = Fitting { experiment: self, start, free };
         let at: Vec<f64> = free.iter().map(|k| start[*k]).collect();
         let bounds: Vec<(f64, f64)> = free.iter().map(|k| self.bounds(*k)).collect();
@@ -396,7 +423,8 @@ impl Problem for Fitting<'_> {
 
     fn cost(&self, point: &[f64]) -> f64 {
         let whole = self.whole(point);
-        let known: f64 = self.known().map(|(k, value, sd)| ((whole[self.free[k]] - value) / sd).powi(2)).sum();
+        let known: f64 =
+            self.known().map(|(k, value, sd)| ((whole[self.free[k]] - value) / sd).powi(2)).sum();
         self.experiment.residual(&whole).norm_squared() + known
     }
 

@@ -62,7 +62,8 @@ impl Grid {
             model.effects().into_iter().filter(|e| e.mechanical_state_count() == 0).collect();
         let kept = Model::new(*model.context(), &rigid);
         let (values, places) = restrict(model, &kept, p);
-        let seeds: Vec<usize> = free.iter().filter_map(|k| places.get(*k).copied().flatten()).take(LANES).collect();
+        let seeds: Vec<usize> =
+            free.iter().filter_map(|k| places.get(*k).copied().flatten()).take(LANES).collect();
         let mut seeded: Vec<Dual<LANES>> = values.iter().map(|x| Dual::constant(*x)).collect();
         for (slot, place) in seeds.iter().enumerate() {
             seeded[*place] = Dual::variable(values[*place], slot);
@@ -78,7 +79,9 @@ impl Grid {
             let env = measured_env(signals, k);
             let tau = Dual::constant(tau_e[k]);
             let load = known_load(signals, k);
-            kept.mechanical_rhs(&seeded, &base, &[env.omega_e * (1.0 / n_p)], tau, Dual::constant(load), &env)[0] * base.j
+            kept.mechanical_rhs(&seeded, &base, &[env.omega_e * (1.0 / n_p)], tau, Dual::constant(load), &env)
+                [0]
+                * base.j
         };
         let mut sum = Dual::<LANES>::zero();
         let mut last = acceleration(0);
@@ -129,7 +132,9 @@ impl Grid {
             }
             // Symmetric everywhere, so that a straight line stays one at the ends.
             let reach = |k: usize| half.min(k).min(n - 1 - k);
-            (0..n).map(|k| (sums[k + reach(k) + 1] - sums[k - reach(k)]) / (2 * reach(k) + 1) as f64).collect()
+            (0..n)
+                .map(|k| (sums[k + reach(k) + 1] - sums[k - reach(k)]) / (2 * reach(k) + 1) as f64)
+                .collect()
         };
         self.y = DVector::from_vec(average(self.y.as_slice()));
         for mut column in self.columns.column_iter_mut() {

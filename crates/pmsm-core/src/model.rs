@@ -144,7 +144,8 @@ impl Model {
         if index < BASE {
             return BaseParameter::ALL[index].physical_range();
         }
-        let slot = self.slots.iter().find(|s| s.parameters.contains(&index)).expect("index within the vector");
+        let slot =
+            self.slots.iter().find(|s| s.parameters.contains(&index)).expect("index within the vector");
         let info = &slot.effect.info().parameters[index - slot.parameters.start];
         ((info.low)(&self.context), (info.high)(&self.context))
     }
@@ -204,7 +205,13 @@ impl Model {
     fn shunt<T: Real>(&self, p: &[T], x: &[T], sin_cos: (T, T)) -> [T; 2] {
         let mut i = [T::zero(); 2];
         for s in &self.slots {
-            s.effect.shunt(&p[s.parameters.clone()], &x[s.electrical.clone()], sin_cos, &self.context, &mut i);
+            s.effect.shunt(
+                &p[s.parameters.clone()],
+                &x[s.electrical.clone()],
+                sin_cos,
+                &self.context,
+                &mut i,
+            );
         }
         i
     }
@@ -390,12 +397,8 @@ impl Model {
 
     /// What the sensors do at the measured angle of `env`.
     pub fn sensor<T: Real>(&self, p: &[T], env: &Env<T>) -> Sensor<T> {
-        let mut sensor = Sensor {
-            gain: [T::one(); 3],
-            offset: [T::zero(); 3],
-            angle: T::zero(),
-            angle_slope: T::zero(),
-        };
+        let mut sensor =
+            Sensor { gain: [T::one(); 3], offset: [T::zero(); 3], angle: T::zero(), angle_slope: T::zero() };
         for s in &self.slots {
             s.effect.sensor(&p[s.parameters.clone()], env, &self.context, &mut sensor);
         }

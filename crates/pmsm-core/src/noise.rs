@@ -58,9 +58,7 @@ pub fn floors(experiment: &Experiment, p: &[f64]) -> Vec<Floor> {
         .enumerate()
         .map(|(at, (channel, _))| {
             let sensor = match channel {
-                Channel::ID | Channel::IQ => {
-                    current_noise(signals).unwrap_or_else(|| white_noise(&rest(at)))
-                }
+                Channel::ID | Channel::IQ => current_noise(signals).unwrap_or_else(|| white_noise(&rest(at))),
                 Channel::OmegaE => white_noise(&signals.omega_e),
                 Channel::VD | Channel::VQ => neighbour_noise(&rest(at), signals),
             };
@@ -80,19 +78,22 @@ fn add_driven(experiment: &Experiment, p: &[f64], clean: &[Vec<f64>], floors: &m
     let sensor = |channel: Channel| floors.iter().find(|f| f.channel == channel).map_or(0.0, |f| f.sensor);
     let (sigma_i, sigma_w) = (sensor(Channel::ID), sensor(Channel::OmegaE));
     let mut noisy = experiment.signals.clone();
-    let mut random = Gaussian::new(0x6d6f_746f_72);
+    let mut random = Gaussian::new(0x006d_6f74_6f72);
     if noisy.speed_known {
         for w in &mut noisy.omega_e {
             *w += sigma_w * random.next();
         }
     }
-    if let Some(phases) = &mut noisy.phases {
+    if let (Some(phases), Some(i)) = (&mut noisy.phases, &mut noisy.i) {
         for k in 0..phases[0].len() {
             let dq = [sigma_i * random.next(), sigma_i * random.next()];
             let (s, c) = noisy.theta_e[k].sin_cos();
             let abc = inverse_clarke(rotate(dq, c, s));
             for x in 0..3 {
                 phases[x][k] += abc[x];
+            }
+            for axis in 0..2 {
+                i[axis][k] += dq[axis];
             }
         }
     }
@@ -117,14 +118,14 @@ fn neighbour_noise(rest: &[f64], signals: &Signals) -> f64 {
     };
     let axes: [(&[f64], f64); 3] =
         [(&signals.omega_e, spread(&signals.omega_e)), (d, spread(d)), (q, spread(q))];
-    let distance =
-        |a: usize, b: usize| axes.iter().map(|(x, s)| ((x[a] - x[b]) / s).powi(2)).sum::<f64>();
+    let distance = |a: usize, b: usize| axes.iter().map(|(x, s)| ((x[a] - x[b]) / s).powi(2)).sum::<f64>();
     let n = rest.len();
     let stride = n.div_ceil(600);
     let mut pairs: Vec<(f64, f64)> = (0..n)
         .step_by(stride)
         .filter_map(|a| {
-            let near = (0..n).filter(|b| *b != a).min_by(|x, y| distance(a, *x).total_cmp(&distance(a, *y)))?;
+            let near =
+                (0..n).filter(|b| *b != a).min_by(|x, y| distance(a, *x).total_cmp(&distance(a, *y)))?;
             Some((distance(a, near), (rest[a] - rest[near]).powi(2)))
         })
         .collect();

@@ -134,10 +134,7 @@ macro_rules! componentwise {
             type Output = Self;
             #[inline(always)]
             fn $method(self, other: Self) -> Self {
-                let mut eps = self.eps;
-                for k in 0..N {
-                    eps[k] = eps[k] $op other.eps[k];
-                }
+                let eps = std::array::from_fn(|k| self.eps[k] $op other.eps[k]);
                 Self { re: self.re $op other.re, eps }
             }
         }
@@ -175,6 +172,8 @@ impl<const N: usize> Mul<f64> for Dual<N> {
 
 impl<const N: usize> Div for Dual<N> {
     type Output = Self;
+    // The quotient rule: (f/g)' = (f' − (f/g)·g')/g.
+    #[allow(clippy::suspicious_arithmetic_impl)]
     #[inline(always)]
     fn div(self, other: Self) -> Self {
         let inverse = 1.0 / other.re;

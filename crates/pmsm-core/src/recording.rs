@@ -81,7 +81,8 @@ impl Load {
                 return Err(Error::Unknown {
                     kind: "load",
                     name: other.into(),
-                    known: "none, known_constant, measured, unknown_constant, unknown_piecewise, locked".into(),
+                    known: "none, known_constant, measured, unknown_constant, unknown_piecewise, locked"
+                        .into(),
                 });
             }
         })
@@ -231,7 +232,7 @@ fn column_error(column: &str, problem: &str, fix: &str) -> Error {
 }
 
 fn check_values(column: &str, values: &[f64]) -> Result<()> {
-    match values.iter().position(|x| !(x.abs() <= LARGEST)) {
+    match values.iter().position(|x| x.is_nan() || x.abs() > LARGEST) {
         None => Ok(()),
         Some(row) => Err(Error::Sample {
             column: column.into(),
@@ -247,7 +248,11 @@ fn check_time(t: &[f64]) -> Result<(f64, Vec<Range<usize>>)> {
     let steps: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).collect();
     if let Some(row) = steps.iter().position(|s| *s <= 0.0) {
         let (a, b) = (t[row], t[row + 1]);
-        let problem = if a == b { format!("time stands still at {a} s") } else { format!("time runs back from {a} s to {b} s") };
+        let problem = if a == b {
+            format!("time stands still at {a} s")
+        } else {
+            format!("time runs back from {a} s to {b} s")
+        };
         return Err(Error::Sample {
             column: "t".into(),
             row: row + 1,
@@ -292,7 +297,11 @@ fn kind_of(columns: &BTreeMap<&'static str, Vec<f64>>, period: f64, load: Load) 
     } else {
         ("i_q", "give the currents i_d, i_q or i_a, i_b, i_c with theta_e, or the motor torque tau_e")
     };
-    Err(column_error(missing.0, "is missing, so that neither the electrical nor the mechanical equation can be tested", missing.1))
+    Err(column_error(
+        missing.0,
+        "is missing, so that neither the electrical nor the mechanical equation can be tested",
+        missing.1,
+    ))
 }
 
 #[cfg(test)]
@@ -343,8 +352,10 @@ mod tests {
     #[test]
     fn the_kind_follows_from_the_columns() {
         let pick = |names: &[&str], dt: f64, load| {
-            let given =
-                names.iter().map(|n| ((*n).to_string(), (0..20).map(|k| f64::from(k) * dt).collect())).collect();
+            let given = names
+                .iter()
+                .map(|n| ((*n).to_string(), (0..20).map(|k| f64::from(k) * dt).collect()))
+                .collect();
             Recording::new(given, load).map(|r| r.kind())
         };
         assert_eq!(pick(&["t", "omega_m", "tau_e"], 1e-3, None), Ok(Kind::Mechanical));

@@ -4,11 +4,7 @@ use crate::real::Real;
 
 /// One step of length `h` (s) from `state`. `rhs(c, state)` is the derivative at fraction `c` (0, ½ or 1) of the step.
 #[inline(always)]
-pub fn step<T: Real, const N: usize>(
-    h: f64,
-    state: &[T; N],
-    rhs: impl Fn(f64, &[T; N]) -> [T; N],
-) -> [T; N] {
+pub fn step<T: Real, const N: usize>(h: f64, state: &[T; N], rhs: impl Fn(f64, &[T; N]) -> [T; N]) -> [T; N] {
     let k1 = rhs(0.0, state);
     let k2 = rhs(0.5, &ahead(state, &k1, 0.5 * h));
     let k3 = rhs(0.5, &ahead(state, &k2, 0.5 * h));

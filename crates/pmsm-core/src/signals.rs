@@ -116,9 +116,8 @@ impl Signals {
             (Some(d), Some(q)) => Some([d.to_vec(), q.to_vec()]),
             _ => phase_voltages(recording, &t, &theta_e, &omega_e, angle_known),
         };
-        let relative = |name: &str| {
-            recording.column(name).map(|x| x.iter().map(|v| v - x[0]).collect::<Vec<f64>>())
-        };
+        let relative =
+            |name: &str| recording.column(name).map(|x| x.iter().map(|v| v - x[0]).collect::<Vec<f64>>());
         let (heating, magnet_heating) = (relative("temperature"), relative("temperature_magnet"));
         let tau_e = scaled("tau_e", 1.0);
         if segments.len() > 1 {
@@ -182,9 +181,7 @@ impl Signals {
 
     fn set_scales(&mut self, machine: &Machine, n: usize) {
         let largest = |x: &Option<[Vec<f64>; 2]>| {
-            x.as_ref().map_or(0.0, |[d, q]| {
-                d.iter().zip(q).map(|(d, q)| d.hypot(*q)).fold(0.0, f64::max)
-            })
+            x.as_ref().map_or(0.0, |[d, q]| d.iter().zip(q).map(|(d, q)| d.hypot(*q)).fold(0.0, f64::max))
         };
         let peak = |x: &[f64]| x.iter().fold(0.0f64, |m, v| m.max(v.abs()));
         let cx = &mut self.context;
@@ -300,7 +297,8 @@ fn check_sense(t: &[f64], theta: &[f64], omega: &[f64], segments: &[Range<usize>
     } else {
         refuse(
             format!("the angle turns {ratio:.3} times as far as the integral of the speed"),
-            "check units, n_p and the sense of rotation (scale = -1 in [columns] turns a signal round)".into(),
+            "check units, n_p and the sense of rotation (scale = -1 in [columns] turns a signal round)"
+                .into(),
         )
     }
 }
@@ -323,7 +321,8 @@ fn phase_currents(
     if phases.is_some() {
         findings.push(Finding {
             finding: "only two phase currents are logged".into(),
-            consequence: "the currents' noise is estimated from the model, and a common offset cannot be seen".into(),
+            consequence:
+                "the currents' noise is estimated from the model, and a common offset cannot be seen".into(),
             fix: "log the third phase current".into(),
         });
         return (phases, false);

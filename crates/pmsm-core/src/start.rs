@@ -19,17 +19,18 @@ const MECHANICAL_STRETCH: f64 = 0.02;
 /// [`Error::Unusable`] if a parameter is neither on the nameplate nor visible in the recording.
 pub fn values(signals: &Signals, machine: &Machine) -> Result<[f64; BASE]> {
     let mut found = [f64::NAN; BASE];
-    if BaseParameter::ELECTRICAL.iter().any(|p| machine.get(*p).is_none()) {
-        if let Some(x) = electrical(signals) {
-            found[..4].copy_from_slice(&x);
-        }
+    let unknown = |group: &[BaseParameter]| group.iter().any(|p| machine.get(*p).is_none());
+    if unknown(&BaseParameter::ELECTRICAL)
+        && let Some(x) = electrical(signals)
+    {
+        found[..4].copy_from_slice(&x);
     }
     let mut psi = machine.get(BaseParameter::PsiM);
     psi = psi.or(Some(found[BaseParameter::PsiM.index()]).filter(|x| x.is_finite()));
-    if BaseParameter::MECHANICAL.iter().any(|p| machine.get(*p).is_none()) {
-        if let Some(x) = mechanical(signals, psi) {
-            found[4..].copy_from_slice(&x);
-        }
+    if unknown(&BaseParameter::MECHANICAL)
+        && let Some(x) = mechanical(signals, psi)
+    {
+        found[4..].copy_from_slice(&x);
     }
     let mut out = [0.0; BASE];
     for p in BaseParameter::ALL {

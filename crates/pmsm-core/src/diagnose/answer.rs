@@ -64,6 +64,19 @@ pub struct FoundModel {
     pub base: BTreeMap<String, Estimate>,
 }
 
+/// One step on the way from the bare machine to the model.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Step {
+    /// Effects so far.
+    pub effects: Vec<String>,
+    /// Base parameters, an unknown load with them.
+    pub base: BTreeMap<String, Estimate>,
+    /// Parameters of each effect.
+    pub parameters: BTreeMap<String, BTreeMap<String, Estimate>>,
+    /// Root mean square of measured minus model on the recording by channel.
+    pub rms: BTreeMap<String, f64>,
+}
+
 /// An effect that the recording would not show.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Unseen {
@@ -108,6 +121,8 @@ pub struct Answer {
     pub ranking: Vec<Candidate>,
     /// The model that was found.
     pub model: FoundModel,
+    /// The way from the bare machine to that model, one effect more at each step.
+    pub path: Vec<Step>,
     /// What the recording would not show.
     pub cannot_see: Vec<Unseen>,
     /// What recording would decide.

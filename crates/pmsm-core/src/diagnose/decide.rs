@@ -28,14 +28,11 @@ pub struct Ranked {
 
 /// Verdict and candidates, those of the model first, then by probability.
 pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
-    let effects = outcome.best.fitted.effects();
+    let effects = outcome.order();
     let left = outcome.best.unexplained(&outcome.base);
     let unexplained = left > 1.0;
-    let unknown = if unexplained {
-        1.0 - CEILING_UNKNOWN / left
-    } else {
-        UNKNOWN.0 + UNKNOWN.1 * left * left
-    };
+    let unknown =
+        if unexplained { 1.0 - CEILING_UNKNOWN / left } else { UNKNOWN.0 + UNKNOWN.1 * left * left };
     let loss = |judged: &Judged| outcome.scale.loss(judged);
     let floor = loss(&outcome.best);
     let mut ranked: Vec<Ranked> = Vec::new();
@@ -46,16 +43,15 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
             .filter(|swap| swap.replaced == effect)
             .filter_map(|swap| Some((swap.by?, &swap.judged)))
             .collect();
-        let removed = outcome.swaps.iter().find(|s| s.replaced == effect && s.by.is_none()).map(|s| &s.judged);
+        let removed =
+            outcome.swaps.iter().find(|s| s.replaced == effect && s.by.is_none()).map(|s| &s.judged);
         let odds = |judged: &Judged| (floor - loss(judged)).min(50.0).exp();
         let none = odds(removed.unwrap_or(&outcome.base));
         let sum = 1.0 + none + rivals.iter().map(|(e, j)| weight(*e, effect) * odds(j)).sum::<f64>();
         let share = (1.0 - unknown) / sum;
         let equivalent: Vec<EffectId> = rivals
             .iter()
-            .filter(|(e, j)| {
-                !generalises(*e, effect) && loss(j) < floor + INDISTINGUISHABLE
-            })
+            .filter(|(e, j)| !generalises(*e, effect) && loss(j) < floor + INDISTINGUISHABLE)
             .map(|(e, _)| *e)
             .collect();
         ranked.push(Ranked { effect, probability: share, equivalent, judged: outcome.best.clone() });
@@ -63,7 +59,12 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
             let probability = share * odds(judged) * weight(rival, effect);
             let known = effects.contains(&rival) || ranked.iter().any(|r| r.effect == rival);
             if probability > LEAST_LISTED && !known {
-                ranked.push(Ranked { effect: rival, probability, equivalent: Vec::new(), judged: judged.clone() });
+                ranked.push(Ranked {
+                    effect: rival,
+                    probability,
+                    equivalent: Vec::new(),
+                    judged: judged.clone(),
+                });
             }
         }
     }

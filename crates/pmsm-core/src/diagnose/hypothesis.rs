@@ -1,10 +1,10 @@
 //! A set of effects fitted to a recording by simulation: the electrical equations first, with the measured speed; then
 //! the mechanical one, with the torque of the measured currents; where a sensor is suspected, both together.
 
+use super::motion;
 use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
-use super::motion;
 use crate::experiment::{Channel, Experiment};
 use crate::least_squares::Settings;
 use crate::machine::{BaseParameter, Machine};
@@ -64,7 +64,9 @@ impl Data {
             .map(|&channel| {
                 let sensor = match channel {
                     Channel::ID | Channel::IQ => current.unwrap_or(0.002 * signals.context.i_max),
-                    Channel::OmegaE => noise::white_noise(&signals.omega_e).max(1e-6 * signals.context.omega_e_max),
+                    Channel::OmegaE => {
+                        noise::white_noise(&signals.omega_e).max(1e-6 * signals.context.omega_e_max)
+                    }
                     Channel::VD | Channel::VQ => 0.005 * signals.context.v_max,
                 };
                 Floor { channel, sensor, driven: 0.0 }
@@ -145,7 +147,14 @@ pub struct Hypothesis {
 impl Hypothesis {
     /// A model at given parameters, before anything was fitted.
     pub fn bare(model: Model, parameters: Vec<f64>) -> Self {
-        Self { model, parameters, free: Vec::new(), nuisance: Nuisance::known(0), squares: Vec::new(), samples: Vec::new() }
+        Self {
+            model,
+            parameters,
+            free: Vec::new(),
+            nuisance: Nuisance::known(0),
+            squares: Vec::new(),
+            samples: Vec::new(),
+        }
     }
 
     /// Its effects.
@@ -245,7 +254,13 @@ pub fn transfer(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) -> 
     Ok(best)
 }
 
-fn finish(data: &Data, model: Model, parameters: Vec<f64>, free: Vec<usize>, nuisance: Nuisance) -> Hypothesis {
+fn finish(
+    data: &Data,
+    model: Model,
+    parameters: Vec<f64>,
+    free: Vec<usize>,
+    nuisance: Nuisance,
+) -> Hypothesis {
     let mut out = Hypothesis { model, parameters, free, nuisance, squares: Vec::new(), samples: Vec::new() };
     let experiment = data.whole(&out);
     let residual = experiment.residual(&out.parameters);

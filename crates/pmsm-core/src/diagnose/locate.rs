@@ -117,11 +117,8 @@ fn sentence(at: &Located, channel: Channel, excess: f64) -> String {
         "mechanical" => "The equation of motion".to_string(),
         axis => format!("The {axis}-axis voltage equation"),
     };
-    let mut text = format!(
-        "{equation} leaves {:.1} times the noise in {}",
-        (1.0 + excess).sqrt(),
-        channel.name()
-    );
+    let mut text =
+        format!("{equation} leaves {:.1} times the noise in {}", (1.0 + excess).sqrt(), channel.name());
     let regions: Vec<String> = at
         .regions
         .iter()
@@ -186,7 +183,8 @@ fn narrowest(name: &str, unit: &str, x: &[f64], residual: &[f64]) -> Option<Regi
 fn order(data: &Data, residual: &[f64]) -> Option<f64> {
     let s = &data.signals;
     let turned = (s.theta_m[s.len() - 1] - s.theta_m[0]).abs().max(
-        s.theta_m.iter().fold(f64::NEG_INFINITY, |m, x| m.max(*x)) - s.theta_m.iter().fold(f64::INFINITY, |m, x| m.min(*x)),
+        s.theta_m.iter().fold(f64::NEG_INFINITY, |m, x| m.max(*x))
+            - s.theta_m.iter().fold(f64::INFINITY, |m, x| m.min(*x)),
     );
     let mut orders: Vec<f64> = (1..=24).map(|k| f64::from(k) * s.n_p).collect();
     if turned > TAU {
@@ -213,8 +211,7 @@ fn order(data: &Data, residual: &[f64]) -> Option<f64> {
 /// Frequency of the strongest line in time, if one stands out, Hz.
 fn frequency(data: &Data, residual: &[f64]) -> Option<f64> {
     let block = residual.len().div_ceil(SPECTRUM).max(1);
-    let coarse: Vec<f64> =
-        residual.chunks(block).map(|c| c.iter().sum::<f64>() / c.len() as f64).collect();
+    let coarse: Vec<f64> = residual.chunks(block).map(|c| c.iter().sum::<f64>() / c.len() as f64).collect();
     let step = data.signals.period * block as f64;
     let duration = step * coarse.len() as f64;
     let total: f64 = residual.iter().map(|r| r * r).sum::<f64>() / block as f64;
@@ -289,7 +286,9 @@ pub fn upper_tail(z: f64) -> f64 {
     }
     let x = z / std::f64::consts::SQRT_2;
     let t = 1.0 / (1.0 + 0.327_591_1 * x);
-    let poly = t * (0.254_829_592 + t * (-0.284_496_736 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
+    let poly = t
+        * (0.254_829_592
+            + t * (-0.284_496_736 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
     0.5 * poly * (-x * x).exp()
 }
 

@@ -156,9 +156,8 @@ fn with_missing_step(data: &Data, model: &Model, fitted: &Motion, torque: &[f64]
     let mut steps: Vec<f64> = state.steps.iter().chain(&tried).copied().collect();
     steps.sort_by(f64::total_cmp);
     let segment = |t: f64| state.steps.iter().filter(|s| **s <= t).count();
-    let levels: Vec<f64> = std::iter::once(state.levels[0])
-        .chain(steps.iter().map(|s| state.levels[segment(*s)]))
-        .collect();
+    let levels: Vec<f64> =
+        std::iter::once(state.levels[0]).chain(steps.iter().map(|s| state.levels[segment(*s)])).collect();
     let nuisance = Nuisance { levels: levels.len(), initial: state.deviations.len() };
     let mut parameters = fitted.parameters[..count].to_vec();
     parameters.extend(levels.iter().chain(&steps).chain(&state.deviations));

@@ -48,8 +48,25 @@ impl<'a> Outputs<'a> {
         }
     }
 
-    /// Base parameters by name.
+    /// Base parameters by name, an unknown load with them: `tau_load`, or its levels and instants.
     pub fn base(&self) -> BTreeMap<String, Estimate> {
+        let own = self.hypothesis.own().len();
+        let nuisance = self.hypothesis.nuisance;
+        let levels = (0..nuisance.levels).map(|k| match nuisance.levels {
+            1 => ("tau_load".to_string(), own, "N m"),
+            _ => (format!("tau_load_{}", k + 1), own + k, "N m"),
+        });
+        let instants =
+            (0..nuisance.steps()).map(|k| (format!("t_load_{}", k + 1), own + nuisance.levels + k, "s"));
+        let load = levels.chain(instants).map(|(name, index, unit)| {
+            let value = self.hypothesis.parameters[index];
+            (name, estimate(value, self.variance_of(index, index), unit, None))
+        });
+        let base = self.base_parameters();
+        base.into_iter().chain(load).collect()
+    }
+
+    fn base_parameters(&self) -> BTreeMap<String, Estimate> {
         BaseParameter::ALL
             .iter()
             .filter(|p| start::needed(&self.data.signals, **p))
@@ -73,7 +90,8 @@ impl<'a> Outputs<'a> {
         let Some(slot) = hypothesis.model.slots().iter().find(|s| s.effect == effect) else {
             return BTreeMap::new();
         };
-        let fitted: Vec<usize> = slot.parameters.clone().filter(|k| self.free.contains(k)).take(LANES).collect();
+        let fitted: Vec<usize> =
+            slot.parameters.clone().filter(|k| self.free.contains(k)).take(LANES).collect();
         let mut seeded: Vec<Dual<LANES>> =
             hypothesis.own().iter().map(|x| crate::real::Real::constant(*x)).collect();
         for (lane, index) in fitted.iter().enumerate() {
@@ -103,9 +121,7 @@ impl<'a> Outputs<'a> {
 
 fn estimate(value: f64, variance: f64, unit: &str, why: Option<String>) -> Estimate {
     let stderr = variance.max(0.0).sqrt();
-    let why = why.or_else(|| {
-        (!stderr.is_finite()).then(|| "the recording does not show it".to_string())
-    });
+    let why = why.or_else(|| (!stderr.is_finite()).then(|| "the recording does not show it".to_string()));
     let shown = why.is_none();
     let why = why.or_else(|| {
         (stderr > UNSHOWN * value.abs()).then(|| "uncertain: the recording hardly shows it".to_string())

@@ -27,7 +27,8 @@ pub fn separate(data: &Data, a: (&str, &Judged), b: (&str, &Judged)) -> String {
         .map(|r| format!("{} between {:.3} and {:.3} {}", r.variable, r.low, r.high, r.unit))
         .collect();
     let place = if places.is_empty() {
-        "over the whole range; record longer and with more reversals, two levels of i_q, steps of i_d".to_string()
+        "over the whole range; record longer and with more reversals, two levels of i_q, steps of i_d"
+            .to_string()
     } else {
         format!("for {}; record more of that, and go beyond it where it is safe", places.join(", "))
     };

@@ -48,6 +48,21 @@ pub struct Outcome {
     pub unfit: Vec<(EffectId, String)>,
     /// How they were compared.
     pub scale: Scale,
+    /// The way to the best set, one effect more at each step: the bare machine, the best of its singles, …, the best.
+    pub path: Vec<Judged>,
+}
+
+impl Outcome {
+    /// The effects of the best set in the order in which the path takes them up.
+    pub fn order(&self) -> Vec<EffectId> {
+        let mut order: Vec<EffectId> = Vec::new();
+        for step in &self.path {
+            let added: Vec<EffectId> =
+                step.fitted.effects().into_iter().filter(|e| !order.contains(e)).collect();
+            order.extend(added);
+        }
+        order
+    }
 }
 
 /// A variant of the best set.
@@ -88,7 +103,9 @@ impl Search<'_> {
                 let rest: Vec<EffectId> = self
                     .rest(&able, parent)
                     .into_iter()
-                    .filter(|e| !larger.iter().any(|j| same(&j.fitted.effects(), &parent.fitted.effects(), *e)))
+                    .filter(|e| {
+                        !larger.iter().any(|j| same(&j.fitted.effects(), &parent.fitted.effects(), *e))
+                    })
                     .collect();
                 larger.extend(self.extend(parent, &rest, BRANCHES)?.into_iter().filter_map(|(_, j)| j));
             }
@@ -103,7 +120,8 @@ impl Search<'_> {
         let best = self.pruned(best, &scale, &mut seen)?;
         let swaps = self.swaps(&best, &able, &mut seen)?;
         self.monitor.report("alternatives", 0.95);
-        Ok(Outcome { base, singles, best, swaps, unfit, scale })
+        let path = path(&base, &best, &seen, &scale);
+        Ok(Outcome { base, singles, best, swaps, unfit, scale, path })
     }
 
     /// Transfers a fitted hypothesis to the held-out run.
@@ -141,7 +159,9 @@ impl Search<'_> {
         }
         for need in info.needs {
             match need {
-                Need::Angle if !signals.angle_known => return Some("the rotor angle was not recorded".into()),
+                Need::Angle if !signals.angle_known => {
+                    return Some("the rotor angle was not recorded".into());
+                }
                 Need::Transients if signals.kind == Kind::OperatingPoints => {
                     return Some("operating points do not show what happens within a revolution".into());
                 }
@@ -259,14 +279,37 @@ impl Search<'_> {
                 let extended = self.extend(&fewer, &rest, BRANCHES)?;
                 seen.extend(extended.into_iter().filter_map(|(_, j)| j));
             }
-            let rivals = rest.iter().filter_map(|e| {
-                Some(Swap { replaced: effect, by: Some(*e), judged: tried(*e, seen)? })
-            });
+            let rivals = rest
+                .iter()
+                .filter_map(|e| Some(Swap { replaced: effect, by: Some(*e), judged: tried(*e, seen)? }));
             out.extend(rivals.collect::<Vec<_>>());
             out.push(Swap { replaced: effect, by: None, judged: fewer });
         }
         Ok(out)
     }
+}
+
+/// From the bare machine to the best set through the best subsets that were tried.
+fn path(base: &Judged, best: &Judged, seen: &[Judged], scale: &Scale) -> Vec<Judged> {
+    let goal = best.fitted.effects();
+    let mut path = vec![base.clone()];
+    for size in 1..goal.len() {
+        let sofar = path[path.len() - 1].fitted.effects();
+        let step = seen
+            .iter()
+            .filter(|j| {
+                let effects = j.fitted.effects();
+                effects.len() == size
+                    && effects.iter().all(|e| goal.contains(e))
+                    && sofar.iter().all(|e| effects.contains(e))
+            })
+            .min_by(|a, b| scale.loss(a).total_cmp(&scale.loss(b)));
+        path.extend(step.cloned());
+    }
+    if !goal.is_empty() {
+        path.push(best.clone());
+    }
+    path
 }
 
 /// Hypotheses by loss, best first.

@@ -115,7 +115,8 @@ impl<'a> Scorer<'a> {
         let model = Model::new(*hypothesis.model.context(), &effects);
         let own = hypothesis.own();
         let mut parameters = own.to_vec();
-        parameters.extend(probe.iter().enumerate().map(|(k, x)| if amplitudes.contains(&k) { 0.0 } else { *x }));
+        parameters
+            .extend(probe.iter().enumerate().map(|(k, x)| if amplitudes.contains(&k) { 0.0 } else { *x }));
         parameters.extend(&hypothesis.parameters[own.len()..]);
         let nuisance = Nuisance { initial: model.mechanical_states(), ..hypothesis.nuisance };
         parameters.extend(std::iter::repeat_n(0.0, nuisance.initial - hypothesis.nuisance.initial));
@@ -138,8 +139,12 @@ impl Projector {
             .collect();
         let mut experiment = data.whole(hypothesis);
         experiment.channels.clone_from(&channels);
-        let fitted: Vec<usize> =
-            hypothesis.free.iter().copied().filter(|k| !(rotor_only && experiment.is_electrical(*k))).collect();
+        let fitted: Vec<usize> = hypothesis
+            .free
+            .iter()
+            .copied()
+            .filter(|k| !(rotor_only && experiment.is_electrical(*k)))
+            .collect();
         let linear = experiment.linearise(&hypothesis.parameters, &fitted);
         let mut basis: Vec<DVector<f64>> = Vec::with_capacity(fitted.len());
         for column in linear.jacobian.column_iter() {

@@ -199,9 +199,10 @@ fn load_over<T: Real>(
 ) -> T {
     let known = match signals.load {
         crate::recording::Load::KnownConstant(value) => value,
-        crate::recording::Load::Measured => signals.tau_m.as_ref().map_or(0.0, |tau| {
-            if k + 1 < tau.len() { 0.5 * (tau[k] + tau[k + 1]) } else { tau[k] }
-        }),
+        crate::recording::Load::Measured => signals
+            .tau_m
+            .as_ref()
+            .map_or(0.0, |tau| if k + 1 < tau.len() { 0.5 * (tau[k] + tau[k + 1]) } else { tau[k] }),
         _ => 0.0,
     };
     if load.levels == 0 {
@@ -217,7 +218,9 @@ fn load_over<T: Real>(
     }
     let mean = levels[*level] + known;
     match steps.get(*level) {
-        Some(step) if behind(*step).positive() => mean + (levels[*level + 1] - levels[*level]) * behind(*step),
+        Some(step) if behind(*step).positive() => {
+            mean + (levels[*level + 1] - levels[*level]) * behind(*step)
+        }
         _ => mean,
     }
 }
