@@ -43,7 +43,7 @@ def diagnosis(answer: Diagnosis) -> str:
     if answer.interrupted:
         lines.append("Interrupted: this is the best so far.")
     lines += [
-        f"  ! {item['finding'].rstrip('.')}: {lower_first(item['consequence'])} {item['fix']}"
+        f"  ! {item['finding'].rstrip('.')}: {lower_first(item['consequence']).rstrip('.')}; {lower_first(item['fix'])}"
         for item in answer.data_quality
     ]
     if answer.located:

@@ -31,6 +31,16 @@ pub struct Region {
     pub unit: String,
 }
 
+impl Region {
+    /// The region in words, rounded to three digits of its larger end.
+    pub fn words(&self) -> String {
+        let size = self.low.abs().max(self.high.abs()).max(1e-300);
+        let decimals = (2.0 - size.log10().floor()).clamp(0.0, 12.0) as usize;
+        let (low, high) = (self.low, self.high);
+        format!("{} between {low:.decimals$} and {high:.decimals$} {}", self.variable, self.unit)
+    }
+}
+
 /// One place of the mismatch.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Located {
@@ -119,19 +129,16 @@ fn sentence(at: &Located, channel: Channel, excess: f64) -> String {
     };
     let mut text =
         format!("{equation} leaves {:.1} times the noise in {}", (1.0 + excess).sqrt(), channel.name());
-    let regions: Vec<String> = at
-        .regions
-        .iter()
-        .map(|r| format!("{} between {:.3} and {:.3} {}", r.variable, r.low, r.high, r.unit))
-        .collect();
+    let regions: Vec<String> = at.regions.iter().map(Region::words).collect();
     if !regions.is_empty() {
         text += &format!(", most of it for {}", regions.join(" and for "));
     }
+    let times = |order: f64| if order == 1.0 { "once".to_string() } else { format!("{order:.0} times") };
     if let Some(order) = at.order_electrical {
-        text += &format!("; it repeats {order:.0} times per electrical revolution");
+        text += &format!("; it repeats {} per electrical revolution", times(order));
     }
     if let Some(order) = at.order_mechanical {
-        text += &format!("; it repeats {order:.0} times per mechanical revolution");
+        text += &format!("; it repeats {} per mechanical revolution", times(order));
     }
     if let Some(f) = at.frequency_hz {
         text += &format!("; it swings at {f:.1} Hz");

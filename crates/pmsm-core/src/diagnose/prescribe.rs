@@ -22,10 +22,7 @@ pub fn separate(data: &Data, a: (&str, &Judged), b: (&str, &Judged)) -> String {
     };
     // Regions are taken from excess over the noise; scale so that the difference itself counts.
     let scaled: Vec<f64> = difference.iter().map(|d| 3.0 * d / rms.max(1e-12)).collect();
-    let places: Vec<String> = regions(data, &scaled)
-        .iter()
-        .map(|r| format!("{} between {:.3} and {:.3} {}", r.variable, r.low, r.high, r.unit))
-        .collect();
+    let places: Vec<String> = regions(data, &scaled).iter().map(super::locate::Region::words).collect();
     let place = if places.is_empty() {
         "over the whole range; record longer and with more reversals, two levels of i_q, steps of i_d"
             .to_string()

@@ -14,6 +14,9 @@ use rayon::prelude::*;
 
 /// Effects whose first-order score (mean square in units of what is left) is below this are not refitted.
 const LEAST_SCORE: f64 = 0.002;
+/// Beside other effects, one that scores less than this share of the worst channel's excess is not refitted either: it has
+/// to take away a good part of it to be taken up.
+const LEAST_SHARE: f64 = 0.1;
 /// Single effects refitted at most.
 const SINGLES: usize = 10;
 /// Sets from which larger ones are grown.
@@ -200,8 +203,14 @@ impl Search<'_> {
             .collect();
         let mut order: Vec<usize> = (0..prospects.len()).collect();
         order.sort_by(|a, b| prospects[*b].score.total_cmp(&prospects[*a].score));
+        let beside = !parent.fitted.effects().is_empty();
+        let least = if beside {
+            (LEAST_SHARE * parent.excess() / (1.0 + parent.excess())).max(LEAST_SCORE)
+        } else {
+            LEAST_SCORE
+        };
         let chosen: Vec<bool> = (0..prospects.len())
-            .map(|k| prospects[k].score > LEAST_SCORE && order.iter().take(most).any(|o| *o == k))
+            .map(|k| prospects[k].score > least && order.iter().take(most).any(|o| *o == k))
             .collect();
         let judged: Vec<Result<Option<Judged>>> = prospects
             .par_iter()

@@ -32,8 +32,8 @@ impl Effect for CrossSaturation {
                 meaning: "extra current at the largest flux linkage, share of the linear one",
                 role: Role::Amplitude,
                 low: |_| 0.0,
-                // Beyond, the energy is convex on no real saliency: one current would belong to several flux linkages.
-                high: |_| 5.0,
+                // Beyond, the energy is no longer convex: one current would belong to several flux linkages.
+                high: |_| 2.0,
                 typical: |_| 0.1,
             },
             Parameter { low: |_| -1.0, ..PRELOAD },
