@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import textwrap
+
 from .results import Diagnosis, Identification
 from .words import EQUATIONS, channel, estimate, listed, lower_first, number, percent, title
+
+WIDTH = 100
+"""Columns of a line on a terminal."""
 
 
 def headline(answer: Diagnosis) -> str:
@@ -35,6 +40,11 @@ def _alternatives(answer: Diagnosis) -> list[str]:
     return [lower_first(title(effect)) for effect in dict.fromkeys([first.effect, *first.equivalent_to])]
 
 
+def _hung(head: str, text: str) -> str:
+    """`text` behind `head`, wrapped to the width of a terminal with the later lines below the first."""
+    return textwrap.fill(text, WIDTH, initial_indent=head, subsequent_indent=" " * len(head))
+
+
 def diagnosis(answer: Diagnosis) -> str:
     """A diagnosis as text: the finding, where it sits, candidates, parameters, fit, what is not seen, what
     next.
@@ -42,13 +52,13 @@ def diagnosis(answer: Diagnosis) -> str:
     lines = [headline(answer)]
     if answer.interrupted:
         lines.append("Interrupted: this is the best so far.")
-    lines += [
-        f"  ! {item['finding'].rstrip('.')}: {lower_first(item['consequence']).rstrip('.')}; {lower_first(item['fix'])}"
-        for item in answer.data_quality
-    ]
+    for item in answer.data_quality:
+        consequence = lower_first(item["consequence"]).rstrip(".")
+        text = f"{item['finding'].rstrip('.')}: {consequence}; {lower_first(item['fix'])}"
+        lines.append(_hung("  ! ", text))
     if answer.located:
         lines += ["", "Where it sits"]
-        lines += [f"  {percent(place.share):>6}  {place.sentence}" for place in answer.located[:4]]
+        lines += [_hung(f"  {percent(place.share):>6}  ", place.sentence) for place in answer.located[:4]]
     if answer.ranking:
         lines += ["", "Candidates"]
         for candidate in answer.ranking[:5]:

@@ -3,6 +3,7 @@
 use super::answer::Estimate;
 use super::hypothesis::{Data, Hypothesis};
 use crate::effects::EffectId;
+use crate::least_squares;
 use crate::machine::BaseParameter;
 use crate::model::Base;
 use crate::real::Dual;
@@ -28,14 +29,45 @@ pub struct Outputs<'a> {
 
 impl<'a> Outputs<'a> {
     /// Works out the covariance of the fitted parameters, corrected for coloured residuals.
+    ///
+    /// The electrical parameters come from the electrical channels alone, and the mechanical ones from the speed at
+    /// those values. Their covariance follows the same way down: C_m = C_m|e + G·C_e·Gᵀ with
+    /// G = −(J_mᵀJ_m)⁻¹·J_mᵀJ_e on the rows of the speed. Where a sensor is suspected all were fitted together.
     pub fn new(data: &'a Data, hypothesis: &'a Hypothesis) -> Self {
         let experiment = data.whole(hypothesis);
-        let free = hypothesis.free.clone();
-        let covariance = if free.is_empty() {
-            DMatrix::zeros(0, 0)
-        } else {
-            let linear = experiment.linearise(&hypothesis.parameters, &free);
-            uncertainty::covariance(&linear.jacobian, &linear.residual, data.signals.len())
+        let linear = experiment.linearise(&hypothesis.parameters, &hypothesis.free);
+        let n = data.signals.len();
+        let speed = experiment.channels.iter().position(|(c, _)| !c.is_electrical());
+        let (first, second): (Vec<usize>, Vec<usize>) =
+            (0..hypothesis.free.len()).partition(|k| experiment.is_electrical(hypothesis.free[*k]));
+        let together = hypothesis.model.has_sensor() || first.is_empty() || second.is_empty();
+        let free: Vec<usize> = first.iter().chain(&second).map(|k| hypothesis.free[*k]).collect();
+        let covariance = match speed {
+            _ if free.is_empty() => DMatrix::zeros(0, 0),
+            Some(speed) if !together => {
+                let (before, at) = (speed * n, speed * n..(speed + 1) * n);
+                let electrical = linear.jacobian.select_columns(&first).rows(0, before).into_owned();
+                let c_e =
+                    uncertainty::covariance(&electrical, &linear.residual.rows(0, before).into_owned(), n);
+                let rows = linear.jacobian.rows(at.start, n);
+                let (j_e, j_m) = (rows.select_columns(&first), rows.select_columns(&second));
+                let c_m = uncertainty::covariance(&j_m, &linear.residual.rows(at.start, n).into_owned(), n);
+                let all = vec![true; second.len()];
+                let inverse = least_squares::covariance(&j_m.tr_mul(&j_m), None, &all).map(finite);
+                let g = -(inverse * j_m.tr_mul(&j_e));
+                let (a, b) = (first.len(), second.len());
+                let mut whole = DMatrix::zeros(a + b, a + b);
+                whole.view_mut((a, a), (b, b)).copy_from(&(c_m + &g * c_e.map(finite) * g.transpose()));
+                let cross = &g * c_e.map(finite);
+                whole.view_mut((a, 0), (b, a)).copy_from(&cross);
+                whole.view_mut((0, a), (a, b)).copy_from(&cross.transpose());
+                whole.view_mut((0, 0), (a, a)).copy_from(&c_e);
+                whole
+            }
+            _ => {
+                let jacobian = linear.jacobian.select_columns(&[first, second].concat());
+                uncertainty::covariance(&jacobian, &linear.residual, n)
+            }
         };
         Self { data, hypothesis, free, covariance }
     }
@@ -117,6 +149,11 @@ impl<'a> Outputs<'a> {
             })
             .collect()
     }
+}
+
+/// What is not determined carries nothing over to other parameters.
+fn finite(x: f64) -> f64 {
+    if x.is_finite() { x } else { 0.0 }
 }
 
 fn estimate(value: f64, variance: f64, unit: &str, why: Option<String>) -> Estimate {
