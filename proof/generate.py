@@ -282,7 +282,7 @@ def generate(
         if len(drawn) < len(names):
             continue
         effects = {name: values for name, (values, _) in zip(names, drawn, strict=True)}
-        case, draft = f"v{number:03d}", out / ".draft"
+        case, draft = f"v{number:03d}", out / f".v{number:03d}"
         shutil.rmtree(draft, ignore_errors=True)
         try:
             truth = make_case(

@@ -77,13 +77,15 @@ pub fn diagnose(
     let outcome = match &split {
         Some((fitted, held_out)) => {
             let start = refit(fitted, &base, monitor)?;
-            let searched = Search { data: fitted, held_out: vec![held_out], monitor }.run(start)?;
+            let searched =
+                Search { data: fitted, held_out: vec![held_out], most: search::MOST, monitor }.run(start)?;
             on_whole(&whole, searched, &base, monitor)?
         }
         // What a poor recording leaves open a second one must not be held against it.
         None => {
-            let held_out = if poor { Vec::new() } else { others.iter().collect() };
-            Search { data: &whole, held_out, monitor }.run(base)?
+            let (held_out, most) =
+                if poor { (Vec::new(), 1) } else { (others.iter().collect(), search::MOST) };
+            Search { data: &whole, held_out, most, monitor }.run(base)?
         }
     };
     monitor.report("answer", 0.97);
@@ -194,7 +196,8 @@ fn weak_parameters(data: &Data, base: &Hypothesis) -> Vec<String> {
         .enumerate()
         .filter(|(column, index)| {
             let value = base.parameters[**index].abs();
-            let matters = linear.jacobian.column(*column).norm() * value > (data.signals.len() as f64).sqrt();
+            // A parameter that changes nothing at all (a magnet at standstill) is no lack of the manoeuvre.
+            let matters = linear.jacobian.column(*column).norm() * value > 3.0;
             matters && covariance[(*column, *column)].sqrt() > POOR * value
         })
         .map(|(_, index)| names[*index].name().to_string())
@@ -209,10 +212,16 @@ fn floors(data: &Data) -> BTreeMap<String, f64> {
 fn conclude(
     data: &Data,
     judge: Option<&Data>,
-    outcome: Outcome,
+    mut outcome: Outcome,
     weak: &[String],
     monitor: &dyn Monitor,
 ) -> Result<Answer> {
+    if !weak.is_empty() && outcome.base.excess() <= verdict::MISMATCH {
+        // On a poor recording a small gain of one effect is no evidence against the bare machine.
+        outcome.best = outcome.base.clone();
+        outcome.path.truncate(1);
+        outcome.swaps.clear();
+    }
     let (verdict, ranked) = decide::decide(&outcome, !weak.is_empty());
     let best = &outcome.best;
     let located = located(data, &outcome, verdict);

@@ -2,7 +2,7 @@
 
 use super::answer::Verdict;
 use super::search::Outcome;
-use super::verdict::{INDISTINGUISHABLE, Judged, MISMATCH};
+use super::verdict::{INDISTINGUISHABLE, INDISTINGUISHABLE_POOR, Judged, MISMATCH};
 use crate::effects::EffectId;
 
 /// Probability that is left for unknown physics when an effect explains everything, and what is added when it explains
@@ -51,7 +51,10 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
         let share = (1.0 - unknown) / sum;
         let equivalent: Vec<EffectId> = rivals
             .iter()
-            .filter(|(e, j)| !generalises(*e, effect) && loss(j) < floor + INDISTINGUISHABLE)
+            .filter(|(e, j)| {
+                !generalises(*e, effect)
+                    && loss(j) < floor + if poor { INDISTINGUISHABLE_POOR } else { INDISTINGUISHABLE }
+            })
             .map(|(e, _)| *e)
             .collect();
         ranked.push(Ranked { effect, probability: share, equivalent, judged: outcome.best.clone() });
@@ -73,10 +76,13 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
     }
     let verdict = if effects.is_empty() {
         if outcome.base.excess() > MISMATCH { Verdict::Unknown } else { Verdict::NoMismatch }
+    } else if poor
+        || ranked.iter().any(|r| effects.contains(&r.effect) && !r.equivalent.is_empty()) && !unexplained
+    {
+        // A poor recording cannot tell physics outside the catalogue from physics within.
+        Verdict::Ambiguous
     } else if unexplained {
         Verdict::Unknown
-    } else if ranked.iter().any(|r| effects.contains(&r.effect) && !r.equivalent.is_empty()) || poor {
-        Verdict::Ambiguous
     } else {
         Verdict::Named
     };

@@ -23,8 +23,8 @@ const SINGLES: usize = 10;
 const BEAM: usize = 2;
 /// Effects added to each of them.
 const BRANCHES: usize = 3;
-/// Most effects in one model.
-const MOST: usize = 3;
+/// Most effects in one model, unless the recording is too poor for more than one.
+pub const MOST: usize = 3;
 
 /// The recording, the held-out run, and what was tried on them.
 pub struct Search<'a> {
@@ -32,6 +32,8 @@ pub struct Search<'a> {
     pub data: &'a Data,
     /// Recordings that are not used for fitting.
     pub held_out: Vec<&'a Data>,
+    /// Most effects in one model.
+    pub most: usize,
     /// Asked whether to go on.
     pub monitor: &'a dyn Monitor,
 }
@@ -94,7 +96,7 @@ impl Search<'_> {
         let mut scale = Scale::new(seen.iter());
         let mut beam = sorted(&seen, &scale);
         let mut best = if scale.beats(&beam[0], &base) { beam[0].clone() } else { base.clone() };
-        for size in 2..=MOST {
+        for size in 2..=self.most {
             if best.excess() < MISMATCH || self.monitor.cancelled() {
                 break;
             }

@@ -22,6 +22,8 @@ pub const LEAST_HELD_OUT: f64 = 1.5;
 pub const PROGRESS: f64 = 0.6;
 /// Rivals within this many nats cannot be told apart.
 pub const INDISTINGUISHABLE: f64 = 3.0;
+/// The same on a recording that does not pin the base parameters down, so that they lean on the nameplate.
+pub const INDISTINGUISHABLE_POOR: f64 = 12.0;
 /// What may remain of a channel's excess mean square: this share of it, and this much of the floor's.
 pub const UNEXPLAINED: (f64, f64) = (0.12, 0.12);
 /// The same on a recording that was not used for fitting.
