@@ -1,9 +1,9 @@
 //! What every effect says of itself: identifiers, names of results, bounds, points from which it is tried.
 
 use crate::support::{MACHINE, operating_points, run};
+use pmsm_core::base::Base;
 use pmsm_core::effect::{Context, Need, Role};
 use pmsm_core::effects::{ALL, EffectId};
-use pmsm_core::model::Base;
 
 /// Every identifier of the file contract with the results whose names are binding.
 const CONTRACT: [(&str, &[&str]); 26] = [

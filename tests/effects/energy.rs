@@ -1,9 +1,10 @@
 //! One field energy behind current and torque, and losses of the right sign.
 
 use crate::support::{MACHINE, N_P, run, still, typical, with};
+use pmsm_core::base::Base;
 use pmsm_core::effect::{Context, Electrical, Env, Field, FieldPoint, Site};
 use pmsm_core::effects::{ALL, EffectId};
-use pmsm_core::model::{Base, Model};
+use pmsm_core::model::Model;
 use pmsm_core::rk4;
 use std::f64::consts::TAU;
 

@@ -1,9 +1,10 @@
 //! The equations of every smooth effect are integrated to fourth order.
 
 use crate::support::{N_P, run, typical, with};
+use pmsm_core::base::Base;
 use pmsm_core::effect::{Context, Env, Site};
 use pmsm_core::effects::{ALL, EffectId};
-use pmsm_core::model::{Base, Model};
+use pmsm_core::model::Model;
 use pmsm_core::rk4;
 use pmsm_core::signals::Signals;
 

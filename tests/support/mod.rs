@@ -1,9 +1,10 @@
 //! A synthetic run that excites everything a model can show: speed reversals, steps and dither in both axes, heating.
 
+use pmsm_core::base::BASE;
 use pmsm_core::effect::Env;
 use pmsm_core::effects::EffectId;
 use pmsm_core::machine::{BaseParameter, Machine};
-use pmsm_core::model::{BASE, Model};
+use pmsm_core::model::Model;
 use pmsm_core::real::Real;
 use pmsm_core::recording::{Load, Recording};
 use pmsm_core::signals::Signals;

@@ -6,6 +6,7 @@
 //! unknown, and still located.
 
 pub mod answer;
+pub mod data;
 mod decide;
 pub mod hypothesis;
 pub mod locate;
@@ -25,8 +26,9 @@ use crate::monitor::Monitor;
 use crate::recording::{Kind, Recording};
 use crate::signals::{Finding, Signals};
 use answer::{Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, Step, Traces, Unseen, Verdict};
+use data::Data;
 use decide::Ranked;
-use hypothesis::{Data, Hypothesis};
+use hypothesis::Hypothesis;
 use locate::Located;
 use outputs::Outputs;
 use search::{Outcome, Search};

@@ -9,7 +9,7 @@
 //! implements only the hooks through which it enters; the defaults do nothing. All hooks are generic over the
 //! number type, and with all its parameters at zero an effect must leave the bare machine bit for bit.
 
-use crate::model::Base;
+use crate::base::Base;
 use crate::real::Real;
 
 /// The part of the model in which an effect sits.

@@ -1,11 +1,11 @@
 //! The catalogue of omitted effects: the only registry. An effect is one file below `effects/` and one line here.
 
+use crate::base::Base;
 use crate::effect::{
     Context, Drift, Effect, Electrical, Env, Field, FieldPoint, Info, Magnet, Mechanical, Output, Rotor,
     Sensor,
 };
 use crate::error::{Error, Result};
-use crate::model::Base;
 use crate::real::Real;
 
 macro_rules! catalogue {

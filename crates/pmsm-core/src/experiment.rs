@@ -4,11 +4,12 @@
 //! the noise of the channel, stacked channel by channel. The initial speed of each mechanical window is estimated
 //! inside and projected out, so that callers never see it.
 
+use crate::base::BASE;
 use crate::effect::Site;
 use crate::error::Result;
 use crate::least_squares::{self, Fit, Normal, Problem, Settings};
 use crate::machine::BaseParameter;
-use crate::model::{BASE, Model};
+use crate::model::Model;
 use crate::monitor::Monitor;
 use crate::real::{Dual, Real};
 use crate::signals::Signals;

@@ -3,13 +3,19 @@
 //!
 //! Layers, each using only those above it in this list:
 //!
-//! - [`error`], [`monitor`], [`real`] (number types), [`transforms`], [`rk4`], [`swarm`], [`least_squares`]: know no motor.
-//! - [`machine`] (nameplate), [`recording`] (checked columns).
-//! - [`effect`] (what an omitted effect is), [`effects`] (the catalogue), [`model`] (machine plus effects).
+//! - [`error`], [`monitor`], [`real`] (number types), [`transforms`], [`rk4`], [`swarm`], [`least_squares`], [`uncertainty`]: know
+//!   no motor.
+//! - [`machine`] (nameplate), [`base`] (its parameters in the equations), [`recording`] (checked columns).
+//! - [`effect`] (what an omitted effect is), [`terms`] (what effects share), [`effects`] (the catalogue), [`model`] (machine
+//!   plus effects).
+//! - [`signals`] (a recording as it drives a model), [`simulate`] (free runs), [`start`] (first values).
+//! - [`experiment`] (one recording seen through one model), [`noise`], [`load_steps`], [`objective`].
+//! - [`identify`]: which parameters. [`diagnose`]: what is left out.
 //!
 //! Units are SI throughout, the Park transform is amplitude-invariant, the d axis lies on the magnet flux, and the
 //! sign convention is the motor's.
 
+pub mod base;
 pub mod diagnose;
 pub mod effect;
 pub mod effects;
@@ -30,5 +36,6 @@ pub mod signals;
 pub mod simulate;
 pub mod start;
 pub mod swarm;
+pub mod terms;
 pub mod transforms;
 pub mod uncertainty;

@@ -9,9 +9,10 @@
 //! most, together with corrections of the model's own mechanical parameters, moved, and pruned again; how much a step
 //! must explain follows from the effective number of independent samples in what is left.
 
+use crate::base::Base;
 use crate::effect::Site;
 use crate::effects::EffectId;
-use crate::model::{Base, Model};
+use crate::model::Model;
 use crate::real::{Dual, Real};
 use crate::signals::Signals;
 use crate::simulate::electrical::measured_env;
@@ -269,8 +270,8 @@ fn known_load(signals: &Signals, k: usize) -> f64 {
 
 /// The parameters of `kept` out of those of `model`, and where each of the latter went.
 fn restrict(model: &Model, kept: &Model, p: &[f64]) -> (Vec<f64>, Vec<Option<usize>>) {
-    let mut values = p[..crate::model::BASE].to_vec();
-    let mut places: Vec<Option<usize>> = (0..crate::model::BASE).map(Some).collect();
+    let mut values = p[..crate::base::BASE].to_vec();
+    let mut places: Vec<Option<usize>> = (0..crate::base::BASE).map(Some).collect();
     for slot in model.slots() {
         let stays = kept.slots().iter().any(|s| s.effect == slot.effect);
         let mechanical = slot.effect.info().site == Site::Mechanical;

@@ -1,9 +1,9 @@
 //! First values of the base parameters: the nameplate's, and for what the nameplate leaves open a linear regression
 //! of the equations integrated over short stretches.
 
+use crate::base::BASE;
 use crate::error::{Error, Result};
 use crate::machine::{BaseParameter, Machine};
-use crate::model::BASE;
 use crate::recording::Kind;
 use crate::signals::Signals;
 use nalgebra::{DMatrix, DVector};

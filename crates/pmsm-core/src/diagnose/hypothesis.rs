@@ -1,90 +1,20 @@
 //! A set of effects fitted to a recording by simulation: the electrical equations first, with the measured speed; then
 //! the mechanical one, with the torque of the measured currents; where a sensor is suspected, both together.
 
+use super::data::{Data, settings};
 use super::motion;
 use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
 use crate::experiment::{Channel, Experiment};
-use crate::least_squares::Settings;
-use crate::machine::{BaseParameter, Machine};
-use crate::model::{BASE, Model};
+use crate::machine::BaseParameter;
+use crate::model::Model;
 use crate::monitor::Monitor;
-use crate::noise::{self, Floor};
-use crate::recording::Kind;
-use crate::signals::Signals;
-use crate::simulate::mechanical::{self, Nuisance};
+use crate::noise::{self};
+use crate::simulate::mechanical::Nuisance;
 use crate::start;
-use std::ops::Range;
-
-/// Standard deviation of a nameplate value, share of the value.
-const NAMEPLATE_SPREAD: f64 = 0.3;
-
-/// One recording made ready for fitting.
-#[derive(Debug, Clone)]
-pub struct Data {
-    /// Its signals.
-    pub signals: Signals,
-    /// Mechanical windows.
-    pub windows: Vec<Range<usize>>,
-    /// Noise floors of its channels.
-    pub floors: Vec<Floor>,
-    /// Base parameters to start from.
-    pub start: [f64; BASE],
-    /// What the nameplate says of them: index, value, standard deviation.
-    pub prior: Vec<(usize, f64, f64)>,
-    /// Samples that do not count, if some are held out.
-    pub held_out: Option<Vec<bool>>,
-}
 
 impl Data {
-    /// Prepares a recording. Floors are still the sensors' alone, read from the log; [`Data::settle_floors`] completes them.
-    ///
-    /// # Errors
-    /// Those of [`Signals::new`] and [`start::values`].
-    pub fn new(signals: Signals, machine: &Machine) -> Result<Self> {
-        let windows = mechanical::windows(&signals);
-        let start = start::values(&signals, machine)?;
-        let prior = BaseParameter::ALL
-            .iter()
-            .filter_map(|p| {
-                let value = machine.get(*p)?;
-                Some((p.index(), value, NAMEPLATE_SPREAD * value.abs().max(1e-9)))
-            })
-            .collect();
-        let channels: &[Channel] = match signals.kind {
-            Kind::Full => &[Channel::ID, Channel::IQ, Channel::OmegaE],
-            Kind::Electrical => &[Channel::ID, Channel::IQ],
-            Kind::Mechanical => &[Channel::OmegaE],
-            Kind::OperatingPoints => &[Channel::VD, Channel::VQ],
-        };
-        let current = noise::current_noise(&signals);
-        let floors = channels
-            .iter()
-            .map(|&channel| {
-                let sensor = match channel {
-                    Channel::ID | Channel::IQ => current.unwrap_or(0.002 * signals.context.i_max),
-                    Channel::OmegaE => {
-                        noise::white_noise(&signals.omega_e).max(1e-6 * signals.context.omega_e_max)
-                    }
-                    Channel::VD | Channel::VQ => 0.005 * signals.context.v_max,
-                };
-                Floor { channel, sensor, driven: 0.0 }
-            })
-            .collect();
-        Ok(Self { signals, windows, floors, start, prior, held_out: None })
-    }
-
-    /// The same recording with some samples held out.
-    pub fn masked(&self, held_out: Vec<bool>) -> Self {
-        Self { held_out: Some(held_out), ..self.clone() }
-    }
-
-    /// Number of samples that count.
-    pub fn counted(&self) -> usize {
-        self.held_out.as_ref().map_or(self.signals.len(), |h| h.iter().filter(|x| !**x).count())
-    }
-
     /// Measures the floors with the help of a fitted hypothesis.
     pub fn settle_floors(&mut self, hypothesis: &Hypothesis) {
         let channels = self.floors.iter().map(|f| (f.channel, f.sensor)).collect();
@@ -92,38 +22,9 @@ impl Data {
         self.floors = noise::floors(&experiment, &hypothesis.parameters);
     }
 
-    /// The recording seen through a model.
-    pub(super) fn experiment<'a>(
-        &'a self,
-        model: &'a Model,
-        nuisance: Nuisance,
-        channels: Vec<(Channel, f64)>,
-    ) -> Experiment<'a> {
-        Experiment {
-            model,
-            signals: &self.signals,
-            nuisance,
-            windows: &self.windows,
-            channels,
-            torque: None,
-            held_out: self.held_out.as_deref(),
-            prior: &self.prior,
-        }
-    }
-
-    /// Channels with the floors as weights.
-    pub fn channels(&self, electrical: bool, mechanical: bool) -> Vec<(Channel, f64)> {
-        let wanted = |c: Channel| if c.is_electrical() { electrical } else { mechanical };
-        self.floors.iter().filter(|f| wanted(f.channel)).map(|f| (f.channel, f.total())).collect()
-    }
-
     /// All channels with the floors as weights, seen through a hypothesis.
     pub fn whole<'a>(&'a self, hypothesis: &'a Hypothesis) -> Experiment<'a> {
         self.experiment(&hypothesis.model, hypothesis.nuisance, self.channels(true, true))
-    }
-
-    fn has(&self, electrical: bool) -> bool {
-        self.floors.iter().any(|f| f.channel.is_electrical() == electrical)
     }
 }
 
@@ -171,11 +72,6 @@ impl Hypothesis {
     pub fn square(&self, channel: Channel) -> f64 {
         self.squares.iter().find(|(c, _)| *c == channel).map_or(f64::NAN, |(_, s)| *s)
     }
-}
-
-/// Settings of every fit of the diagnosis: as exact as the noise deserves.
-pub fn settings() -> Settings {
-    Settings { max_iterations: 25, cost_tolerance: 1e-6, step_tolerance: 1e-4, ..Settings::default() }
 }
 
 /// Fits the effects of `model` to `data`, starting from the model parameters `start`. `electrical_done` says that the

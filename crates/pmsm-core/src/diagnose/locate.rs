@@ -1,6 +1,7 @@
 //! Where the bare machine fails: equation, operating region, angle order, frequency, time.
 
-use super::hypothesis::{Data, Hypothesis};
+use super::data::Data;
+use super::hypothesis::Hypothesis;
 use crate::experiment::Channel;
 use crate::load_steps::effective_samples;
 use crate::recording::Kind;

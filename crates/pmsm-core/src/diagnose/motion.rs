@@ -1,7 +1,7 @@
 //! The equation of motion fitted to the measured speed, with an unknown load whose steps are found, added where the
 //! simulation still misses one, and pruned where they do not pay.
 
-use super::hypothesis::{Data, settings};
+use super::data::{Data, settings};
 use crate::error::Result;
 use crate::experiment::{Channel, Experiment, Fitted};
 use crate::load_steps;

@@ -1,11 +1,12 @@
 //! Parameters of a fitted hypothesis with their uncertainties.
 
 use super::answer::Estimate;
-use super::hypothesis::{Data, Hypothesis};
+use super::data::Data;
+use super::hypothesis::Hypothesis;
+use crate::base::Base;
 use crate::effects::EffectId;
 use crate::least_squares;
 use crate::machine::BaseParameter;
-use crate::model::Base;
 use crate::real::Dual;
 use crate::start;
 use crate::uncertainty;

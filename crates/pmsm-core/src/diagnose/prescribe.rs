@@ -1,6 +1,6 @@
 //! Which recording would tell rivals apart: where their predictions already differ most on this one.
 
-use super::hypothesis::Data;
+use super::data::Data;
 use super::locate::regions;
 use super::verdict::Judged;
 

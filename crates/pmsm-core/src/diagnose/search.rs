@@ -1,7 +1,8 @@
 //! The search for the set of effects: all singles, then pairs and triples grown from the best, each refitted by
 //! simulation and judged on the recording and on the held-out run.
 
-use super::hypothesis::{self, Data, Hypothesis};
+use super::data::Data;
+use super::hypothesis::{self, Hypothesis};
 use super::shortlist::{Prospect, Scorer};
 use super::verdict::{Judged, LEAST_GAIN, MISMATCH, PROGRESS, Scale};
 use crate::effect::{Need, Site};
@@ -338,7 +339,7 @@ fn progress(larger: &Judged, smaller: &Judged) -> bool {
 /// Model and parameters without one of the effects.
 fn reduced(hypothesis: &Hypothesis, drop: EffectId) -> (Model, Vec<f64>) {
     let kept: Vec<EffectId> = hypothesis.effects().into_iter().filter(|e| *e != drop).collect();
-    let mut start = hypothesis.own()[..crate::model::BASE].to_vec();
+    let mut start = hypothesis.own()[..crate::base::BASE].to_vec();
     for slot in hypothesis.model.slots().iter().filter(|s| s.effect != drop) {
         start.extend(&hypothesis.parameters[slot.parameters.clone()]);
     }

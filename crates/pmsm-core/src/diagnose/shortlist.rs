@@ -4,7 +4,8 @@
 //! on its grid, are freed of what the already fitted parameters can do; what they then explain of the residual is the score.
 //! Channels are weighed by what is left in them, so that a large misfit in one does not hide a small one in another.
 
-use super::hypothesis::{Data, Hypothesis};
+use super::data::Data;
+use super::hypothesis::Hypothesis;
 use crate::effect::{Role, Site};
 use crate::effects::EffectId;
 use crate::experiment::Channel;

@@ -4,7 +4,7 @@
 //! Source: Janot, Gautier & Brunot, "Data set and reference models of EMPS" (2019).
 
 use crate::effect::{Context, Effect, Info, Mechanical, Parameter, Role, Rotor, Site};
-use crate::effects::coulomb_friction::direction;
+use crate::terms::direction;
 use crate::real::Real;
 
 /// See the module's documentation.

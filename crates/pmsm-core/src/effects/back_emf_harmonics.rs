@@ -7,7 +7,7 @@
 //! ψ_a = ψ_m Σ_n h_n cos(nθ + φ_n); Krause, Analysis of Electric Machinery, 3rd ed. (2013), chapter 4.
 
 use crate::effect::{Context, Effect, Env, Info, Magnet, Need, Output, Parameter, Role, Site};
-use crate::model::Base;
+use crate::base::Base;
 use crate::real::Real;
 
 /// See the module's documentation.

@@ -4,7 +4,7 @@
 //! of the poles. Source: Zhu & Howe, IEEE Trans. Energy Conversion 15 (2000) 407.
 
 use crate::effect::{Context, Effect, Info, Mechanical, Need, Output, Parameter, Role, Rotor, Site};
-use crate::model::Base;
+use crate::base::Base;
 use crate::real::Real;
 
 /// See the module's documentation.

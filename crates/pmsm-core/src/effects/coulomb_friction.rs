@@ -5,18 +5,10 @@
 
 use crate::effect::{Context, Effect, Info, Mechanical, Parameter, Role, Rotor, Site};
 use crate::real::Real;
+use crate::terms::{SMOOTHING};
 
 /// See the module's documentation.
 pub struct CoulombFriction;
-
-/// Share of the top speed over which a friction's sign turns over, where nothing better is known.
-pub const SMOOTHING: f64 = 2e-3;
-
-/// sgn ω_m, smoothed around standstill over a fixed share of the top speed.
-#[inline(always)]
-pub fn direction<T: Real>(omega_m: T, cx: &Context) -> T {
-    (omega_m * (1.0 / (SMOOTHING * cx.omega_m_max()))).tanh()
-}
 
 impl Effect for CoulombFriction {
     const INFO: Info = Info {
@@ -60,6 +52,7 @@ impl Effect for CoulombFriction {
 
 #[cfg(test)]
 mod tests {
+    use crate::terms::direction;
     use super::*;
     use crate::effects::testing::{CX, close, loss, shaft};
 

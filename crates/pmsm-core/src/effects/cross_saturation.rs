@@ -6,8 +6,8 @@
 //! Source: Hinkkanen, Pescetto, Mölsä, Saarakkala, Pellegrino & Bojoi, IEEE Trans. Industry Applications 53 (2017) 2644.
 
 use crate::effect::{Context, Effect, Field, FieldPoint, Info, Parameter, Role, Site};
-use crate::effects::saturation_d::PRELOAD;
-use crate::model::Base;
+use crate::terms::PRELOAD;
+use crate::base::Base;
 use crate::real::Real;
 
 /// See the module's documentation.

@@ -4,7 +4,7 @@
 //! Source: Chung & Sul, IEEE Trans. Industry Applications 34 (1998) 1122.
 
 use crate::effect::{Context, Effect, Env, Info, Need, Output, Parameter, Role, Sensor, Site};
-use crate::model::Base;
+use crate::base::Base;
 use crate::real::Real;
 use crate::transforms::inverse_clarke;
 

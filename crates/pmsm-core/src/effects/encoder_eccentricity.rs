@@ -4,7 +4,7 @@
 //! Source: Lara, Xu & Chandra, IEEE Trans. Industrial Electronics 63 (2016) 6148.
 
 use crate::effect::{Context, Effect, Env, Info, Need, Output, Parameter, Role, Sensor, Site};
-use crate::model::Base;
+use crate::base::Base;
 use crate::real::Real;
 
 /// See the module's documentation.

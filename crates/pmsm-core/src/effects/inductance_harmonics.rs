@@ -7,7 +7,7 @@
 //! transform of L_aa = L_0 + L_2 cos 2θ + L_4 cos 4θ; Krause, Analysis of Electric Machinery (2013), chapter 1.
 
 use crate::effect::{Context, Effect, Field, FieldPoint, Info, Need, Output, Parameter, Role, Site};
-use crate::model::Base;
+use crate::base::Base;
 use crate::real::Real;
 
 /// See the module's documentation.

@@ -5,8 +5,8 @@
 //! Source: Romeral, Urresty, Riba Ruiz & Garcia Espinosa, IEEE Trans. Industrial Electronics 58 (2011) 1996.
 
 use crate::effect::{Context, Effect, Electrical, Info, Need, Output, Parameter, Role, Site};
-use crate::effects::phase_resistance_imbalance::{PHASE, chosen};
-use crate::model::Base;
+use crate::terms::{PHASE, chosen};
+use crate::base::Base;
 use crate::real::Real;
 use crate::transforms::{inverse_park, park};
 

@@ -4,7 +4,7 @@
 //! Source: Urasaki, Senjyu & Uezato, IEEE Trans. Energy Conversion 18 (2003) 41.
 
 use crate::effect::{Context, Effect, Electrical, Info, Need, Output, Parameter, Role, Site};
-use crate::model::Base;
+use crate::base::Base;
 use crate::real::Real;
 
 /// See the module's documentation.

@@ -3,7 +3,7 @@
 //! Source: Dohring, Lee & Newman, "A load-dependent transmission friction model", IEEE ICRA (1993) 430.
 
 use crate::effect::{Context, Effect, Info, Mechanical, Parameter, Role, Rotor, Site};
-use crate::effects::coulomb_friction::direction;
+use crate::terms::direction;
 use crate::real::Real;
 
 /// See the module's documentation.

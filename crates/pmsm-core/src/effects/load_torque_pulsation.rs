@@ -4,7 +4,7 @@
 //! Source: Holtz & Springob, IEEE Trans. Industrial Electronics 43 (1996) 330.
 
 use crate::effect::{Context, Effect, Info, Mechanical, Need, Output, Parameter, Role, Rotor, Site};
-use crate::model::Base;
+use crate::base::Base;
 use crate::real::Real;
 
 /// See the module's documentation.

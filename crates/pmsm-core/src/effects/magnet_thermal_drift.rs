@@ -5,7 +5,7 @@
 //! (NdFeB −0.0011 1/K, ferrite −0.002 1/K).
 
 use crate::effect::{Context, Drift, Effect, Env, Info, Need, Output, Parameter, Role, Site};
-use crate::model::Base;
+use crate::base::Base;
 use crate::real::Real;
 
 /// See the module's documentation.

@@ -3,30 +3,13 @@
 //! Source: Hang, Zhang, Cheng & Huang, IEEE Trans. Energy Conversion 30 (2015) 1366 (high-resistance connection).
 
 use crate::effect::{Context, Effect, Electrical, Info, Need, Output, Parameter, Role, Site};
-use crate::model::Base;
+use crate::base::Base;
 use crate::real::Real;
+use crate::terms::{PHASE, chosen};
 use crate::transforms::{inverse_park, park};
 
 /// See the module's documentation.
 pub struct PhaseResistanceImbalance;
-
-/// The whole number that says which phase (0, 1, 2 for a, b, c).
-pub const PHASE: Parameter = Parameter {
-    name: "phase",
-    unit: "1",
-    meaning: "phase concerned: 0, 1, 2 for a, b, c",
-    role: Role::Fixed,
-    low: |_| 0.0,
-    high: |_| 2.0,
-    typical: |_| 0.0,
-};
-
-/// 1 where `phase` is `index`, else 0.
-#[inline(always)]
-pub fn chosen<T: Real>(phase: T, index: usize) -> T {
-    let off = (phase - index as f64).abs() - 0.5;
-    off.if_positive(T::zero(), T::one())
-}
 
 impl Effect for PhaseResistanceImbalance {
     const INFO: Info = Info {

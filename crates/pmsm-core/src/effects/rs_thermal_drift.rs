@@ -5,7 +5,7 @@
 //! for copper at 20 °C; one-node thermal network after Boglietti et al., IEEE Trans. Industrial Electronics 56 (2009) 871.
 
 use crate::effect::{Context, Drift, Effect, Electrical, Env, Info, Need, Output, Parameter, Role, Site};
-use crate::model::Base;
+use crate::base::Base;
 use crate::real::Real;
 
 /// See the module's documentation.

@@ -5,24 +5,13 @@
 //!
 //! Source: Hinkkanen, Pescetto, Mölsä, Saarakkala, Pellegrino & Bojoi, IEEE Trans. Industry Applications 53 (2017) 2644.
 
-use crate::effect::{Context, Effect, Field, FieldPoint, Info, Parameter, Role, Site};
-use crate::effects::saturation_q::{PARAMETERS, extra_current};
-use crate::model::Base;
+use crate::effect::{Context, Effect, Field, FieldPoint, Info, Site};
+use crate::terms::{PRELOAD, SATURATION, extra_current};
+use crate::base::Base;
 use crate::real::Real;
 
 /// See the module's documentation.
 pub struct SaturationD;
-
-/// Share of the magnet's flux that fills the iron beforehand.
-pub const PRELOAD: Parameter = Parameter {
-    name: "beta",
-    unit: "1",
-    meaning: "share of the magnet's flux that fills the iron of the axis beforehand",
-    role: Role::Shape,
-    low: |_| 0.0,
-    high: |_| 1.0,
-    typical: |_| 1.0,
-};
 
 impl Effect for SaturationD {
     const INFO: Info = Info {
@@ -36,7 +25,7 @@ impl Effect for SaturationD {
         contains: &[],
         site: Site::Electrical,
         needs: &[],
-        parameters: &[PARAMETERS[0], PARAMETERS[1], PRELOAD],
+        parameters: &[SATURATION[0], SATURATION[1], PRELOAD],
     };
     const MAGNETIC: bool = true;
 

@@ -4,42 +4,13 @@
 //!
 //! Source: Hinkkanen, Pescetto, Mölsä, Saarakkala, Pellegrino & Bojoi, IEEE Trans. Industry Applications 53 (2017) 2644.
 
-use crate::effect::{Context, Effect, Field, FieldPoint, Info, Parameter, Role, Site};
-use crate::model::Base;
+use crate::effect::{Context, Effect, Field, FieldPoint, Info, Site};
+use crate::base::Base;
 use crate::real::Real;
+use crate::terms::{SATURATION, extra_current};
 
 /// See the module's documentation.
 pub struct SaturationQ;
-
-/// Parameters shared by the saturations of both axes.
-pub const PARAMETERS: [Parameter; 2] = [
-    Parameter {
-        name: "k",
-        unit: "1",
-        meaning: "extra current at the largest flux linkage, share of the linear one",
-        role: Role::Amplitude,
-        low: |_| 0.0,
-        high: |_| 30.0,
-        typical: |_| 0.2,
-    },
-    Parameter {
-        name: "s",
-        unit: "1",
-        meaning: "exponent: how sharp the knee is",
-        role: Role::Shape,
-        low: |_| 0.5,
-        high: |_| 10.0,
-        typical: |_| 2.0,
-    },
-];
-
-/// Current Δi = (k/l)·(|λ|/λ_0)^s·λ and its derivative with respect to λ.
-#[inline(always)]
-pub fn extra_current<T: Real>(p: &[T], inverse_l: T, flux: T, cx: &Context) -> (T, T) {
-    let reach = (flux.abs() * (1.0 / cx.psi_max)).pow_nonnegative(p[1]);
-    let slope = p[0] * inverse_l * reach;
-    (slope * flux, slope * (p[1] + 1.0))
-}
 
 impl Effect for SaturationQ {
     const INFO: Info = Info {
@@ -53,7 +24,7 @@ impl Effect for SaturationQ {
         contains: &[],
         site: Site::Electrical,
         needs: &[],
-        parameters: &PARAMETERS,
+        parameters: &SATURATION,
     };
     const MAGNETIC: bool = true;
 

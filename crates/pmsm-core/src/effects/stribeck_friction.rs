@@ -4,8 +4,8 @@
 //! Source: Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083, with Gaussian Stribeck curve.
 
 use crate::effect::{Context, Effect, Info, Mechanical, Output, Parameter, Role, Rotor, Site};
-use crate::effects::coulomb_friction::SMOOTHING;
-use crate::model::Base;
+use crate::terms::SMOOTHING;
+use crate::base::Base;
 use crate::real::Real;
 
 /// See the module's documentation.

@@ -1,7 +1,7 @@
 //! What the tests of the effects share: a servo motor, the scales of a run, and points at which hooks are evaluated.
 
+use crate::base::Base;
 use crate::effect::{Context, Effect, Electrical, Env, Mechanical, Rotor};
-use crate::model::Base;
 use std::f64::consts::TAU;
 
 /// r_s, l_d, l_q, psi_m, j, b of the motor.

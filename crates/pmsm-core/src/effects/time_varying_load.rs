@@ -4,7 +4,7 @@
 //! periodic disturbances).
 
 use crate::effect::{Context, Effect, Info, Mechanical, Need, Output, Parameter, Role, Rotor, Site};
-use crate::model::Base;
+use crate::base::Base;
 use crate::real::Real;
 use std::f64::consts::TAU;
 

@@ -7,7 +7,7 @@
 //! f_ar = √(k/J_L)/2π, f_r = f_ar/√(1−κ). Source: Ellis & Lorenz, IEEE IAS (2000), "Resonant load control methods".
 
 use crate::effect::{Context, Effect, Info, Mechanical, Need, Output, Parameter, Role, Rotor, Site};
-use crate::model::Base;
+use crate::base::Base;
 use crate::real::Real;
 use std::f64::consts::TAU;
 

@@ -1,9 +1,9 @@
 //! What a recording lets one fit: what drives the model, which parameters, from where and within which bounds.
 
 use super::Target;
+use crate::base::BASE;
 use crate::error::{Error, Result};
 use crate::machine::{BaseParameter, Machine};
-use crate::model::BASE;
 use crate::objective::Drive;
 use crate::recording::{Kind, Load};
 use crate::signals::Signals;

@@ -5,8 +5,9 @@
 //! simulated here: currents, angle and speed are the true ones.
 
 use super::electrical::measured_env;
+use crate::base::Base;
 use crate::effect::Env;
-use crate::model::{Base, Model};
+use crate::model::Model;
 use crate::real::Real;
 use crate::recording::Load;
 use crate::rk4;

@@ -1,7 +1,8 @@
 //! Currents in free run, driven by the logged voltage (held from sample to sample) and the measured speed and angle.
 
+use crate::base::Base;
 use crate::effect::{Env, Sensor};
-use crate::model::{Base, Model};
+use crate::model::Model;
 use crate::real::Real;
 use crate::rk4;
 use crate::signals::Signals;

@@ -1,8 +1,9 @@
 //! Speed in free run within short windows, driven by the torque of the measured currents (or the recorded torque).
 
 use super::electrical::{measured_env, true_env};
+use crate::base::Base;
 use crate::effect::Env;
-use crate::model::{Base, Model};
+use crate::model::Model;
 use crate::real::Real;
 use crate::rk4;
 use crate::signals::Signals;

@@ -4,7 +4,8 @@
 //! belongs to the measured current, is the unexplained voltage.
 
 use super::electrical::{measured_env, true_env};
-use crate::model::{Base, Model};
+use crate::base::Base;
+use crate::model::Model;
 use crate::real::Real;
 use crate::signals::Signals;
 use crate::transforms::rotate;
