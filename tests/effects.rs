@@ -8,9 +8,10 @@ mod energy;
 mod integration;
 mod support;
 
+use pmsm_core::base::{BASE, Base};
 use pmsm_core::effect::{Env, Role, Site};
 use pmsm_core::effects::{ALL, EffectId};
-use pmsm_core::model::{BASE, Base, Model};
+use pmsm_core::model::Model;
 use pmsm_core::real::{Dual, Real};
 use pmsm_core::signals::Signals;
 use pmsm_core::transforms::{inverse_park, park};

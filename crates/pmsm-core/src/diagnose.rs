@@ -225,6 +225,12 @@ fn conclude(
         outcome.swaps.clear();
     }
     let (verdict, ranked) = decide::decide(&outcome, !weak.is_empty());
+    let last = outcome.path.len() - 1;
+    for judged in &mut outcome.path {
+        judged.fitted = hypothesis::efficient(data, &judged.fitted, monitor)?;
+    }
+    let (first, end) = (outcome.path[0].clone(), outcome.path[last].clone());
+    (outcome.base, outcome.best) = (first, end);
     let best = &outcome.best;
     let located = located(data, &outcome, verdict);
     let model_outputs = Outputs::new(data, &best.fitted);
@@ -248,7 +254,7 @@ fn conclude(
     Ok(Answer {
         schema: "pmsm-rs.diagnosis/1",
         verdict,
-        data_quality: quality(data, weak),
+        data_quality: quality(data, weak, &model_outputs),
         located,
         ranking,
         model: FoundModel {
@@ -345,8 +351,16 @@ fn next_experiment(
     .or_else(|| (verdict == Verdict::Ambiguous).then(|| format!("Record {rich}.")))
 }
 
-fn quality(data: &Data, weak: &[String]) -> Vec<Finding> {
+fn quality(data: &Data, weak: &[String], found: &Outputs) -> Vec<Finding> {
     let mut findings = data.signals.findings.clone();
+    for (a, b, correlation) in found.inseparable() {
+        findings.push(Finding {
+            finding: format!("{a} and {b} are hardly separable here (correlation {correlation:.2})"),
+            consequence: "one can stand in for the other, so that neither value is worth much by itself"
+                .into(),
+            fix: "record at other speeds, currents and directions as well".into(),
+        });
+    }
     if data.signals.kind == Kind::OperatingPoints {
         findings.push(Finding {
             finding: "the samples are far apart compared with the electrical time constants".into(),

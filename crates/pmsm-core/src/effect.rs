@@ -143,9 +143,9 @@ pub struct Env<T> {
     pub theta_e: T,
     /// Mechanical angle, rad, unwrapped.
     pub theta_m: T,
-    /// Winding temperature above that at the first sample, K.
+    /// Winding temperature above 20 °C where it is logged, else zero, K.
     pub heating: f64,
-    /// Magnet temperature above that at the first sample, K.
+    /// Magnet temperature above 20 °C where it is logged, else zero, K.
     pub magnet_heating: f64,
 }
 

@@ -70,6 +70,8 @@ pub struct Experiment<'a> {
     pub channels: Vec<(Channel, f64)>,
     /// Motor torque per sample (N·m) where it is known not to change with what is fitted.
     pub torque: Option<&'a [f64]>,
+    /// Lag-one correlation by which the speed's residual is whitened within each window; zero leaves it as it is.
+    pub colour: f64,
     /// Samples that do not count (held out), if any.
     pub held_out: Option<&'a [bool]>,
     /// What is known beforehand: parameter, value, standard deviation. It decides only what the recording does not show.
@@ -283,11 +285,15 @@ impl<'a> Experiment<'a> {
                 residual[row + k] = (shown[k] - omega[k]) * weight;
             }
             let rows = row + window.start..row + window.end;
-            let slope = &slope[window.clone()];
-            remove(slope, &mut residual[rows.clone()]);
+            let mut slope = slope[window.clone()].to_vec();
+            whiten(self.colour, &mut slope);
+            let free = |x: &mut [f64]| {
+                whiten(self.colour, x);
+                remove(&slope, x);
+            };
+            free(&mut residual[rows.clone()]);
             for column in 0..jacobian.ncols() {
-                let column = &mut jacobian.column_mut(column);
-                remove(slope, &mut column.as_mut_slice()[rows.clone()]);
+                free(&mut jacobian.column_mut(column).as_mut_slice()[rows.clone()]);
             }
         }
     }
@@ -474,6 +480,19 @@ fn seed<const N: usize>(p: &[f64], columns: &[usize], free: &[usize]) -> Vec<Dua
         seeded[free[*column]] = Dual::variable(p[free[*column]], slot);
     }
     seeded
+}
+
+/// Replaces x_k by x_k − φ·x_{k−1}, the first by √(1−φ²)·x_0, so that an AR(1) series becomes white.
+fn whiten(colour: f64, x: &mut [f64]) {
+    if colour == 0.0 {
+        return;
+    }
+    for k in (1..x.len()).rev() {
+        x[k] -= colour * x[k - 1];
+    }
+    if let Some(first) = x.first_mut() {
+        *first *= (1.0 - colour * colour).max(0.0).sqrt();
+    }
 }
 
 /// Takes the component along `direction` out of `x`.

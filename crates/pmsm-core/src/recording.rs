@@ -33,8 +33,10 @@ pub const COLUMNS: [(&str, &str); 20] = [
 const OPERATING_POINT_PERIOD: f64 = 0.05;
 /// Fewest samples from which anything can be said.
 const FEWEST_SAMPLES: usize = 16;
-/// A step in time longer than this many median periods is a gap: the models restart behind it.
+/// A step in time longer than this many median periods is a gap: the models restart behind it. A voltage that was not
+/// logged cannot be made up; torque and speed in between can, for a few samples.
 const GAP: f64 = 1.5;
+const GAP_MECHANICAL: f64 = 6.0;
 /// Largest magnitude of any value; larger ones are overflow marks of a logger, not physics.
 const LARGEST: f64 = 1e12;
 
@@ -157,7 +159,8 @@ impl Recording {
             let problem = format!("has {} rows while t has {n}", values.len());
             return Err(column_error(name, &problem, "give every column the same number of rows"));
         }
-        let (period, segments) = check_time(t)?;
+        let voltages = columns.contains_key("v_d") || columns.contains_key("v_a");
+        let (period, segments) = check_time(t, if voltages { GAP } else { GAP_MECHANICAL })?;
         let load = load.unwrap_or(if columns.contains_key("tau_m") {
             Load::Measured
         } else {
@@ -244,7 +247,7 @@ fn check_values(column: &str, values: &[f64]) -> Result<()> {
 }
 
 /// Median period and the runs between gaps; time must increase strictly.
-fn check_time(t: &[f64]) -> Result<(f64, Vec<Range<usize>>)> {
+fn check_time(t: &[f64], gap: f64) -> Result<(f64, Vec<Range<usize>>)> {
     let steps: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).collect();
     if let Some(row) = steps.iter().position(|s| *s <= 0.0) {
         let (a, b) = (t[row], t[row + 1]);
@@ -266,7 +269,7 @@ fn check_time(t: &[f64]) -> Result<(f64, Vec<Range<usize>>)> {
     let mut segments = Vec::new();
     let mut start = 0;
     for (row, step) in steps.iter().enumerate() {
-        if *step > GAP * period {
+        if *step > gap * period {
             segments.push(start..row + 1);
             start = row + 1;
         }

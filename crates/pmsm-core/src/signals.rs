@@ -10,6 +10,9 @@ use serde::Serialize;
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
 
+/// Temperature to which r_s and psi_m refer where temperatures are logged, °C; the same for all recordings of a machine.
+pub const REFERENCE_TEMPERATURE: f64 = 20.0;
+
 /// Something about the data that a user should know, what follows from it and how to record better.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
@@ -54,9 +57,9 @@ pub struct Signals {
     pub tau_e: Option<Vec<f64>>,
     /// Measured load torque, N·m.
     pub tau_m: Option<Vec<f64>>,
-    /// Winding temperature above the first sample's, K.
+    /// Winding temperature above [`REFERENCE_TEMPERATURE`], K.
     pub heating: Option<Vec<f64>>,
-    /// Magnet temperature above the first sample's, K.
+    /// Magnet temperature above [`REFERENCE_TEMPERATURE`], K.
     pub magnet_heating: Option<Vec<f64>>,
     /// What is known of the load.
     pub load: Load,

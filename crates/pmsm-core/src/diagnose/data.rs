@@ -95,6 +95,7 @@ impl Data {
             windows: &self.windows,
             channels,
             torque: None,
+            colour: 0.0,
             held_out: self.held_out.as_deref(),
             prior: &self.prior,
         }

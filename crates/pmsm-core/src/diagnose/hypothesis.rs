@@ -117,6 +117,25 @@ pub fn fit(
     Ok(finish(data, model.clone(), parameters, free, nuisance))
 }
 
+/// The final estimate: the mechanical parameters fitted once more with whitened residuals where the speed's residual is
+/// coloured. Hypotheses are compared before that, on the residuals as they are.
+///
+/// # Errors
+/// Those of the least-squares fit.
+pub fn efficient(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
+    let model = &hypothesis.model;
+    if !data.has(false) || (model.has_sensor() && data.has(true)) {
+        return Ok(hypothesis.clone());
+    }
+    let (_, rotor, _) = free_parameters(data, model);
+    let nuisance = hypothesis.nuisance;
+    let fitted = motion::whitened(data, model, &hypothesis.parameters, nuisance, &rotor, monitor)?;
+    Ok(match fitted {
+        Some(parameters) => finish(data, model.clone(), parameters, hypothesis.free.clone(), nuisance),
+        None => hypothesis.clone(),
+    })
+}
+
 /// Estimates on another recording only what a run leaves open: the unknown load, initial values, and the electrical turn in
 /// which the run begins.
 ///

@@ -14,6 +14,8 @@ const LISTED: f64 = 0.05;
 const REGION: (f64, f64) = (0.7, 0.6);
 /// Share of a residual's squares that a periodic part must hold to be named, and its largest chance probability.
 const LINE: (f64, f64) = (0.1, 1e-3);
+/// A range narrower than this share of its larger end is a fixed setting, not a region.
+const NARROW: f64 = 0.02;
 /// Bins of equal count per variable.
 const BINS: usize = 10;
 /// Points to which residuals are averaged before spectra are taken.
@@ -181,6 +183,9 @@ fn narrowest(name: &str, unit: &str, x: &[f64], residual: &[f64]) -> Option<Regi
             .max_by(|a, b| a.1.total_cmp(&b.1))?;
         if run.1 > REGION.0 * total {
             let (low, high) = (x[order[edge(run.0)]], x[order[edge(run.0 + width) - 1]]);
+            if high - low < NARROW * low.abs().max(high.abs()) {
+                return None;
+            }
             return Some(Region { variable: name.into(), low, high, unit: unit.into() });
         }
     }

@@ -80,6 +80,43 @@ pub fn fit(
     Ok(best)
 }
 
+/// Lag-one correlation within windows from which a fitted speed is fitted once more with whitened residuals.
+const COLOURED: f64 = 0.3;
+
+/// The same equation of motion fitted once more with the residual whitened by its own lag-one correlation within the
+/// windows, as an efficient estimate wants it where torque errors add up in the speed; `None` where they hardly do.
+///
+/// # Errors
+/// Those of the least-squares fit.
+pub fn whitened(
+    data: &Data,
+    model: &Model,
+    fitted: &[f64],
+    nuisance: Nuisance,
+    rotor: &[usize],
+    monitor: &dyn Monitor,
+) -> Result<Option<Vec<f64>>> {
+    let count = model.parameter_count();
+    let torque = mechanical::torque(model, &data.signals, &fitted[..count]);
+    let mut experiment = experiment(data, model, nuisance, &torque);
+    let residual = experiment.residual(fitted);
+    let (mut product, mut square) = (0.0, 0.0);
+    for window in experiment.windows {
+        for k in window.start + 1..window.end {
+            product += residual[k] * residual[k - 1];
+            square += residual[k - 1] * residual[k - 1];
+        }
+    }
+    let colour = product / square.max(f64::MIN_POSITIVE);
+    if colour.is_nan() || colour < COLOURED || rotor.is_empty() {
+        return Ok(None);
+    }
+    experiment.colour = colour.min(0.999);
+    let mut free = rotor.to_vec();
+    free.extend(count..fitted.len());
+    Ok(Some(experiment.fit(fitted, &free, &settings(), monitor)?.parameters))
+}
+
 /// Fits from one state, pruning load steps until all that are left pay.
 fn settle(
     data: &Data,

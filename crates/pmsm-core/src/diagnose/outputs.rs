@@ -3,7 +3,7 @@
 use super::answer::Estimate;
 use super::data::Data;
 use super::hypothesis::Hypothesis;
-use crate::base::Base;
+use crate::base::{BASE, Base};
 use crate::effects::EffectId;
 use crate::least_squares;
 use crate::machine::BaseParameter;
@@ -17,6 +17,8 @@ use std::collections::BTreeMap;
 const LANES: usize = 8;
 /// Relative standard error from which a parameter is said not to be shown.
 const UNSHOWN: f64 = 0.5;
+/// Correlation of two estimates from which they are said to be hardly separable.
+const INSEPARABLE: f64 = 0.9;
 /// Normal quantile of a 95 % interval.
 const Z95: f64 = 1.959_964;
 
@@ -71,6 +73,37 @@ impl<'a> Outputs<'a> {
             }
         };
         Self { data, hypothesis, free, covariance }
+    }
+
+    /// Pairs of fitted parameters, an effect's among them, that this recording hardly separates: names and correlation.
+    pub fn inseparable(&self) -> Vec<(String, String, f64)> {
+        let model = &self.hypothesis.model;
+        let name = |index: usize| -> Option<(String, bool)> {
+            if index < BASE {
+                return Some((BaseParameter::ALL[index].name().to_string(), false));
+            }
+            let slot = model.slots().iter().find(|s| s.parameters.contains(&index))?;
+            let info = slot.effect.info();
+            Some((format!("{} of {}", info.parameters[index - slot.parameters.start].name, info.id), true))
+        };
+        let mut out = Vec::new();
+        for (a, ka) in self.free.iter().enumerate() {
+            for (b, kb) in self.free.iter().enumerate().skip(a + 1) {
+                let size = (self.covariance[(a, a)] * self.covariance[(b, b)]).sqrt();
+                let correlation = self.covariance[(a, b)] / size;
+                // Two parameters of one effect may well be correlated: its form is a matter of its own.
+                let (Some((first, of_effect)), Some((second, other))) = (name(*ka), name(*kb)) else {
+                    continue;
+                };
+                let same = of_effect
+                    && model.slots().iter().any(|s| s.parameters.contains(ka) && s.parameters.contains(kb));
+                if correlation.is_finite() && correlation.abs() > INSEPARABLE && (of_effect || other) && !same
+                {
+                    out.push((first, second, correlation));
+                }
+            }
+        }
+        out
     }
 
     fn variance_of(&self, a: usize, b: usize) -> f64 {

@@ -1,6 +1,6 @@
 //! Magnet flux that drifts with rotor temperature: ψ_m(t) = ψ_m·(1 − y).
 //!
-//! With a logged magnet temperature y = α·(ϑ − ϑ_0). Without one the rotor warms towards a final state,
+//! With a logged magnet temperature y = α·(ϑ − 20 °C). Without one the rotor warms towards a final state,
 //! y = δ·(1 − exp(−t/τ_th)), from the start of the recording. Source: reversible coefficient of remanence, IEC 60404-8-1
 //! (NdFeB −0.0011 1/K, ferrite −0.002 1/K).
 

@@ -1,6 +1,6 @@
 //! Winding resistance that drifts with temperature: r_s(t) = r_s·(1 + y).
 //!
-//! With a logged winding temperature y = α·(ϑ − ϑ_0). Without one the winding heats itself,
+//! With a logged winding temperature y = α·(ϑ − 20 °C). Without one the winding heats itself,
 //! dy/dt = c·P_cu − y/τ_th with P_cu = 3/2·r_s·|i|² and c = α/C_th. Source: IEC 60034-1 (resistance method), α = 0.00393 1/K
 //! for copper at 20 °C; one-node thermal network after Boglietti et al., IEEE Trans. Industrial Electronics 56 (2009) 871.
 

@@ -107,7 +107,7 @@ impl Effect for TwoMassShaft {
             ("f_res", "Hz", p[1] / (T::one() - p[0]).sqrt()),
             ("inertia_ratio", "1", p[0]),
             ("zeta", "1", p[2]),
-            ("k_shaft", "N m", stiffness),
+            ("k_shaft", "N m/rad", stiffness),
         ]
     }
 }
