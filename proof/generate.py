@@ -115,8 +115,10 @@ RULES: dict[str, tuple[float, Rule]] = {
     "back_emf_harmonics": (
         5,
         lambda m, s, u, g: {
-            "e5_rel": float(g.choice([-1, 1])) * 0.03 * s,
-            "e7_rel": u(-0.8, 0.8) * 0.03 * s,
+            "phase5": (math.pi if g.choice([-1, 1]) < 0 else 0.0),
+            "phase7": (math.pi if (e7 := u(-0.8, 0.8)) < 0 else 0.0),
+            "e5_rel": 0.03 * s,
+            "e7_rel": abs(e7) * 0.03 * s,
         },
     ),
     "saturation_d": (5, lambda m, s, u, g: {"drop_at_rated": 0.1 * s}),
@@ -279,6 +281,9 @@ def generate(
     kind, names, machine, load = planned
     rng = np.random.default_rng([seed, 2, number])
     for where in settings(number, seed, kind, machine, load):
+        if "asymmetric_friction" in names and where.load.startswith("unknown"):
+            # Coulomb friction and a constant load are the same equation
+            continue
         found = [draw(where, name, rng) for name in names]
         drawn = [x for x in found if x is not None]
         if len(drawn) < len(names):

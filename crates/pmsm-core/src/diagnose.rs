@@ -30,7 +30,7 @@ use data::Data;
 use decide::Ranked;
 use hypothesis::Hypothesis;
 use locate::Located;
-use outputs::Outputs;
+use outputs::{Inseparable, Outputs};
 use search::{Outcome, Search};
 use std::collections::BTreeMap;
 use verdict::{LEAST_GAIN, MOST_WORTH, PRICE};
@@ -224,7 +224,7 @@ fn conclude(
         outcome.path.truncate(1);
         outcome.swaps.clear();
     }
-    let (verdict, ranked) = decide::decide(&outcome, !weak.is_empty());
+    let (mut verdict, ranked) = decide::decide(&outcome, !weak.is_empty());
     let last = outcome.path.len() - 1;
     for judged in &mut outcome.path {
         judged.fitted = hypothesis::efficient(data, &judged.fitted, monitor)?;
@@ -234,6 +234,11 @@ fn conclude(
     let best = &outcome.best;
     let located = located(data, &outcome, verdict);
     let model_outputs = Outputs::new(data, &best.fitted);
+    let ties = model_outputs.inseparable();
+    if verdict == Verdict::Named && data.signals.kind == Kind::OperatingPoints && !ties.is_empty() {
+        // Steady points have no dynamics to tell an effect from the base parameters that it is entangled with.
+        verdict = Verdict::Ambiguous;
+    }
     let validation = match judge {
         Some(judge) => Some((
             judge,
@@ -254,7 +259,7 @@ fn conclude(
     Ok(Answer {
         schema: "pmsm-rs.diagnosis/1",
         verdict,
-        data_quality: quality(data, weak, &model_outputs),
+        data_quality: quality(data, weak, &ties),
         located,
         ranking,
         model: FoundModel {
@@ -334,29 +339,42 @@ fn next_experiment(
 ) -> Option<String> {
     let rich = "reversals through standstill, two levels of i_q, steps of i_d, a coast-down";
     match verdict {
-        Verdict::Named | Verdict::NoMismatch | Verdict::Undetermined => {
-            (!weak.is_empty()).then(|| format!("This recording does not show {}: record {rich}.", weak.join(", ")))
-        }
+        Verdict::Named | Verdict::NoMismatch | Verdict::Undetermined => (!weak.is_empty())
+            .then(|| format!("This recording does not show {}: record {rich}.", weak.join(", "))),
         Verdict::Unknown => Some(format!(
             "Repeat the recording at the located place and around it, with {rich}, to see on what the rest depends."
         )),
         Verdict::Ambiguous => {
-            let first = ranked.iter().find(|r| !r.equivalent.is_empty())?;
+            let first = ranked.iter().find(|r| !r.equivalent.is_empty());
+            let Some(first) = first else { return Some(format!("Record {}.", other_points(data, rich))) };
             let other = first.equivalent[0];
             let rival = outcome.swaps.iter().find(|s| s.replaced == first.effect && s.by == Some(other))?;
-            let text = prescribe::separate(data, (first.effect.id(), &outcome.best), (other.id(), &rival.judged));
+            let text =
+                prescribe::separate(data, (first.effect.id(), &outcome.best), (other.id(), &rival.judged));
             Some(if weak.is_empty() { text } else { format!("{text} Record {rich}.") })
         }
     }
-    .or_else(|| (verdict == Verdict::Ambiguous).then(|| format!("Record {rich}.")))
 }
 
-fn quality(data: &Data, weak: &[String], found: &Outputs) -> Vec<Finding> {
+/// What to record next where several parameters are entangled.
+fn other_points(data: &Data, rich: &str) -> String {
+    if data.signals.kind == Kind::OperatingPoints {
+        "points at other speeds, both directions, several levels of i_d and i_q, cold and warm".into()
+    } else {
+        rich.into()
+    }
+}
+
+fn quality(data: &Data, weak: &[String], found: &[Inseparable]) -> Vec<Finding> {
     let mut findings = data.signals.findings.clone();
-    for (a, b, correlation) in found.inseparable() {
+    for tie in found {
+        let (others, effect) = (tie.others.join(", "), tie.effect.id());
         findings.push(Finding {
-            finding: format!("{a} and {b} are hardly separable here (correlation {correlation:.2})"),
-            consequence: "one can stand in for the other, so that neither value is worth much by itself"
+            finding: format!(
+                "{} of {effect} is hardly separable from {others} here (correlation {:.2})",
+                tie.parameter, tie.correlation
+            ),
+            consequence: "each can stand in for the others, so that no value of them is worth much by itself"
                 .into(),
             fix: "record at other speeds, currents and directions as well".into(),
         });

@@ -3,7 +3,7 @@
 use super::answer::Estimate;
 use super::data::Data;
 use super::hypothesis::Hypothesis;
-use crate::base::{BASE, Base};
+use crate::base::Base;
 use crate::effects::EffectId;
 use crate::least_squares;
 use crate::machine::BaseParameter;
@@ -18,9 +18,21 @@ const LANES: usize = 8;
 /// Relative standard error from which a parameter is said not to be shown.
 const UNSHOWN: f64 = 0.5;
 /// Correlation of two estimates from which they are said to be hardly separable.
-const INSEPARABLE: f64 = 0.9;
+const INSEPARABLE: f64 = 0.95;
 /// Normal quantile of a 95 % interval.
 const Z95: f64 = 1.959_964;
+
+/// A parameter of an effect that is hardly separable from base parameters.
+pub struct Inseparable {
+    /// The effect.
+    pub effect: EffectId,
+    /// Its parameter.
+    pub parameter: &'static str,
+    /// The base parameters.
+    pub others: Vec<&'static str>,
+    /// Largest correlation of the estimates.
+    pub correlation: f64,
+}
 
 /// Uncertainty of a fitted hypothesis on its recording.
 pub struct Outputs<'a> {
@@ -75,31 +87,33 @@ impl<'a> Outputs<'a> {
         Self { data, hypothesis, free, covariance }
     }
 
-    /// Pairs of fitted parameters, an effect's among them, that this recording hardly separates: names and correlation.
-    pub fn inseparable(&self) -> Vec<(String, String, f64)> {
+    /// Parameters of effects that this recording hardly separates from others: effect, parameter, the others, and the
+    /// largest correlation of the estimates.
+    pub fn inseparable(&self) -> Vec<Inseparable> {
         let model = &self.hypothesis.model;
-        let name = |index: usize| -> Option<(String, bool)> {
-            if index < BASE {
-                return Some((BaseParameter::ALL[index].name().to_string(), false));
-            }
-            let slot = model.slots().iter().find(|s| s.parameters.contains(&index))?;
-            let info = slot.effect.info();
-            Some((format!("{} of {}", info.parameters[index - slot.parameters.start].name, info.id), true))
+        let place = |index: usize| self.free.iter().position(|f| *f == index);
+        let correlation = |a: usize, b: usize| {
+            let size = (self.covariance[(a, a)] * self.covariance[(b, b)]).sqrt();
+            (self.covariance[(a, b)] / size).abs()
         };
-        let mut out = Vec::new();
-        for (a, ka) in self.free.iter().enumerate() {
-            for (b, kb) in self.free.iter().enumerate().skip(a + 1) {
-                let size = (self.covariance[(a, a)] * self.covariance[(b, b)]).sqrt();
-                let correlation = self.covariance[(a, b)] / size;
-                // Two parameters of one effect may well be correlated: its form is a matter of its own.
-                let (Some((first, of_effect)), Some((second, other))) = (name(*ka), name(*kb)) else {
-                    continue;
-                };
-                let same = of_effect
-                    && model.slots().iter().any(|s| s.parameters.contains(ka) && s.parameters.contains(kb));
-                if correlation.is_finite() && correlation.abs() > INSEPARABLE && (of_effect || other) && !same
-                {
-                    out.push((first, second, correlation));
+        let mut out: Vec<Inseparable> = Vec::new();
+        for slot in model.slots() {
+            let info = slot.effect.info();
+            for index in slot.parameters.clone() {
+                let Some(a) = place(index) else { continue };
+                let mut others = Vec::new();
+                let mut strongest = 0.0f64;
+                for base in BaseParameter::ALL {
+                    let Some(b) = place(base.index()) else { continue };
+                    let r = correlation(a, b);
+                    if r.is_finite() && r > INSEPARABLE {
+                        others.push(base.name());
+                        strongest = strongest.max(r);
+                    }
+                }
+                if !others.is_empty() {
+                    let parameter = info.parameters[index - slot.parameters.start].name;
+                    out.push(Inseparable { effect: slot.effect, parameter, others, correlation: strongest });
                 }
             }
         }
