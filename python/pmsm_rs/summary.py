@@ -75,12 +75,18 @@ def diagnosis(answer: Diagnosis) -> str:
     lines += _fit(answer, run)
     if answer.cannot_see:
         lines += ["", "What this recording cannot see"]
-        lines += [f"  {item['effect']}: {item['why']}" for item in answer.cannot_see[:6]]
-        if len(answer.cannot_see) > 6:
-            lines.append(f"  and {len(answer.cannot_see) - 6} more")
+        lines += [_hung("  ", f"{listed(effects)}: {why}") for why, effects in _by_reason(answer)]
     if answer.next_experiment:
-        lines += ["", "Next", f"  {answer.next_experiment}"]
+        lines += ["", "Next", _hung("  ", answer.next_experiment)]
     return "\n".join(lines)
+
+
+def _by_reason(answer: Diagnosis) -> list[tuple[str, list[str]]]:
+    """What cannot be seen, one entry per reason."""
+    grouped: dict[str, list[str]] = {}
+    for item in answer.cannot_see:
+        grouped.setdefault(item["why"], []).append(item["effect"])
+    return list(grouped.items())
 
 
 def _parameters(entries: list[tuple[str, object]]) -> list[str]:
@@ -134,5 +140,5 @@ def identification(answer: Identification) -> str:
         ]
     if answer.cannot_show:
         lines += ["", "What this recording cannot show"]
-        lines += [f"  {', '.join(item['parameters'])}: {item['why']}" for item in answer.cannot_show]
+        lines += [_hung("  ", f"{listed(item['parameters'])}: {item['why']}") for item in answer.cannot_show]
     return "\n".join(lines)
