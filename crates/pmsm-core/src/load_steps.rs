@@ -286,3 +286,74 @@ fn restrict(model: &Model, kept: &Model, p: &[f64]) -> (Vec<f64>, Vec<Option<usi
     }
     (values, places)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::machine::{BaseParameter, Machine};
+    use crate::recording::{Load, Recording};
+
+    const J: f64 = 0.01;
+    const B: f64 = 0.002;
+
+    /// A deterministic stand-in for white noise between −1 and 1.
+    fn noise(k: i32) -> f64 {
+        let x = (f64::from(k) * 12.9898).sin() * 43_758.545_3;
+        2.0 * (x - x.floor()) - 1.0
+    }
+
+    /// Speed and torque of a rigid machine that swings while its load changes at `steps`, integrated in fine Euler steps.
+    fn run(levels: &[f64], steps: &[f64]) -> (Recording, Machine) {
+        let (n, h) = (8000, 2.5e-4);
+        let (mut t, mut speed, mut torque) = (Vec::new(), Vec::new(), Vec::new());
+        let mut omega = 0.0;
+        for k in 0..n {
+            let now = f64::from(k) * h;
+            let drive = |time: f64| 2.0 * (8.0 * time).sin() + 1.0;
+            t.push(now);
+            speed.push(omega + 0.05 * noise(k));
+            torque.push(drive(now));
+            for fine in 0..20 {
+                let time = now + f64::from(fine) * h / 20.0;
+                let load = levels[steps.iter().filter(|s| **s <= time).count()];
+                omega += (drive(time) - B * omega - load) / J * h / 20.0;
+            }
+        }
+        let columns = vec![("t".into(), t), ("omega_m".into(), speed), ("tau_e".into(), torque)];
+        let recording = Recording::new(columns, Some(Load::UnknownPiecewise)).unwrap();
+        // The nameplate is off, as nameplates are.
+        let machine = Machine::new(1).unwrap().with(BaseParameter::J, 0.012).unwrap();
+        (recording, machine.with(BaseParameter::B, 0.0025).unwrap())
+    }
+
+    fn found(levels: &[f64], steps: &[f64]) -> Vec<f64> {
+        let (recording, machine) = run(levels, steps);
+        let signals = Signals::new(&recording, &machine).unwrap();
+        let model = Model::new(signals.context, &[]);
+        let torque = signals.tau_e.clone().unwrap();
+        let p = [1.0, 1e-3, 1e-3, 0.1, 0.012, 0.0025];
+        find(&model, &signals, &p, &torque, &[4, 5])
+    }
+
+    #[test]
+    fn steps_are_found_in_spite_of_a_wrong_nameplate() {
+        let steps = [0.4, 0.9, 1.45];
+        let found = found(&[0.8, 1.6, 0.5, 1.2], &steps);
+        for step in steps {
+            assert!(found.iter().any(|f| (f - step).abs() < 0.02), "{step}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn a_constant_load_has_no_steps() {
+        assert_eq!(found(&[0.8], &[]), Vec::<f64>::new());
+    }
+
+    #[test]
+    fn coloured_series_are_worth_fewer_samples() {
+        let white: Vec<f64> = (0..2000).map(noise).collect();
+        let slow: Vec<f64> = (0..2000).map(|k| (f64::from(k) / 50.0).sin()).collect();
+        assert!(effective_samples(&white) > 1500.0);
+        assert!(effective_samples(&slow) < 60.0);
+    }
+}

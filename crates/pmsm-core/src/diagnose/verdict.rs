@@ -144,3 +144,67 @@ fn unexplained(hypothesis: &Hypothesis, base: &Hypothesis, (share, floor): (f64,
     };
     hypothesis.squares.iter().map(|(c, _)| worst(*c)).fold(0.0, f64::max)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effect::Context;
+    use crate::model::Model;
+
+    fn hypothesis(d: f64, speed: f64, free: usize) -> Hypothesis {
+        let context = Context {
+            n_p: 1.0,
+            i_max: 1.0,
+            v_max: 1.0,
+            omega_e_max: 1.0,
+            tau_max: 1.0,
+            psi_max: 1.0,
+            duration: 1.0,
+            period: 1e-3,
+            v_dc: 1.0,
+            electrical_rate: 1.0,
+            zero_sequence: 0.0,
+            has_temperature: false,
+            has_magnet_temperature: false,
+        };
+        let mut out = Hypothesis::bare(Model::new(context, &[]), vec![1.0; 6]);
+        out.free = (0..free).collect();
+        out.squares = vec![(Channel::ID, d), (Channel::OmegaE, speed)];
+        out.samples = vec![1e4, 1e4];
+        out
+    }
+
+    fn judged(d: f64, speed: f64, held_out: f64, free: usize) -> Judged {
+        Judged { fitted: hypothesis(d, speed, free), held_out: vec![hypothesis(held_out, speed, free)] }
+    }
+
+    #[test]
+    fn a_gain_on_the_fitted_recording_alone_is_not_enough() {
+        let (base, lucky) = (judged(1.3, 1.0, 1.3, 4), judged(1.0, 1.0, 1.3, 5));
+        let right = judged(1.0, 1.0, 1.0, 5);
+        let scale = Scale::new([&base, &lucky, &right].into_iter());
+        assert!(!scale.beats(&lucky, &base));
+        assert!(scale.beats(&right, &base));
+    }
+
+    #[test]
+    fn parameters_have_their_price() {
+        let (lean, rich) = (judged(1.0, 1.0, 1.0, 4), judged(1.0, 1.0, 1.0, 6));
+        let scale = Scale::new([&lean, &rich].into_iter());
+        assert!((scale.loss(&rich) - scale.loss(&lean) - 2.0 * PRICE).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_weak_channel_must_be_explained_as_well_as_a_strong_one() {
+        let base = judged(60.0, 4.0, 60.0, 4);
+        assert!(judged(1.0, 4.0, 1.0, 5).unexplained(&base) > 1.0);
+        assert!(judged(1.0, 1.1, 1.0, 5).unexplained(&base) <= 1.0);
+    }
+
+    #[test]
+    fn what_is_not_a_number_never_wins() {
+        let (base, broken) = (judged(5.0, 1.0, 5.0, 4), judged(f64::NAN, 1.0, 1.0, 4));
+        let scale = Scale::new([&base, &broken].into_iter());
+        assert!(!scale.beats(&broken, &base));
+    }
+}
