@@ -258,6 +258,10 @@ pub trait Effect {
     const ELECTRICAL_STATES: usize = 0;
     /// Number of its own mechanical states.
     const MECHANICAL_STATES: usize = 0;
+    /// The effect of which this one is the finer part: where both are found, this one is the news.
+    const REFINES: Option<&'static str> = None;
+    /// Whether its derivative at zero strength tells how much it can explain.
+    const FIRST_ORDER: bool = true;
     /// Whether it has a [`Effect::field`] or [`Effect::shunt`], so that the flux of a current must be iterated for.
     const MAGNETIC: bool = false;
 

@@ -34,6 +34,14 @@ macro_rules! catalogue {
             pub fn mechanical_state_count(self) -> usize {
                 match self { $(Self::$name => <$module::$name as Effect>::MECHANICAL_STATES),+ }
             }
+            /// The effect of which this one is the finer part.
+            pub fn refines(self) -> Option<&'static str> {
+                match self { $(Self::$name => <$module::$name as Effect>::REFINES),+ }
+            }
+            /// Whether its derivative at zero strength tells how much it can explain.
+            pub fn is_first_order(self) -> bool {
+                match self { $(Self::$name => <$module::$name as Effect>::FIRST_ORDER),+ }
+            }
             /// Whether the flux of a current must be iterated for.
             pub fn is_magnetic(self) -> bool {
                 match self { $(Self::$name => <$module::$name as Effect>::MAGNETIC),+ }

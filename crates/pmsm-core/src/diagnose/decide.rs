@@ -2,7 +2,7 @@
 
 use super::answer::Verdict;
 use super::search::Outcome;
-use super::verdict::{INDISTINGUISHABLE, INDISTINGUISHABLE_POOR, Judged, MISMATCH};
+use super::verdict::{INDISTINGUISHABLE, INDISTINGUISHABLE_POOR, Judged, MISMATCH, MISMATCH_HELD_OUT};
 use crate::effects::EffectId;
 
 /// Probability that is left for unknown physics when an effect explains everything, and what is added when it explains
@@ -75,7 +75,8 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
         ranked = unlikely(outcome);
     }
     let verdict = if effects.is_empty() {
-        if outcome.base.excess() > MISMATCH { Verdict::Unknown } else { Verdict::NoMismatch }
+        let elsewhere = outcome.base.held_out_excess() > MISMATCH_HELD_OUT;
+        if outcome.base.excess() > MISMATCH || elsewhere { Verdict::Unknown } else { Verdict::NoMismatch }
     } else if poor
         || ranked.iter().any(|r| effects.contains(&r.effect) && !r.equivalent.is_empty()) && !unexplained
     {
@@ -87,7 +88,12 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
         Verdict::Named
     };
     ranked.sort_by(|a, b| {
-        let place = |r: &Ranked| effects.iter().position(|e| *e == r.effect).unwrap_or(usize::MAX);
+        // What refines another effect of the model comes before it; twice the position leaves room for that.
+        let place = |r: &Ranked| {
+            let at = |id: &str| effects.iter().position(|e| e.id() == id);
+            let own = at(r.effect.id()).map_or(usize::MAX, |k| 2 * k + 1);
+            r.effect.refines().and_then(at).filter(|_| own != usize::MAX).map_or(own, |k| (2 * k).min(own))
+        };
         place(a).cmp(&place(b)).then(b.probability.total_cmp(&a.probability))
     });
     (verdict, ranked)

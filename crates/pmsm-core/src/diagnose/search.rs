@@ -8,6 +8,7 @@ use super::verdict::{Judged, LEAST_GAIN, MISMATCH, PROGRESS, Scale};
 use crate::effect::{Need, Site};
 use crate::effects::{self, EffectId};
 use crate::error::Result;
+use crate::experiment::Channel;
 use crate::model::Model;
 use crate::monitor::Monitor;
 use crate::recording::{Kind, Load};
@@ -212,8 +213,12 @@ impl Search<'_> {
         } else {
             LEAST_SCORE
         };
+        let shaken = parent.fitted.square(Channel::OmegaE) > 1.0 + MISMATCH;
         let chosen: Vec<bool> = (0..prospects.len())
-            .map(|k| prospects[k].score > least && order.iter().take(most).any(|o| *o == k))
+            .map(|k| {
+                let worth = prospects[k].score > least && order.iter().take(most).any(|o| *o == k);
+                worth || (!prospects[k].effect.is_first_order() && shaken)
+            })
             .collect();
         let judged: Vec<Result<Option<Judged>>> = prospects
             .par_iter()

@@ -30,6 +30,8 @@ pub const UNEXPLAINED: (f64, f64) = (0.25, 0.12);
 pub const UNEXPLAINED_HELD_OUT: (f64, f64) = (0.3, 0.2);
 /// Excess mean square from which a channel is called mismatched although nothing explains it.
 pub const MISMATCH: f64 = 0.3;
+/// The same on a recording that was not used for fitting.
+pub const MISMATCH_HELD_OUT: f64 = 1.0;
 
 /// A hypothesis with what it leaves on a recording that was not used for fitting.
 #[derive(Debug, Clone)]
@@ -116,6 +118,12 @@ impl Judged {
             .zip(&base.held_out)
             .map(|(a, b)| unexplained(a, b, UNEXPLAINED_HELD_OUT))
             .fold(on_recording, f64::max)
+    }
+
+    /// Largest excess mean square of any channel on the held-out recordings; zero without any.
+    pub fn held_out_excess(&self) -> f64 {
+        let all = self.held_out.iter().flat_map(|h| &h.squares);
+        all.map(|(_, s)| s - 1.0).fold(0.0, f64::max)
     }
 
     /// Largest excess mean square of any channel on the recording.

@@ -43,6 +43,7 @@ impl Effect for AsymmetricFriction {
             },
         ],
     };
+    const REFINES: Option<&'static str> = Some("coulomb_friction");
 
     #[inline(always)]
     fn rotor<T: Real>(p: &[T], _: &[T], at: &Mechanical<T>, cx: &Context, out: &mut Rotor<T>) {

@@ -52,7 +52,8 @@ impl Effect for TimeVaryingLoad {
                 unit: "Hz",
                 meaning: "frequency of the swing",
                 role: Role::Shape,
-                low: |cx| 0.2 / cx.duration,
+                // Less than most of a swing is a slope.
+                low: |cx| 0.8 / cx.duration,
                 high: |cx| 0.1 / cx.period,
                 typical: |cx| 5f64.min(0.1 / cx.period).max(0.2 / cx.duration),
             },
@@ -62,7 +63,7 @@ impl Effect for TimeVaryingLoad {
     fn probes(cx: &Context) -> Vec<Vec<f64>> {
         let step = 0.5 / cx.duration;
         let highest = 15f64.min(0.1 / cx.period);
-        (1..)
+        (2..)
             .map(|k| f64::from(k) * step)
             .take_while(|f| *f < highest)
             .take(80)

@@ -54,13 +54,15 @@ impl Effect for TwoMassShaft {
                 unit: "1",
                 meaning: "damping of the antiresonance",
                 role: Role::Shape,
-                low: |_| 1e-4,
+                low: |_| 2e-3,
                 high: |_| 1.0,
                 typical: |_| 0.03,
             },
         ],
     };
     const MECHANICAL_STATES: usize = 2;
+    // A light load on a shaft shakes the rotor at another frequency than a heavy one.
+    const FIRST_ORDER: bool = false;
 
     fn probes(cx: &Context) -> Vec<Vec<f64>> {
         let high = 600f64.min(0.04 / cx.period);
