@@ -327,4 +327,4 @@ def test_an_identification_is_read_back() -> None:
     assert answer.history == (1.0, 0.1)
     assert json.loads(answer.to_json()) == data
     assert "not converged" in str(answer)
-    assert "j, b: the speed hardly changes" in str(answer)
+    assert "j and b: the speed hardly changes" in str(answer)
