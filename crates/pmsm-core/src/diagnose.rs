@@ -234,9 +234,10 @@ fn conclude(
     let best = &outcome.best;
     let located = located(data, &outcome, verdict);
     let model_outputs = Outputs::new(data, &best.fitted);
-    let ties = model_outputs.inseparable();
-    if verdict == Verdict::Named && data.signals.kind == Kind::OperatingPoints && !ties.is_empty() {
-        // Steady points have no dynamics to tell an effect from the base parameters that it is entangled with.
+    // Steady points have no dynamics to tell an effect from the base parameters that it is entangled with.
+    let steady = data.signals.kind == Kind::OperatingPoints;
+    let ties = if steady { model_outputs.inseparable() } else { Vec::new() };
+    if verdict == Verdict::Named && !ties.is_empty() {
         verdict = Verdict::Ambiguous;
     }
     let validation = match judge {
