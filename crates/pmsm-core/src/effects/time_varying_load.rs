@@ -54,15 +54,16 @@ impl Effect for TimeVaryingLoad {
                 role: Role::Shape,
                 // Less than most of a swing is a slope.
                 low: |cx| 0.8 / cx.duration,
-                high: |cx| 0.1 / cx.period,
-                typical: |cx| 5f64.min(0.1 / cx.period).max(0.2 / cx.duration),
+                high: |cx| (0.1 / cx.period).max(1.5 / cx.duration),
+                typical: |cx| 5f64.min(0.1 / cx.period).max(1.0 / cx.duration),
             },
         ],
     };
 
     fn probes(cx: &Context) -> Vec<Vec<f64>> {
         let step = 0.5 / cx.duration;
-        let highest = 15f64.min(0.1 / cx.period);
+        // At least one full swing, however short the recording.
+        let highest = 15f64.min(0.1 / cx.period).max(1.2 / cx.duration);
         (2..)
             .map(|k| f64::from(k) * step)
             .take_while(|f| *f < highest)
