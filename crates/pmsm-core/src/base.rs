@@ -24,7 +24,7 @@ pub struct Base<T> {
 }
 
 impl<T: Real> Base<T> {
-    /// From a parameter vector whose first six entries are in the order of [`BaseParameter::ALL`].
+    /// From a parameter vector whose first six entries are in the order of [`crate::machine::BaseParameter::ALL`].
     pub fn new(p: &[T]) -> Self {
         let [r_s, l_d, l_q, psi_m, j, b] = [p[0], p[1], p[2], p[3], p[4], p[5]];
         let one = T::one();
