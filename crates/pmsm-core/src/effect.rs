@@ -332,10 +332,10 @@ pub trait Effect {
     fn mechanical_start<T: Real>(p: &[T], at: &Mechanical<T>, acceleration: T, cx: &Context, x: &mut [T]) {
         let _ = (p, at, acceleration, cx, x);
     }
-    /// Frequency (Hz) at which the effect lets the speed ring of itself, if it does.
-    fn ringing(p: &[f64]) -> Option<f64> {
+    /// Frequency (Hz) at which the effect lets the speed ring of itself; zero if it does not.
+    fn ringing<T: Real>(p: &[T]) -> T {
         let _ = p;
-        None
+        T::zero()
     }
     /// Changes what the sensors show; `env` holds the measured angle.
     fn sensor<T: Real>(p: &[T], env: &Env<T>, cx: &Context, out: &mut Sensor<T>) {

@@ -54,6 +54,10 @@ impl Channel {
 
 /// Derivatives carried in one pass.
 const LANES: usize = 8;
+/// Rounds of a fit after each of which the initial speeds are estimated anew.
+const STARTS: usize = 3;
+/// Relative change of the cost by new initial speeds that calls for another round.
+const STALE: f64 = 1e-3;
 
 /// A recording, a model and what is compared.
 #[derive(Debug, Clone)]
@@ -70,6 +74,9 @@ pub struct Experiment<'a> {
     pub channels: Vec<(Channel, f64)>,
     /// Motor torque per sample (N·m) where it is known not to change with what is fitted.
     pub torque: Option<&'a [f64]>,
+    /// Electrical speed (rad/s) with which each window is simulated from; estimated where it is not given. What a better initial
+    /// value would change is projected out, so that it need only be near.
+    pub starts: Option<Cow<'a, [f64]>>,
     /// Lag-one correlation by which the speed's residual is whitened within each window; zero leaves it as it is.
     pub colour: f64,
     /// Samples that do not count (held out), if any.
@@ -128,7 +135,7 @@ impl<'a> Experiment<'a> {
         }
         if self.has_mechanical() {
             let torque = self.torque_at(p);
-            let (shown, slope) = self.sensitive_speed(p, &torque);
+            let (shown, slope) = self.speed_pass(p, &torque, &self.starts(p, &torque));
             self.project(&shown, &slope, residual.as_mut_slice(), &mut DMatrix::zeros(0, 0));
         }
         self.mask(&mut residual, None);
@@ -143,13 +150,12 @@ impl<'a> Experiment<'a> {
         if self.has_electrical() {
             let reaching: Vec<usize> = (0..free.len()).filter(|c| self.is_electrical(free[*c])).collect();
             for columns in chunks(&reaching, LANES) {
-                let seeded = seed::<LANES>(p, columns, free);
-                self.fill_electrical(&seeded, |row, value: Dual<LANES>| {
-                    residual[row] = value.re;
-                    for (slot, column) in columns.iter().enumerate() {
-                        jacobian[(row, *column)] = value.eps[slot];
-                    }
-                });
+                let at = (p, free, columns);
+                match columns.len() {
+                    0..=2 => self.electrical_pass::<2>(at, &mut residual, &mut jacobian),
+                    3..=4 => self.electrical_pass::<4>(at, &mut residual, &mut jacobian),
+                    _ => self.electrical_pass::<LANES>(at, &mut residual, &mut jacobian),
+                }
             }
         }
         if self.has_mechanical() {
@@ -176,6 +182,22 @@ impl<'a> Experiment<'a> {
         }
     }
 
+    /// Electrical residuals and their derivatives for some `columns` of the parameters `free`.
+    fn electrical_pass<const N: usize>(
+        &self,
+        (p, free, columns): (&[f64], &[usize], &[usize]),
+        residual: &mut DVector<f64>,
+        jacobian: &mut DMatrix<f64>,
+    ) {
+        let seeded = seed::<N>(p, columns, free);
+        self.fill_electrical(&seeded, |row, value: Dual<N>| {
+            residual[row] = value.re;
+            for (slot, column) in columns.iter().enumerate() {
+                jacobian[(row, *column)] = value.eps[slot];
+            }
+        });
+    }
+
     fn linearise_mechanical(
         &self,
         p: &[f64],
@@ -183,40 +205,48 @@ impl<'a> Experiment<'a> {
         residual: &mut DVector<f64>,
         jacobian: &mut DMatrix<f64>,
     ) {
-        let count = self.model.parameter_count();
         let torque = self.torque_at(p);
         let starts = self.starts(p, &torque);
-        let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
         let n = self.samples();
-        let (mut shown, mut slope) = (vec![0.0; n], vec![0.0; n]);
+        let mut speed = (vec![0.0; n], vec![0.0; n]);
         let all: Vec<usize> = (0..free.len()).collect();
         for columns in chunks(&all, LANES - 1) {
-            let seeded = seed::<LANES>(p, columns, free);
-            let lifted: Vec<Dual<LANES>> = if columns.iter().any(|c| self.is_electrical(free[*c])) {
-                mechanical::torque(self.model, self.signals, &seeded[..count])
-            } else {
-                torque.iter().map(|x| Dual::constant(*x)).collect()
-            };
-            let restart = FromStarts::<LANES> { starts: &starts, slot: LANES - 1 };
-            let load = (self.nuisance, &seeded[count..]);
-            let own = &seeded[..count];
-            mechanical::run(
-                self.model,
-                self.signals,
-                own,
-                &lifted,
-                load,
-                self.windows,
-                restart,
-                |_, k, now| {
-                    (shown[k], slope[k]) = (now.re, now.eps[LANES - 1]);
-                    for (at, column) in columns.iter().enumerate() {
-                        jacobian[(row + k, *column)] = now.eps[at] * weight;
-                    }
-                },
-            );
+            let at = (p, free, columns);
+            match columns.len() {
+                0..=1 => self.mechanical_pass::<2>(at, &torque, &starts, &mut speed, jacobian),
+                2..=3 => self.mechanical_pass::<4>(at, &torque, &starts, &mut speed, jacobian),
+                _ => self.mechanical_pass::<LANES>(at, &torque, &starts, &mut speed, jacobian),
+            }
         }
-        self.project(&shown, &slope, residual.as_mut_slice(), jacobian);
+        self.project(&speed.0, &speed.1, residual.as_mut_slice(), jacobian);
+    }
+
+    /// Speed, its derivative with respect to the initial speeds, and those for some `columns` of the parameters `free`.
+    fn mechanical_pass<const N: usize>(
+        &self,
+        (p, free, columns): (&[f64], &[usize], &[usize]),
+        torque: &[f64],
+        starts: &[f64],
+        (shown, slope): &mut (Vec<f64>, Vec<f64>),
+        jacobian: &mut DMatrix<f64>,
+    ) {
+        let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
+        let count = self.model.parameter_count();
+        let seeded = seed::<N>(p, columns, free);
+        let lifted: Vec<Dual<N>> = if columns.iter().any(|c| self.is_electrical(free[*c])) {
+            mechanical::torque(self.model, self.signals, &seeded[..count])
+        } else {
+            torque.iter().map(|x| Dual::constant(*x)).collect()
+        };
+        let restart = FromStarts::<N> { starts, slot: N - 1 };
+        let load = (self.nuisance, &seeded[count..]);
+        let own = &seeded[..count];
+        mechanical::run(self.model, self.signals, own, &lifted, load, self.windows, restart, |_, k, now| {
+            (shown[k], slope[k]) = (now.re, now.eps[N - 1]);
+            for (at, column) in columns.iter().enumerate() {
+                jacobian[(row + k, *column)] = now.eps[at] * weight;
+            }
+        });
     }
 
     /// Motor torque per sample.
@@ -229,12 +259,7 @@ impl<'a> Experiment<'a> {
         }
     }
 
-    /// Speed at the best initial speed of each window, and its derivative with respect to that speed.
-    fn sensitive_speed(&self, p: &[f64], torque: &[f64]) -> (Vec<f64>, Vec<f64>) {
-        let starts = self.starts(p, torque);
-        self.speed_pass(p, torque, &starts)
-    }
-
+    /// Speed and its derivative with respect to the initial speed of its window.
     fn speed_pass(&self, p: &[f64], torque: &[f64], starts: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let n = self.samples();
         let count = self.model.parameter_count();
@@ -258,8 +283,11 @@ impl<'a> Experiment<'a> {
         (shown, slope)
     }
 
-    /// Least-squares initial speed of each window.
-    fn starts(&self, p: &[f64], torque: &[f64]) -> Vec<f64> {
+    /// Initial speed of each window: the given one, or that of least squares.
+    fn starts(&self, p: &[f64], torque: &[f64]) -> Cow<'_, [f64]> {
+        if let Some(starts) = &self.starts {
+            return Cow::Borrowed(starts);
+        }
         let omega = &self.signals.omega_e;
         let mut starts: Vec<f64> = self.windows.iter().map(|w| omega[w.start]).collect();
         let (shown, slope) = self.speed_pass(p, torque, &starts);
@@ -273,7 +301,7 @@ impl<'a> Experiment<'a> {
                 *start += product / square;
             }
         }
-        starts
+        Cow::Owned(starts)
     }
 
     /// Writes the speed's residual and takes the initial speed of each window out of it and of the derivatives.
@@ -381,11 +409,37 @@ impl<'a> Experiment<'a> {
         settings: &Settings,
         monitor: &dyn Monitor,
     ) -> Result<Fitted> {
-        let problem = Fitting { experiment: self, start, free };
-        let at: Vec<f64> = free.iter().map(|k| start[*k]).collect();
         let bounds: Vec<(f64, f64)> = free.iter().map(|k| self.bounds(*k)).collect();
-        let fit = least_squares::minimise(&problem, &at, &bounds, settings, monitor)?;
-        Ok(Fitted { parameters: problem.whole(&fit.parameters), free: free.to_vec(), fit })
+        let mut start = start.to_vec();
+        let mut round = 0;
+        loop {
+            let seen = self.from_estimated_starts(&start);
+            let problem = Fitting { experiment: &seen, start: &start, free };
+            let at: Vec<f64> = free.iter().map(|k| start[*k]).collect();
+            let fit = least_squares::minimise(&problem, &at, &bounds, settings, monitor)?;
+            let parameters = problem.whole(&fit.parameters);
+            round += 1;
+            // Initial speeds that were estimated at the start may be too far off for the solution.
+            let stale = seen.starts.is_some() && round < STARTS && !monitor.cancelled() && {
+                let again = self.from_estimated_starts(&parameters);
+                let cost = Fitting { experiment: &again, start: &parameters, free }.cost(&fit.parameters);
+                (cost - fit.cost).abs() > STALE * fit.cost
+            };
+            if !stale {
+                return Ok(Fitted { parameters, free: free.to_vec(), fit });
+            }
+            start = parameters;
+        }
+    }
+
+    /// The same with the initial speeds of the windows estimated once and for all at `p`.
+    fn from_estimated_starts(&self, p: &[f64]) -> Self {
+        Self { starts: self.estimated_starts(p).map(Cow::Owned), ..self.clone() }
+    }
+
+    /// Least-squares initial electrical speed (rad/s) of each window at `p`, if the speed is compared.
+    pub fn estimated_starts(&self, p: &[f64]) -> Option<Vec<f64>> {
+        self.has_mechanical().then(|| self.starts(p, &self.torque_at(p)).into_owned())
     }
 }
 

@@ -111,7 +111,8 @@ impl Grid {
         let closest = CLOSEST * signals.context.duration;
         let mut grid = Self { t, y, columns, closest };
         for slot in model.slots() {
-            if let Some(f) = slot.effect.ringing(&p[slot.parameters.clone()]) {
+            let f = slot.effect.ringing(&p[slot.parameters.clone()]);
+            if f > 0.0 {
                 grid.smooth(1.0 / f);
             }
         }
@@ -249,13 +250,19 @@ pub fn effective_samples(x: &[f64]) -> f64 {
     if energy <= 0.0 {
         return n as f64;
     }
-    let mut colour = 1.0;
-    for lag in 1..n / 2 {
-        let rho = (0..n - lag).map(|k| x[k] * x[k + lag]).sum::<f64>() / energy;
+    let correlation = |lag: usize| (0..n - lag).map(|k| x[k] * x[k + lag]).sum::<f64>() / energy;
+    // Every lag at first; then ever longer strides, the correlation being smooth by then.
+    let (mut colour, mut lag, mut last) = (1.0, 1, 1.0);
+    let mut before = 0;
+    while lag < n / 2 {
+        let rho = correlation(lag);
         if rho < 0.05 {
             break;
         }
-        colour += 2.0 * rho;
+        let stride = (lag - before) as f64;
+        colour += 2.0 * (rho + (stride - 1.0) * 0.5 * (last + rho));
+        (before, last) = (lag, rho);
+        lag += 1 + lag / 16;
     }
     (n as f64 / colour).max(2.0)
 }

@@ -102,6 +102,12 @@ impl Model {
         self.slots.last().map_or(0, |s| s.mechanical.end)
     }
 
+    /// Fastest angular frequency (rad/s) at which the rotor rings by itself at these parameters; zero if it does not.
+    pub fn ringing<T: Real>(&self, p: &[T]) -> f64 {
+        let frequency = |s: &Slot| s.effect.ringing(&p[s.parameters.clone()]).size();
+        self.slots.iter().map(frequency).fold(0.0, f64::max) * std::f64::consts::TAU
+    }
+
     /// True if an effect changes what the sensors show.
     pub fn has_sensor(&self) -> bool {
         self.has_sensor

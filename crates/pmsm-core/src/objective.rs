@@ -83,6 +83,7 @@ impl<'a> Objective<'a> {
             held_out: None,
             prior: &[],
             torque: None,
+            starts: None,
             colour: 0.0,
         };
         Self { drive, experiment }

@@ -49,6 +49,8 @@ pub trait Real:
     fn if_positive(self, yes: Self, no: Self) -> Self;
     /// Whether the number is greater than zero; for choices outside the inner loops, where a number is one number.
     fn positive(self) -> bool;
+    /// Absolute value as a plain number, the largest of several; for choices outside the inner loops.
+    fn size(self) -> f64;
     /// `self` to the power `exponent` for a non-negative base; zero (with zero derivative) at base zero.
     fn pow_nonnegative(self, exponent: Self) -> Self {
         let safe = (self - 1e-300).if_positive(self, Self::one());
@@ -97,6 +99,10 @@ impl Real for f64 {
     #[inline(always)]
     fn positive(self) -> bool {
         self > 0.0
+    }
+    #[inline(always)]
+    fn size(self) -> f64 {
+        f64::abs(self)
     }
 }
 
@@ -255,6 +261,10 @@ impl<const N: usize> Real for Dual<N> {
     #[inline(always)]
     fn positive(self) -> bool {
         self.re > 0.0
+    }
+    #[inline(always)]
+    fn size(self) -> f64 {
+        self.re.abs()
     }
 }
 

@@ -95,6 +95,7 @@ impl Data {
             windows: &self.windows,
             channels,
             torque: None,
+            starts: None,
             colour: 0.0,
             held_out: self.held_out.as_deref(),
             prior: &self.prior,
@@ -115,5 +116,5 @@ impl Data {
 
 /// Settings of every fit of the diagnosis: as exact as the noise deserves.
 pub fn settings() -> Settings {
-    Settings { max_iterations: 25, cost_tolerance: 1e-6, step_tolerance: 1e-4, ..Settings::default() }
+    Settings { max_iterations: 25, cost_tolerance: 1e-5, step_tolerance: 1e-9, ..Settings::default() }
 }

@@ -10,8 +10,9 @@ use crate::effect::{Role, Site};
 use crate::effects::EffectId;
 use crate::experiment::Channel;
 use crate::model::Model;
-use crate::simulate::mechanical::Nuisance;
+use crate::simulate::mechanical::{self, Nuisance};
 use nalgebra::{DMatrix, DVector};
+use std::borrow::Cow;
 
 /// A column keeps less than this share of its length when freed of the others: it is one of them.
 const DEPENDENT: f64 = 1e-5;
@@ -41,6 +42,10 @@ pub struct Scorer<'a> {
 /// Orthonormal basis of what fitted parameters can do, and the residual they leave.
 struct Projector {
     channels: Vec<(Channel, f64)>,
+    /// Motor torque per sample (N·m), where what is scored does not change it.
+    torque: Option<Vec<f64>>,
+    /// Initial speeds of the windows, rad/s.
+    starts: Option<Vec<f64>>,
     basis: DMatrix<f64>,
     residual: DVector<f64>,
 }
@@ -126,6 +131,8 @@ impl<'a> Scorer<'a> {
         experiment.model = &model;
         experiment.nuisance = nuisance;
         experiment.channels.clone_from(&projector.channels);
+        experiment.torque = projector.torque.as_deref();
+        experiment.starts = projector.starts.as_deref().map(Cow::Borrowed);
         experiment.linearise(&parameters, &free).jacobian
     }
 }
@@ -146,6 +153,8 @@ impl Projector {
             .copied()
             .filter(|k| !(rotor_only && experiment.is_electrical(*k)))
             .collect();
+        let starts = experiment.estimated_starts(&hypothesis.parameters);
+        experiment.starts = starts.as_deref().map(Cow::Borrowed);
         let linear = experiment.linearise(&hypothesis.parameters, &fitted);
         let mut basis: Vec<DVector<f64>> = Vec::with_capacity(fitted.len());
         for column in linear.jacobian.column_iter() {
@@ -166,7 +175,11 @@ impl Projector {
         let rows = linear.residual.len();
         let basis = if basis.is_empty() { DMatrix::zeros(rows, 0) } else { DMatrix::from_columns(&basis) };
         let residual = &linear.residual - &basis * basis.tr_mul(&linear.residual);
-        Self { channels, basis, residual }
+        let torque = rotor_only.then(|| {
+            let (model, own) = (&hypothesis.model, hypothesis.own());
+            mechanical::torque(model, &data.signals, own)
+        });
+        Self { channels, torque, starts, basis, residual }
     }
 
     /// `columns` freed of the basis, and their lengths before.

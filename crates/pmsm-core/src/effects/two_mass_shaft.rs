@@ -98,8 +98,8 @@ impl Effect for TwoMassShaft {
         x[1] = T::zero();
     }
 
-    fn ringing(p: &[f64]) -> Option<f64> {
-        Some(p[1] / (1.0 - p[0]).sqrt())
+    fn ringing<T: Real>(p: &[T]) -> T {
+        p[0].if_positive(p[1] / (T::one() - p[0]).sqrt(), T::zero())
     }
 
     fn outputs<T: Real>(p: &[T], base: &Base<T>, _: &Context) -> Vec<Output<T>> {

@@ -11,6 +11,10 @@ use std::ops::Range;
 
 /// Length of a window, s.
 pub const WINDOW: f64 = 0.25;
+/// Largest electrical angle (rad) between samples at which steps over two samples still follow torque that depends on the angle.
+const COARSE: f64 = 0.06;
+/// Largest angle (rad) by which a ringing shaft may turn its phase within one step; longer steps are divided.
+const RINGING: f64 = 0.4;
 /// A last window shorter than this share of [`WINDOW`] joins the one before.
 const SHORTEST: f64 = 0.2;
 
@@ -136,23 +140,32 @@ fn run_sized<T: Real, const N: usize>(
     let base = Base::new(p);
     let n_p = signals.n_p;
     let sensed = model.has_sensor();
+    let environment = |k: usize| -> (Env<T>, T) {
+        let measured = measured_env(signals, k);
+        if sensed {
+            let sensor = model.sensor(p, &measured);
+            (true_env(&sensor, &measured, n_p), T::one() - sensor.angle_slope)
+        } else {
+            (measured, T::one())
+        }
+    };
+    // The rotor is slow compared to the samples: one step spans two of them, the sample between being its middle.
+    let coarse = signals.context.omega_e_max * signals.period <= COARSE;
+    let ringing = model.ringing(p);
     let mut state = [T::zero(); N];
     let mut level = 0;
     for (number, window) in windows.iter().enumerate() {
-        for k in window.clone() {
-            let measured = measured_env(signals, k);
-            let sensor = model.sensor(p, &measured);
-            let env = if sensed { true_env(&sensor, &measured, n_p) } else { measured };
-            let h = if k + 1 < signals.len() { signals.t[k + 1] - signals.t[k] } else { signals.period };
-            let tau_load = load_over(load, own, signals, k, h, &mut level);
+        let mut k = window.start;
+        while k < window.end {
+            let (env, scale) = environment(k);
+            let show = |omega_m: T, scale: T| if sensed { omega_m * n_p / scale } else { omega_m * n_p };
+            let span = span(signals, k, window, coarse);
+            let h =
+                if k + span < signals.len() { signals.t[k + span] - signals.t[k] } else { signals.period };
+            let tau_load = load_over(load, own, signals, k, k + span, h, &mut level);
             if k == window.start {
-                let shown = restart.speed(number, k);
-                let omega_m = shown * (T::one() - sensor.angle_slope) * (1.0 / n_p);
-                let continues = number > 0 && windows[number - 1].end == k && {
-                    let s = signals.segments.iter().find(|s| s.contains(&k));
-                    s.is_some_and(|s| s.start < k)
-                };
-                if continues {
+                let omega_m = restart.speed(number, k) * scale * (1.0 / n_p);
+                if number > 0 && continues(signals, &windows[number - 1], k) {
                     for x in &mut state[1..] {
                         restart.forget(x);
                     }
@@ -167,34 +180,92 @@ fn run_sized<T: Real, const N: usize>(
                     }
                 }
             }
-            let shown = state[0] * n_p;
-            sink(number, k, if sensed { shown / (T::one() - sensor.angle_slope) } else { shown });
-            if k + 1 == window.end && k + 1 == signals.len() {
+            sink(number, k, show(state[0], scale));
+            if k + 1 == signals.len() {
                 break;
             }
-            let next = measured_env(signals, k + 1);
-            let next_env = if sensed { true_env(&model.sensor(p, &next), &next, n_p) } else { next };
-            let (torque, torque_next) = (tau_e[k], tau_e[k + 1]);
-            state = rk4::step(h, &state, |c, s| {
-                let at = Env {
-                    t: env.t + c * h,
-                    theta_e: env.theta_e * (1.0 - c) + next_env.theta_e * c,
-                    theta_m: env.theta_m * (1.0 - c) + next_env.theta_m * c,
-                    ..env
-                };
-                model.mechanical_rhs(p, &base, s, torque * (1.0 - c) + torque_next * c, tau_load, &at)
-            });
+            let (half, half_scale) = environment(if span == 2 { k + 1 } else { k });
+            let end = environment(k + span).0;
+            let torque = [tau_e[k], tau_e[k + span - 1], tau_e[k + span]];
+            // Signals at fraction `c` of the step, straight from sample to sample.
+            let at = |c: f64| -> (T, Env<T>) {
+                match span {
+                    2 if c < 0.5 => mix(2.0 * c, (torque[0], env), (torque[1], half)),
+                    2 => mix(2.0 * c - 1.0, (torque[1], half), (torque[2], end)),
+                    _ => mix(c, (torque[0], env), (torque[2], end)),
+                }
+            };
+            let rhs = |at: &[(T, Env<T>); 3], c: f64, s: &[T; N]| {
+                let (tau, env) = &at[(2.0 * c) as usize];
+                model.mechanical_rhs(p, &base, s, *tau, tau_load, env)
+            };
+            let pieces = (h * ringing / RINGING).ceil().clamp(1.0, 64.0) as usize;
+            if pieces == 1 {
+                let at = [at(0.0), at(0.5), at(1.0)];
+                let (middle, next) = rk4::step_with_middle(h, &state, |c, s| rhs(&at, c, s));
+                if span == 2 {
+                    sink(number, k + 1, show(middle[0], half_scale));
+                }
+                state = next;
+            } else {
+                let pieces = pieces.next_multiple_of(span);
+                for piece in 0..pieces {
+                    if span == 2 && 2 * piece == pieces {
+                        sink(number, k + 1, show(state[0], half_scale));
+                    }
+                    let from = |c: f64| at((piece as f64 + c) / pieces as f64);
+                    let at = [from(0.0), from(0.5), from(1.0)];
+                    state = rk4::step(h / pieces as f64, &state, |c, s| rhs(&at, c, s));
+                }
+            }
+            k += span;
         }
     }
 }
 
-/// Mean load torque over the interval that begins at sample `k`; `level` is a cursor into the profile. It is smooth
-/// in the instants, so that they can be fitted like any parameter.
+/// Torque and environment at fraction `c` between two samples.
+#[inline(always)]
+fn mix<T: Real>(c: f64, a: (T, Env<T>), b: (T, Env<T>)) -> (T, Env<T>) {
+    if c == 0.0 {
+        return a;
+    }
+    if c == 1.0 {
+        return b;
+    }
+    let between = |x: T, y: T| x * (1.0 - c) + y * c;
+    let env = Env {
+        t: a.1.t + c * (b.1.t - a.1.t),
+        theta_e: between(a.1.theta_e, b.1.theta_e),
+        theta_m: between(a.1.theta_m, b.1.theta_m),
+        ..a.1
+    };
+    (between(a.0, b.0), env)
+}
+
+/// Whether a window that begins at sample `k` goes on where the one `before` it ended, without a gap.
+fn continues(signals: &Signals, before: &Range<usize>, k: usize) -> bool {
+    let segment = signals.segments.iter().find(|s| s.contains(&k));
+    before.end == k && segment.is_some_and(|s| s.start < k)
+}
+
+/// Samples that the step from sample `k` spans: two if it may be coarse and the sample between lies in the middle.
+fn span(signals: &Signals, k: usize, window: &Range<usize>, coarse: bool) -> usize {
+    let t = &signals.t;
+    let even = || {
+        let (whole, half) = (t[k + 2] - t[k], t[k + 1] - t[k]);
+        (half - 0.5 * whole).abs() < 1e-3 * whole
+    };
+    if coarse && k + 2 < window.end && even() { 2 } else { 1 }
+}
+
+/// Mean load torque over the interval of length `h` (s) from sample `k` to `next`; `level` is a cursor into the profile. It is
+/// smooth in the instants, so that they can be fitted like any parameter.
 fn load_over<T: Real>(
     load: Nuisance,
     own: &[T],
     signals: &Signals,
     k: usize,
+    next: usize,
     h: f64,
     level: &mut usize,
 ) -> T {
@@ -203,7 +274,7 @@ fn load_over<T: Real>(
         crate::recording::Load::Measured => signals
             .tau_m
             .as_ref()
-            .map_or(0.0, |tau| if k + 1 < tau.len() { 0.5 * (tau[k] + tau[k + 1]) } else { tau[k] }),
+            .map_or(0.0, |tau| if next < tau.len() { mean(&tau[k..=next]) } else { tau[k] }),
         _ => 0.0,
     };
     if load.levels == 0 {
@@ -224,4 +295,10 @@ fn load_over<T: Real>(
         }
         _ => mean,
     }
+}
+
+/// Mean of a piecewise linear signal given at equal distances.
+fn mean(x: &[f64]) -> f64 {
+    let inner: f64 = x[1..x.len() - 1].iter().sum();
+    (inner + 0.5 * (x[0] + x[x.len() - 1])) / (x.len() - 1) as f64
 }
