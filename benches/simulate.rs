@@ -5,11 +5,13 @@ mod plant;
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use plant::Plant;
+use pmsm_core::dual::Dual;
+use pmsm_core::effects::EffectId;
 use pmsm_core::identify::{Method, Request, identify};
 use pmsm_core::machine::Machine;
 use pmsm_core::model::Model;
 use pmsm_core::monitor::Silent;
-use pmsm_core::real::{Dual, Real};
+use pmsm_core::real::Real;
 use pmsm_core::recording::{Load, Recording};
 use pmsm_core::signals::Signals;
 use pmsm_core::simulate::mechanical::{self, Nuisance, Restart};
@@ -71,6 +73,47 @@ fn simulations(c: &mut Criterion) {
             mechanical::run(&model, &signals, p, &torque, load, &windows, restart, |_, _, w| sum += w);
             sum
         });
+    });
+    group.bench_function("mechanical Dual<8>", |b| {
+        let torque: Vec<Dual<8>> = torque.iter().map(|x| Dual::constant(*x)).collect();
+        b.iter(|| {
+            let mut sum = Dual::<8>::zero();
+            let (p, restart) = (black_box(&dual), Measured(&signals.omega_e));
+            let load = (load, &[Dual::constant(3.0)][..]);
+            mechanical::run(&model, &signals, p, &torque, load, &windows, restart, |_, _, w| sum += w);
+            sum
+        });
+    });
+    let effects =
+        [EffectId::DeadTime, EffectId::SaturationQ, EffectId::StribeckFriction, EffectId::CoggingTorque];
+    let rich = Model::new(signals.context, &effects);
+    let typical =
+        effects.iter().flat_map(|e| e.info().parameters.iter().map(|p| (p.typical)(rich.context())));
+    let values: Vec<f64> = p.into_iter().chain(typical).collect();
+    let dual: Vec<Dual<8>> = values
+        .iter()
+        .enumerate()
+        .map(|(k, x)| if k < 8 { Dual::variable(*x, k) } else { Dual::constant(*x) })
+        .collect();
+    group.bench_function("electrical Dual<8>, four effects", |b| {
+        b.iter(|| {
+            let mut sum = Dual::<8>::zero();
+            electrical::run(&rich, &signals, black_box(&dual), |_, i| sum += i[0] + i[1]);
+            sum
+        });
+    });
+    group.bench_function("mechanical Dual<8>, four effects", |b| {
+        let torque: Vec<Dual<8>> = torque.iter().map(|x| Dual::constant(*x)).collect();
+        b.iter(|| {
+            let mut sum = Dual::<8>::zero();
+            let (p, restart) = (black_box(&dual), Measured(&signals.omega_e));
+            let load = (load, &[Dual::constant(3.0)][..]);
+            mechanical::run(&rich, &signals, p, &torque, load, &windows, restart, |_, _, w| sum += w);
+            sum
+        });
+    });
+    group.bench_function("torque Dual<8>, four effects", |b| {
+        b.iter(|| mechanical::torque(&rich, &signals, black_box(&dual)));
     });
     group.bench_function("coupled f64", |b| {
         b.iter(|| {

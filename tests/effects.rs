@@ -9,10 +9,11 @@ mod integration;
 mod support;
 
 use pmsm_core::base::{BASE, Base};
+use pmsm_core::dual::Dual;
 use pmsm_core::effect::{Env, Role, Site};
 use pmsm_core::effects::{ALL, EffectId};
 use pmsm_core::model::Model;
-use pmsm_core::real::{Dual, Real};
+use pmsm_core::real::Real;
 use pmsm_core::signals::Signals;
 use pmsm_core::transforms::{inverse_park, park};
 use support::{MACHINE, operating_points, run, simulate, still, typical, with};

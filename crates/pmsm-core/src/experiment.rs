@@ -10,10 +10,11 @@ mod speed;
 pub use fitting::Fitted;
 
 use crate::base::BASE;
+use crate::dual::Dual;
 use crate::effect::Site;
 use crate::machine::BaseParameter;
 use crate::model::Model;
-use crate::real::{Dual, Real};
+use crate::real::Real;
 use crate::signals::Signals;
 use crate::simulate::mechanical::Nuisance;
 use crate::simulate::{electrical, quasi_static};

@@ -3,7 +3,8 @@
 //!
 //! Layers, each using only those above it in this list:
 //!
-//! - [`error`], [`monitor`], [`real`] (number types), [`transforms`], [`rk4`], [`swarm`], [`least_squares`], [`uncertainty`]: know
+//! - [`error`], [`monitor`], [`real`] (what a number is), [`lanes`] (vectors of
+//!   numbers), [`dual`] (numbers with derivatives), [`transforms`], [`rk4`], [`swarm`], [`least_squares`], [`uncertainty`]: know
 //!   no motor.
 //! - [`machine`] (nameplate), [`base`] (its parameters in the equations), [`recording`] (checked columns).
 //! - [`effect`] (what an omitted effect is), [`terms`] (what effects share), [`effects`] (the catalogue), [`model`] (machine
@@ -17,11 +18,13 @@
 
 pub mod base;
 pub mod diagnose;
+pub mod dual;
 pub mod effect;
 pub mod effects;
 pub mod error;
 pub mod experiment;
 pub mod identify;
+pub mod lanes;
 pub mod least_squares;
 pub mod load_steps;
 pub mod machine;

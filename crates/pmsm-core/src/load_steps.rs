@@ -10,10 +10,11 @@
 //! must explain follows from the effective number of independent samples in what is left.
 
 use crate::base::Base;
+use crate::dual::Dual;
 use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::model::Model;
-use crate::real::{Dual, Real};
+use crate::real::Real;
 use crate::signals::Signals;
 use crate::simulate::electrical::measured_env;
 use nalgebra::{DMatrix, DVector};

@@ -247,6 +247,7 @@ impl Model {
 
     /// The steady electrical state that belongs to a terminal current, and its torque: flux linkage by Newton's method on the
     /// energy's gradient, extra states at their quasi-static start.
+    #[inline(always)]
     pub fn steady_state<T: Real, const N: usize>(
         &self,
         p: &[T],
@@ -349,6 +350,7 @@ impl Model {
     }
 
     /// Quasi-static start of the mechanical extra states at mechanical speed `omega_m`.
+    #[inline(always)]
     pub fn mechanical_start<T: Real, const N: usize>(
         &self,
         p: &[T],
@@ -370,6 +372,7 @@ impl Model {
     }
 
     /// What the sensors do at the measured angle of `env`.
+    #[inline(always)]
     pub fn sensor<T: Real>(&self, p: &[T], env: &Env<T>) -> Sensor<T> {
         let mut sensor =
             Sensor { gain: [T::one(); 3], offset: [T::zero(); 3], angle: T::zero(), angle_slope: T::zero() };
@@ -380,6 +383,7 @@ impl Model {
     }
 
     /// What the log shows for the true rotor-frame current `i`: `env` and the result are in the measured frame.
+    #[inline(always)]
     pub fn measured_current<T: Real>(&self, sensor: &Sensor<T>, i: [T; 2], theta_measured: T) -> [T; 2] {
         let (s, c) = (theta_measured - sensor.angle).sin_cos();
         let mut abc = inverse_park(i, c, s);
@@ -391,6 +395,7 @@ impl Model {
     }
 
     /// The true rotor-frame current behind logged phase currents: the inverse of [`Model::measured_current`].
+    #[inline(always)]
     pub fn true_current<T: Real>(&self, sensor: &Sensor<T>, abc: [f64; 3], theta_measured: T) -> [T; 2] {
         let mut truth = [T::zero(); 3];
         for x in 0..3 {

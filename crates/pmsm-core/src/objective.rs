@@ -8,9 +8,10 @@
 //! which the largest flux linkage induces the largest voltage, so that a run near standstill has a weight, too.
 //! What a recording does not contain drops out of the sum; operating points compare voltages in place of currents.
 
+use crate::dual::Dual;
 use crate::experiment::{Channel, Experiment, Linearisation};
 use crate::model::Model;
-use crate::real::{Dual, Real};
+use crate::real::Real;
 use crate::signals::Signals;
 use crate::simulate::coupled;
 use crate::simulate::mechanical::Nuisance;

@@ -52,7 +52,10 @@ impl Effect for DeadTime {
     #[inline(always)]
     fn voltage<T: Real>(p: &[T], _: &[T], at: &Electrical<T>, _: &Context, lost: &mut [T; 2]) {
         let (s, c) = at.sin_cos;
-        let phases = inverse_park(at.i, c, s).map(|i| p[0] * i / (i.squared() + p[1].squared()).sqrt());
+        let mut phases = inverse_park(at.i, c, s);
+        for i in &mut phases {
+            *i = p[0] * *i / (i.squared() + p[1].squared()).sqrt();
+        }
         let [d, q] = park(phases, c, s);
         lost[0] += d;
         lost[1] += q;

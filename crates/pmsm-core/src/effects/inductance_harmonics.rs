@@ -66,9 +66,8 @@ impl Effect for InductanceHarmonics {
 /// Sine and cosine of six times an angle.
 #[inline(always)]
 fn six_fold<T: Real>((s, c): (T, T)) -> (T, T) {
-    let double = |s: T, c: T| (s * c * 2.0, c * c - s * s);
-    let (s2, c2) = double(s, c);
-    let (s4, c4) = double(s2, c2);
+    let (s2, c2) = (s * c * 2.0, c * c - s * s);
+    let (s4, c4) = (s2 * c2 * 2.0, c2 * c2 - s2 * s2);
     (s4 * c2 + c4 * s2, c4 * c2 - s4 * s2)
 }
 

@@ -56,7 +56,11 @@ impl Effect for InterTurnShort {
 
     #[inline(always)]
     fn shunt<T: Real>(p: &[T], x: &[T], (s, c): (T, T), _: &Context, i: &mut [T; 2]) {
-        let [d, q] = park([0, 1, 2].map(|phase| chosen(p[2], phase) * x[0]), c, s);
+        let mut phases = [x[0]; 3];
+        for (phase, i) in phases.iter_mut().enumerate() {
+            *i = chosen(p[2], phase) * *i;
+        }
+        let [d, q] = park(phases, c, s);
         i[0] += d;
         i[1] += q;
     }

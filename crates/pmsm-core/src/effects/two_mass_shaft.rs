@@ -14,6 +14,7 @@ use std::f64::consts::TAU;
 /// See the module's documentation.
 pub struct TwoMassShaft;
 
+#[inline(always)]
 fn shaft_torque<T: Real>(p: &[T], x: &[T], j: T) -> T {
     x[0] + p[2] * p[1] * j * x[1] * (2.0 * TAU)
 }

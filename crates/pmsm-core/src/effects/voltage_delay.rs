@@ -64,7 +64,7 @@ fn overlap<T: Real>(x: T) -> T {
 mod tests {
     use super::*;
     use crate::effects::testing::{CX, close};
-    use crate::real::Dual;
+    use crate::dual::Dual;
 
     /// Mean over the interval [0, 1) of the rotor-frame voltage when stator-frame commands, held over [k, k+1) and
     /// logged in the rotor frame of their middle, act `delay` later; the rotor turns `turn` per interval.

@@ -1,8 +1,9 @@
 //! The speed's residual and its derivatives. The initial speed of each window is estimated and projected out.
 
 use super::{Channel, Experiment, LANES, chunks, seed};
+use crate::dual::Dual;
 use crate::machine::BaseParameter;
-use crate::real::{Dual, Real};
+use crate::real::Real;
 use crate::simulate::mechanical::{self, Restart};
 use nalgebra::{DMatrix, DVector};
 use std::borrow::Cow;

@@ -4,13 +4,13 @@
 //! Voltages are held from sample to sample in the rotor's own frame. What an effect does to the sensors is not
 //! simulated here: currents, angle and speed are the true ones.
 
-use super::electrical::measured_env;
+use super::electrical::{measured_env, taps};
 use crate::base::Base;
 use crate::effect::Env;
 use crate::model::Model;
 use crate::real::Real;
 use crate::recording::Load;
-use crate::rk4;
+use crate::rk4::{self, Slope};
 use crate::signals::Signals;
 use std::ops::Range;
 
@@ -89,32 +89,62 @@ fn run_sized<T: Real, const E: usize, const M: usize, const N: usize>(
             }
             let h = signals.t[k + 1] - signals.t[k];
             let next = measured_env::<T>(signals, k + 1);
-            let tap = |back: usize| {
-                let k = k.saturating_sub(back).max(segment.start);
-                [T::constant(v[0][k]), T::constant(v[1][k])]
-            };
-            let command = model.command(p, &[tap(0), tap(1), tap(2)], state[2] * (n_p * h));
+            let command = model.command(p, &taps(v, segment.start, k), state[2] * (n_p * h));
             let load = tau_load + known_load(signals, k, last);
             let rate = signals.omega_e[k].abs() + signals.context.electrical_rate;
             let pieces = ((h * rate / STEP_LIMIT).ceil() as usize).clamp(1, 64);
             for piece in 0..pieces {
-                state = rk4::step(h / pieces as f64, &state, |c, s| {
-                    let c = (piece as f64 + c) / pieces as f64;
-                    let between = Env {
-                        t: here.t + c * h,
-                        heating: here.heating + c * (next.heating - here.heating),
-                        magnet_heating: here.magnet_heating + c * (next.magnet_heating - here.magnet_heating),
-                        ..here
-                    };
-                    let env = at(&between, s, n_p, turn);
-                    let (electrical, mechanical) = parts::<T, E, M, N>(s);
-                    let tau_e = model.state_current(p, &base, &electrical, &env).tau_e;
-                    let electrical = model.electrical_rhs(p, &base, &electrical, command, &env);
-                    let mechanical = model.mechanical_rhs(p, &base, &mechanical, tau_e, load, &env);
-                    join(&electrical, env.omega_e, &mechanical)
-                });
+                let rhs = Rhs::<T, E, M> {
+                    model,
+                    p,
+                    base: &base,
+                    v: command,
+                    load,
+                    here: &here,
+                    next: &next,
+                    h,
+                    piece: (piece as f64, pieces as f64),
+                    turn,
+                    n_p,
+                };
+                state = rk4::advance(h / pieces as f64, &state, &rhs);
             }
         }
+    }
+}
+
+/// The right-hand side within one piece of a step: `E` electrical and `M` mechanical states.
+struct Rhs<'a, T, const E: usize, const M: usize> {
+    model: &'a Model,
+    p: &'a [T],
+    base: &'a Base<T>,
+    v: [T; 2],
+    load: T,
+    here: &'a Env<T>,
+    next: &'a Env<T>,
+    h: f64,
+    piece: (f64, f64),
+    turn: T,
+    n_p: f64,
+}
+
+impl<T: Real, const E: usize, const M: usize, const N: usize> Slope<T, N> for Rhs<'_, T, E, M> {
+    #[inline(always)]
+    fn at(&self, c: f64, state: &[T; N]) -> [T; N] {
+        let (here, next) = (self.here, self.next);
+        let c = (self.piece.0 + c) / self.piece.1;
+        let between = Env {
+            t: here.t + c * self.h,
+            heating: here.heating + c * (next.heating - here.heating),
+            magnet_heating: here.magnet_heating + c * (next.magnet_heating - here.magnet_heating),
+            ..*here
+        };
+        let env = at(&between, state, self.n_p, self.turn);
+        let (electrical, mechanical) = parts::<T, E, M, N>(state);
+        let tau_e = self.model.state_current(self.p, self.base, &electrical, &env).tau_e;
+        let electrical = self.model.electrical_rhs(self.p, self.base, &electrical, self.v, &env);
+        let mechanical = self.model.mechanical_rhs(self.p, self.base, &mechanical, tau_e, self.load, &env);
+        join(&electrical, env.omega_e, &mechanical)
     }
 }
 

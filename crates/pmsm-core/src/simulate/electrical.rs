@@ -3,8 +3,8 @@
 use crate::base::Base;
 use crate::effect::{Env, Sensor};
 use crate::model::Model;
-use crate::real::Real;
-use crate::rk4;
+use crate::real::{Carries, Loop, Real};
+use crate::rk4::{self, Slope};
 use crate::signals::Signals;
 use crate::transforms::rotate;
 
@@ -16,13 +16,31 @@ const STEP_LIMIT: f64 = 0.15;
 /// Nothing is called if the recording has no voltages or currents.
 pub fn run<T: Real>(model: &Model, signals: &Signals, p: &[T], sink: impl FnMut(usize, [T; 2])) {
     match model.electrical_states() {
-        0 => run_sized::<T, 2>(model, signals, p, sink),
-        1..=2 => run_sized::<T, 4>(model, signals, p, sink),
-        _ => run_sized::<T, 12>(model, signals, p, sink),
+        0 => T::fastest(Run::<T, _, 2> { model, signals, p, sink }),
+        1..=2 => T::fastest(Run::<T, _, 4> { model, signals, p, sink }),
+        _ => T::fastest(Run::<T, _, 12> { model, signals, p, sink }),
+    }
+}
+
+/// A run with `N` states.
+struct Run<'a, T, S, const N: usize> {
+    model: &'a Model,
+    signals: &'a Signals,
+    p: &'a [T],
+    sink: S,
+}
+
+impl<T: Real, S: FnMut(usize, [T; 2]), const N: usize> Loop<T> for Run<'_, T, S, N> {
+    type Output = ();
+    #[inline(always)]
+    fn run<W: Carries<T>>(mut self) {
+        let p: Vec<W> = self.p.iter().map(|x| W::carry(*x)).collect();
+        run_sized::<T, W, N>(self.model, self.signals, &p, &mut self.sink);
     }
 }
 
 /// The environment at sample `k`, in the measured frame.
+#[inline(always)]
 pub fn measured_env<T: Real>(signals: &Signals, k: usize) -> Env<T> {
     Env {
         t: signals.t[k],
@@ -35,6 +53,7 @@ pub fn measured_env<T: Real>(signals: &Signals, k: usize) -> Env<T> {
 }
 
 /// The environment behind the measured one, once the sensor's angle error is taken away.
+#[inline(always)]
 pub fn true_env<T: Real>(sensor: &Sensor<T>, measured: &Env<T>, n_p: f64) -> Env<T> {
     Env {
         theta_e: measured.theta_e - sensor.angle,
@@ -44,11 +63,12 @@ pub fn true_env<T: Real>(sensor: &Sensor<T>, measured: &Env<T>, n_p: f64) -> Env
     }
 }
 
-fn run_sized<T: Real, const N: usize>(
+#[inline(always)]
+fn run_sized<T: Real, W: Carries<T>, const N: usize>(
     model: &Model,
     signals: &Signals,
-    p: &[T],
-    mut sink: impl FnMut(usize, [T; 2]),
+    p: &[W],
+    sink: &mut impl FnMut(usize, [T; 2]),
 ) {
     let (Some(v), Some(_), Some(phases)) = (&signals.v, &signals.i, &signals.phases) else { return };
     let base = Base::new(p);
@@ -57,7 +77,7 @@ fn run_sized<T: Real, const N: usize>(
         let mut measured = measured_env(signals, segment.start);
         let mut sensor = model.sensor(p, &measured);
         let mut env = true_env(&sensor, &measured, n_p);
-        let mut state = [T::zero(); N];
+        let mut state = [W::zero(); N];
         for k in segment.clone() {
             if k == segment.start {
                 let abc = [phases[0][k], phases[1][k], phases[2][k]];
@@ -65,16 +85,13 @@ fn run_sized<T: Real, const N: usize>(
                 state = model.steady_state(p, &base, i, &env).0;
             }
             let i = model.state_current(p, &base, &state, &env).i;
-            sink(k, if sensed { model.measured_current(&sensor, i, measured.theta_e) } else { i });
+            let shown = if sensed { model.measured_current(&sensor, i, measured.theta_e) } else { i };
+            sink(k, [shown[0].give(), shown[1].give()]);
             if k + 1 == segment.end {
                 break;
             }
-            let tap = |back: usize| {
-                let k = k.saturating_sub(back).max(segment.start);
-                [T::constant(v[0][k]), T::constant(v[1][k])]
-            };
             let h = signals.t[k + 1] - signals.t[k];
-            let mut command = model.command(p, &[tap(0), tap(1), tap(2)], env.omega_e * h);
+            let mut command = model.command(p, &taps(v, segment.start, k), env.omega_e * h);
             let next_measured = measured_env(signals, k + 1);
             let (next_sensor, next_env) = if sensed {
                 let (s, c) = sensor.angle.sin_cos();
@@ -87,26 +104,72 @@ fn run_sized<T: Real, const N: usize>(
             let rate = signals.omega_e[k].abs() + signals.context.electrical_rate;
             let pieces = ((h * rate / STEP_LIMIT).ceil() as usize).clamp(1, 64);
             for piece in 0..pieces {
-                let at = |c: f64| between(&env, &next_env, (piece as f64 + c) / pieces as f64);
-                let envs = [at(0.0), at(0.5), at(1.0)];
-                state = rk4::step(h / pieces as f64, &state, |c, s| {
-                    model.electrical_rhs(p, &base, s, command, &envs[(2.0 * c) as usize])
-                });
+                let (piece, pieces) = (piece as f64, pieces as f64);
+                let rhs = Rhs {
+                    model,
+                    p,
+                    base: &base,
+                    v: command,
+                    start: between(&env, &next_env, piece / pieces),
+                    middle: between(&env, &next_env, (piece + 0.5) / pieces),
+                    end: between(&env, &next_env, (piece + 1.0) / pieces),
+                };
+                state = rk4::advance(h / pieces as f64, &state, &rhs);
             }
             (measured, sensor, env) = (next_measured, next_sensor, next_env);
         }
     }
 }
 
+/// The right-hand side within one step.
+struct Rhs<'a, T> {
+    model: &'a Model,
+    p: &'a [T],
+    base: &'a Base<T>,
+    v: [T; 2],
+    start: Env<T>,
+    middle: Env<T>,
+    end: Env<T>,
+}
+
+impl<T: Real, const N: usize> Slope<T, N> for Rhs<'_, T> {
+    #[inline(always)]
+    fn at(&self, c: f64, state: &[T; N]) -> [T; N] {
+        let env = if c == 0.0 {
+            &self.start
+        } else if c == 0.5 {
+            &self.middle
+        } else {
+            &self.end
+        };
+        self.model.electrical_rhs(self.p, self.base, state, self.v, env)
+    }
+}
+
+/// Voltage commands of sample `k` and the two before, none from before the segment that begins at `start`.
+#[inline(always)]
+pub fn taps<T: Real>(v: &[Vec<f64>; 2], start: usize, k: usize) -> [[T; 2]; 3] {
+    let mut taps = [[T::zero(); 2]; 3];
+    for (back, tap) in taps.iter_mut().enumerate() {
+        let k = k.saturating_sub(back).max(start);
+        *tap = [T::constant(v[0][k]), T::constant(v[1][k])];
+    }
+    taps
+}
+
+#[inline(always)]
+fn mix<T: Real>(x: T, y: T, c: f64) -> T {
+    x * (1.0 - c) + y * c
+}
+
 /// Linear interpolation between two environments.
 #[inline(always)]
 fn between<T: Real>(a: &Env<T>, b: &Env<T>, c: f64) -> Env<T> {
-    let mix = |x: T, y: T| x * (1.0 - c) + y * c;
     Env {
         t: a.t + c * (b.t - a.t),
-        omega_e: mix(a.omega_e, b.omega_e),
-        theta_e: mix(a.theta_e, b.theta_e),
-        theta_m: mix(a.theta_m, b.theta_m),
+        omega_e: mix(a.omega_e, b.omega_e, c),
+        theta_e: mix(a.theta_e, b.theta_e, c),
+        theta_m: mix(a.theta_m, b.theta_m, c),
         heating: a.heating + c * (b.heating - a.heating),
         magnet_heating: a.magnet_heating + c * (b.magnet_heating - a.magnet_heating),
     }

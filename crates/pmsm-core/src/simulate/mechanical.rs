@@ -4,9 +4,10 @@ use super::electrical::{measured_env, true_env};
 use crate::base::Base;
 use crate::effect::Env;
 use crate::model::Model;
-use crate::real::Real;
-use crate::rk4;
+use crate::real::{Carries, Loop, Real};
+use crate::rk4::{self, Slope};
 use crate::signals::Signals;
+use std::marker::PhantomData;
 use std::ops::Range;
 
 /// Length of a window, s.
@@ -79,24 +80,42 @@ pub fn torque<T: Real>(model: &Model, signals: &Signals, p: &[T]) -> Vec<T> {
     if let Some(tau) = &signals.tau_e {
         return tau.iter().map(|x| T::constant(*x)).collect();
     }
-    let (Some(phases), Some(i)) = (&signals.phases, &signals.i) else {
-        return vec![T::zero(); signals.len()];
-    };
-    let base = Base::new(p);
-    let sensed = model.has_sensor();
-    (0..signals.len())
-        .map(|k| {
-            let measured = measured_env(signals, k);
-            if !sensed {
-                let i = [T::constant(i[0][k]), T::constant(i[1][k])];
-                return model.steady_state::<T, 12>(p, &base, i, &measured).1;
+    match model.electrical_states() {
+        0 => T::fastest(Torque::<T, 2> { model, signals, p }),
+        1..=2 => T::fastest(Torque::<T, 4> { model, signals, p }),
+        _ => T::fastest(Torque::<T, 12> { model, signals, p }),
+    }
+}
+
+/// Motor torque from the measured currents, with `N` electrical states.
+struct Torque<'a, T, const N: usize> {
+    model: &'a Model,
+    signals: &'a Signals,
+    p: &'a [T],
+}
+
+impl<T: Real, const N: usize> Loop<T> for Torque<'_, T, N> {
+    type Output = Vec<T>;
+    #[inline(always)]
+    fn run<W: Carries<T>>(self) -> Vec<T> {
+        let (model, signals) = (self.model, self.signals);
+        let mut torque = vec![T::zero(); signals.len()];
+        let (Some(phases), Some(i)) = (&signals.phases, &signals.i) else { return torque };
+        let p: Vec<W> = self.p.iter().map(|x| W::carry(*x)).collect();
+        let base = Base::new(&p);
+        let sensed = model.has_sensor();
+        for (k, torque) in torque.iter_mut().enumerate() {
+            let mut env = measured_env(signals, k);
+            let mut i = [W::constant(i[0][k]), W::constant(i[1][k])];
+            if sensed {
+                let (sensor, theta) = (model.sensor(&p, &env), env.theta_e);
+                env = true_env(&sensor, &env, signals.n_p);
+                i = model.true_current(&sensor, [phases[0][k], phases[1][k], phases[2][k]], theta);
             }
-            let sensor = model.sensor(p, &measured);
-            let env = true_env(&sensor, &measured, signals.n_p);
-            let i = model.true_current(&sensor, [phases[0][k], phases[1][k], phases[2][k]], measured.theta_e);
-            model.steady_state::<T, 12>(p, &base, i, &env).1
-        })
-        .collect()
+            *torque = model.steady_state::<W, N>(&p, &base, i, &env).1.give();
+        }
+        torque
+    }
 }
 
 /// How the simulation starts each window.
@@ -121,44 +140,76 @@ pub fn run<T: Real>(
     sink: impl FnMut(usize, usize, T),
 ) {
     match model.mechanical_states() {
-        0 => run_sized::<T, 1>(model, signals, p, tau_e, load, windows, restart, sink),
-        1..=2 => run_sized::<T, 3>(model, signals, p, tau_e, load, windows, restart, sink),
-        _ => run_sized::<T, 9>(model, signals, p, tau_e, load, windows, restart, sink),
+        0 => T::fastest(Run::<T, _, _, 1> { model, signals, p, tau_e, load, windows, restart, sink }),
+        1..=2 => T::fastest(Run::<T, _, _, 3> { model, signals, p, tau_e, load, windows, restart, sink }),
+        _ => T::fastest(Run::<T, _, _, 9> { model, signals, p, tau_e, load, windows, restart, sink }),
     }
 }
 
-fn run_sized<T: Real, const N: usize>(
+/// A run with `N` states.
+struct Run<'a, T, R, S, const N: usize> {
+    model: &'a Model,
+    signals: &'a Signals,
+    p: &'a [T],
+    tau_e: &'a [T],
+    load: (Nuisance, &'a [T]),
+    windows: &'a [Range<usize>],
+    restart: R,
+    sink: S,
+}
+
+impl<T: Real, R: Restart<T>, S: FnMut(usize, usize, T), const N: usize> Loop<T> for Run<'_, T, R, S, N> {
+    type Output = ();
+    #[inline(always)]
+    fn run<W: Carries<T>>(mut self) {
+        let carry = |x: &[T]| x.iter().map(|x| W::carry(*x)).collect::<Vec<W>>();
+        let (p, own) = (carry(self.p), carry(self.load.1));
+        let restart = Carried { inner: self.restart, number: PhantomData };
+        let load = (self.load.0, &own[..]);
+        let (windows, sink) = (self.windows, &mut self.sink);
+        run_sized::<T, W, N>(self.model, self.signals, &p, self.tau_e, load, windows, restart, sink);
+    }
+}
+
+/// A restart spoken to in another number type.
+struct Carried<R, T> {
+    inner: R,
+    number: PhantomData<T>,
+}
+
+impl<T: Real, W: Carries<T>, R: Restart<T>> Restart<W> for Carried<R, T> {
+    fn speed(&mut self, number: usize, k: usize) -> W {
+        W::carry(self.inner.speed(number, k))
+    }
+    fn forget(&self, state: &mut W) {
+        let mut own = state.give();
+        self.inner.forget(&mut own);
+        *state = W::carry(own);
+    }
+}
+
+#[inline(always)]
+fn run_sized<T: Real, W: Carries<T>, const N: usize>(
     model: &Model,
     signals: &Signals,
-    p: &[T],
+    p: &[W],
     tau_e: &[T],
-    (load, own): (Nuisance, &[T]),
+    (load, own): (Nuisance, &[W]),
     windows: &[Range<usize>],
-    mut restart: impl Restart<T>,
-    mut sink: impl FnMut(usize, usize, T),
+    mut restart: impl Restart<W>,
+    sink: &mut impl FnMut(usize, usize, T),
 ) {
     let base = Base::new(p);
-    let n_p = signals.n_p;
-    let sensed = model.has_sensor();
-    let environment = |k: usize| -> (Env<T>, T) {
-        let measured = measured_env(signals, k);
-        if sensed {
-            let sensor = model.sensor(p, &measured);
-            (true_env(&sensor, &measured, n_p), T::one() - sensor.angle_slope)
-        } else {
-            (measured, T::one())
-        }
-    };
+    let (n_p, sensed) = (signals.n_p, model.has_sensor());
     // The rotor is slow compared to the samples: one step spans two of them, the sample between being its middle.
     let coarse = signals.context.omega_e_max * signals.period <= COARSE;
     let ringing = model.ringing(p);
-    let mut state = [T::zero(); N];
+    let mut state = [W::zero(); N];
     let mut level = 0;
     for (number, window) in windows.iter().enumerate() {
         let mut k = window.start;
         while k < window.end {
-            let (env, scale) = environment(k);
-            let show = |omega_m: T, scale: T| if sensed { omega_m * n_p / scale } else { omega_m * n_p };
+            let (env, scale) = environment(model, signals, p, k);
             let span = span(signals, k, window, coarse);
             let h =
                 if k + span < signals.len() { signals.t[k + span] - signals.t[k] } else { signals.period };
@@ -171,7 +222,7 @@ fn run_sized<T: Real, const N: usize>(
                     }
                     state[0] = omega_m;
                 } else {
-                    state = model.mechanical_start(p, &base, omega_m, tau_e[k], tau_load, &env);
+                    state = model.mechanical_start(p, &base, omega_m, W::carry(tau_e[k]), tau_load, &env);
                     if number == 0 {
                         let deviation = &own[load.parameter_count() - load.initial..];
                         for (x, d) in state[1..].iter_mut().zip(deviation) {
@@ -180,46 +231,91 @@ fn run_sized<T: Real, const N: usize>(
                     }
                 }
             }
-            sink(number, k, show(state[0], scale));
+            let shown = state[0] * n_p;
+            sink(number, k, (if sensed { shown / scale } else { shown }).give());
             if k + 1 == signals.len() {
                 break;
             }
-            let (half, half_scale) = environment(if span == 2 { k + 1 } else { k });
-            let end = environment(k + span).0;
-            let torque = [tau_e[k], tau_e[k + span - 1], tau_e[k + span]];
-            // Signals at fraction `c` of the step, straight from sample to sample.
-            let at = |c: f64| -> (T, Env<T>) {
-                match span {
-                    2 if c < 0.5 => mix(2.0 * c, (torque[0], env), (torque[1], half)),
-                    2 => mix(2.0 * c - 1.0, (torque[1], half), (torque[2], end)),
-                    _ => mix(c, (torque[0], env), (torque[2], end)),
-                }
+            let (half, half_scale) = environment(model, signals, p, if span == 2 { k + 1 } else { k });
+            let end = environment(model, signals, p, k + span).0;
+            let way = Way {
+                span,
+                torque: [W::carry(tau_e[k]), W::carry(tau_e[k + span - 1]), W::carry(tau_e[k + span])],
+                env: [env, half, end],
             };
-            let rhs = |at: &[(T, Env<T>); 3], c: f64, s: &[T; N]| {
-                let (tau, env) = &at[(2.0 * c) as usize];
-                model.mechanical_rhs(p, &base, s, *tau, tau_load, env)
-            };
-            let pieces = (h * ringing / RINGING).ceil().clamp(1.0, 64.0) as usize;
-            if pieces == 1 {
-                let at = [at(0.0), at(0.5), at(1.0)];
-                let (middle, next) = rk4::step_with_middle(h, &state, |c, s| rhs(&at, c, s));
-                if span == 2 {
-                    sink(number, k + 1, show(middle[0], half_scale));
+            let mut pieces = (h * ringing / RINGING).ceil().clamp(1.0, 64.0) as usize;
+            if pieces > 1 {
+                pieces = pieces.next_multiple_of(span);
+            }
+            let mut middle = state;
+            for piece in 0..pieces {
+                if 2 * piece == pieces {
+                    middle = state;
                 }
-                state = next;
-            } else {
-                let pieces = pieces.next_multiple_of(span);
-                for piece in 0..pieces {
-                    if span == 2 && 2 * piece == pieces {
-                        sink(number, k + 1, show(state[0], half_scale));
-                    }
-                    let from = |c: f64| at((piece as f64 + c) / pieces as f64);
-                    let at = [from(0.0), from(0.5), from(1.0)];
-                    state = rk4::step(h / pieces as f64, &state, |c, s| rhs(&at, c, s));
+                let (from, whole) = (piece as f64, pieces as f64);
+                let at = [way.at(from / whole), way.at((from + 0.5) / whole), way.at((from + 1.0) / whole)];
+                let rhs = Rhs { model, p, base: &base, at, tau_load };
+                if pieces == 1 {
+                    (middle, state) = rk4::advance_with_middle(h, &state, &rhs);
+                } else {
+                    state = rk4::advance(h / whole, &state, &rhs);
                 }
+            }
+            if span == 2 {
+                let shown = middle[0] * n_p;
+                sink(number, k + 1, (if sensed { shown / half_scale } else { shown }).give());
             }
             k += span;
         }
+    }
+}
+
+/// The true environment at sample `k`, and the measured over the true speed's share that the sensor leaves.
+#[inline(always)]
+fn environment<T: Real>(model: &Model, signals: &Signals, p: &[T], k: usize) -> (Env<T>, T) {
+    let measured = measured_env(signals, k);
+    if model.has_sensor() {
+        let sensor = model.sensor(p, &measured);
+        (true_env(&sensor, &measured, signals.n_p), T::one() - sensor.angle_slope)
+    } else {
+        (measured, T::one())
+    }
+}
+
+/// Signals along a step over `span` samples, straight from sample to sample.
+struct Way<T> {
+    span: usize,
+    torque: [T; 3],
+    env: [Env<T>; 3],
+}
+
+impl<T: Real> Way<T> {
+    /// Torque and environment at fraction `c` of the step.
+    #[inline(always)]
+    fn at(&self, c: f64) -> (T, Env<T>) {
+        let (from, to, c) = match self.span {
+            2 if c < 0.5 => (0, 1, 2.0 * c),
+            2 => (1, 2, 2.0 * c - 1.0),
+            _ => (0, 2, c),
+        };
+        mix(c, (self.torque[from], self.env[from]), (self.torque[to], self.env[to]))
+    }
+}
+
+/// The right-hand side within one step; torque and environment at its beginning, middle and end.
+struct Rhs<'a, T> {
+    model: &'a Model,
+    p: &'a [T],
+    base: &'a Base<T>,
+    at: [(T, Env<T>); 3],
+    tau_load: T,
+}
+
+impl<T: Real, const N: usize> Slope<T, N> for Rhs<'_, T> {
+    #[inline(always)]
+    fn at(&self, c: f64, state: &[T; N]) -> [T; N] {
+        let (tau_e, env) = &self.at[(2.0 * c) as usize];
+        self.model.mechanical_rhs(self.p, self.base, state, *tau_e, self.tau_load, env)
     }
 }
 
@@ -232,14 +328,18 @@ fn mix<T: Real>(c: f64, a: (T, Env<T>), b: (T, Env<T>)) -> (T, Env<T>) {
     if c == 1.0 {
         return b;
     }
-    let between = |x: T, y: T| x * (1.0 - c) + y * c;
     let env = Env {
         t: a.1.t + c * (b.1.t - a.1.t),
-        theta_e: between(a.1.theta_e, b.1.theta_e),
-        theta_m: between(a.1.theta_m, b.1.theta_m),
+        theta_e: between(a.1.theta_e, b.1.theta_e, c),
+        theta_m: between(a.1.theta_m, b.1.theta_m, c),
         ..a.1
     };
-    (between(a.0, b.0), env)
+    (between(a.0, b.0, c), env)
+}
+
+#[inline(always)]
+fn between<T: Real>(x: T, y: T, c: f64) -> T {
+    x * (1.0 - c) + y * c
 }
 
 /// Whether a window that begins at sample `k` goes on where the one `before` it ended, without a gap.
@@ -260,6 +360,7 @@ fn span(signals: &Signals, k: usize, window: &Range<usize>, coarse: bool) -> usi
 
 /// Mean load torque over the interval of length `h` (s) from sample `k` to `next`; `level` is a cursor into the profile. It is
 /// smooth in the instants, so that they can be fitted like any parameter.
+#[inline(always)]
 fn load_over<T: Real>(
     load: Nuisance,
     own: &[T],
@@ -284,14 +385,13 @@ fn load_over<T: Real>(
     let steps = &rest[..load.steps()];
     let end = T::constant(signals.t[k] + h);
     // Share of the interval behind the next instant: negative before it, above one once it lies in the past.
-    let behind = |step: T| (end - step) * (1.0 / h);
-    while *level < steps.len() && (behind(steps[*level]) - 1.0).positive() {
+    while *level < steps.len() && ((end - steps[*level]) * (1.0 / h) - 1.0).positive() {
         *level += 1;
     }
     let mean = levels[*level] + known;
     match steps.get(*level) {
-        Some(step) if behind(*step).positive() => {
-            mean + (levels[*level + 1] - levels[*level]) * behind(*step)
+        Some(step) if (end - *step).positive() => {
+            mean + (levels[*level + 1] - levels[*level]) * ((end - *step) * (1.0 / h))
         }
         _ => mean,
     }

@@ -1,0 +1,206 @@
+//! Numbers that carry exact derivatives along.
+
+mod tangent;
+
+use crate::real::{Loop, Real};
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+
+/// A value with its derivatives with respect to `N` parameters (forward-mode differentiation).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Dual<const N: usize> {
+    /// The value.
+    pub re: f64,
+    /// The derivatives.
+    pub eps: [f64; N],
+}
+
+impl<const N: usize> Dual<N> {
+    /// The value `re` of parameter number `slot`: derivative one in that slot, zero elsewhere.
+    pub fn variable(re: f64, slot: usize) -> Self {
+        let mut eps = [0.0; N];
+        eps[slot] = 1.0;
+        Self { re, eps }
+    }
+
+    /// `f(self)` from the value and the derivative of `f` there.
+    #[inline(always)]
+    fn chain(self, value: f64, slope: f64) -> Self {
+        let mut eps = self.eps;
+        for e in &mut eps {
+            *e *= slope;
+        }
+        Self { re: value, eps }
+    }
+}
+
+macro_rules! componentwise {
+    ($trait:ident, $method:ident, $op:tt) => {
+        impl<const N: usize> $trait for Dual<N> {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                let eps = std::array::from_fn(|k| self.eps[k] $op other.eps[k]);
+                Self { re: self.re $op other.re, eps }
+            }
+        }
+        impl<const N: usize> $trait<f64> for Dual<N> {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: f64) -> Self {
+                Self { re: self.re $op other, eps: self.eps }
+            }
+        }
+    };
+}
+componentwise!(Add, add, +);
+componentwise!(Sub, sub, -);
+
+impl<const N: usize> Mul for Dual<N> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        let mut eps = [0.0; N];
+        for k in 0..N {
+            eps[k] = self.eps[k] * other.re + self.re * other.eps[k];
+        }
+        Self { re: self.re * other.re, eps }
+    }
+}
+
+impl<const N: usize> Mul<f64> for Dual<N> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, other: f64) -> Self {
+        self.chain(self.re * other, other)
+    }
+}
+
+impl<const N: usize> Div for Dual<N> {
+    type Output = Self;
+    // The quotient rule: (f/g)' = (f' − (f/g)·g')/g.
+    #[allow(clippy::suspicious_arithmetic_impl)]
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        let inverse = 1.0 / other.re;
+        let value = self.re / other.re;
+        let mut eps = [0.0; N];
+        for k in 0..N {
+            eps[k] = (self.eps[k] - value * other.eps[k]) * inverse;
+        }
+        Self { re: value, eps }
+    }
+}
+
+impl<const N: usize> Neg for Dual<N> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        self.chain(-self.re, -1.0)
+    }
+}
+
+impl<const N: usize> AddAssign for Dual<N> {
+    #[inline(always)]
+    fn add_assign(&mut self, other: Self) {
+        *self = *self + other;
+    }
+}
+
+impl<const N: usize> SubAssign for Dual<N> {
+    #[inline(always)]
+    fn sub_assign(&mut self, other: Self) {
+        *self = *self - other;
+    }
+}
+
+impl<const N: usize> Real for Dual<N> {
+    #[inline(always)]
+    fn constant(x: f64) -> Self {
+        Self { re: x, eps: [0.0; N] }
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        let root = self.re.sqrt();
+        self.chain(root, if root > 0.0 { 0.5 / root } else { 0.0 })
+    }
+    #[inline(always)]
+    fn sin_cos(self) -> (Self, Self) {
+        let (s, c) = self.re.sin_cos();
+        (self.chain(s, c), self.chain(c, -s))
+    }
+    #[inline(always)]
+    fn exp(self) -> Self {
+        let e = self.re.exp();
+        self.chain(e, e)
+    }
+    #[inline(always)]
+    fn ln(self) -> Self {
+        self.chain(self.re.ln(), 1.0 / self.re)
+    }
+    #[inline(always)]
+    fn tanh(self) -> Self {
+        let t = self.re.tanh();
+        self.chain(t, 1.0 - t * t)
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        let slope = if self.re > 0.0 {
+            1.0
+        } else if self.re < 0.0 {
+            -1.0
+        } else {
+            0.0
+        };
+        self.chain(self.re.abs(), slope)
+    }
+    #[inline(always)]
+    fn if_positive(self, yes: Self, no: Self) -> Self {
+        if self.re > 0.0 { yes } else { no }
+    }
+    #[inline(always)]
+    fn positive(self) -> bool {
+        self.re > 0.0
+    }
+    #[inline(always)]
+    fn size(self) -> f64 {
+        self.re.abs()
+    }
+    #[inline(always)]
+    fn fastest<L: Loop<Self>>(task: L) -> L::Output {
+        tangent::run(task)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A formula that uses every operation.
+    fn formula<T: Real>(x: T, y: T) -> T {
+        let (s, c) = (x * y).sin_cos();
+        let a = (x.squared() + 1.0).sqrt() / (y.squared() + 2.0);
+        let b = (x - y).tanh() * s - (c * 0.3).exp() + (y.squared() + 1.5).ln();
+        (x - 0.2).if_positive(a, -a) + b + x.abs().pow_nonnegative(y.abs() + 1.0)
+    }
+
+    proptest! {
+        #[test]
+        fn duals_agree_with_difference_quotients(x in -2.0..2.0f64, y in -2.0..2.0f64) {
+            prop_assume!((x - 0.2).abs() > 1e-3 && x.abs() > 1e-2 && y.abs() > 1e-2);
+            let d = formula(Dual::<2>::variable(x, 0), Dual::<2>::variable(y, 1));
+            let h = 1e-6;
+            let dx = (formula(x + h, y) - formula(x - h, y)) / (2.0 * h);
+            let dy = (formula(x, y + h) - formula(x, y - h)) / (2.0 * h);
+            prop_assert!((d.re - formula(x, y)).abs() <= 1e-15 * d.re.abs().max(1.0));
+            prop_assert!((d.eps[0] - dx).abs() < 1e-7 * dx.abs().max(1.0));
+            prop_assert!((d.eps[1] - dy).abs() < 1e-7 * dy.abs().max(1.0));
+        }
+    }
+
+    #[test]
+    fn power_of_zero_is_zero_with_finite_derivatives() {
+        let p = Dual::<2>::variable(0.0, 0).pow_nonnegative(Dual::<2>::variable(2.5, 1));
+        assert_eq!((p.re, p.eps), (0.0, [0.0, 0.0]));
+    }
+}

@@ -1,0 +1,262 @@
+//! A value with its derivatives held in vectors: what [`Dual`] means, at the speed of the lanes.
+//!
+//! Every operation is that of [`Dual`] in the same order and without contraction, so a result has the same bits whether
+//! it was computed here or there. The value fills a vector of its own: products with the derivatives need no broadcast.
+
+use super::Dual;
+use crate::lanes::{self, Job, Lane, Path};
+use crate::real::{Carries, Loop, Real};
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+
+/// Derivatives that one pass carries on vectors.
+const MOST: usize = 8;
+/// Fewer derivatives than this are as fast one by one.
+const LEAST: usize = 4;
+
+/// Runs `task` on tangents where this processor has vectors wide enough, else on dual numbers.
+pub fn run<const N: usize, L: Loop<Dual<N>>>(task: L) -> L::Output {
+    if (LEAST..=MOST).contains(&N) {
+        match Path::best() {
+            Path::Avx512 => return lanes::avx512(Wide::<N, 1, L>(task)),
+            Path::Avx2 => return lanes::avx2(Wide::<N, 2, L>(task)),
+            _ => {}
+        }
+    }
+    task.run::<Dual<N>>()
+}
+
+/// A loop over dual numbers as a job on vectors.
+struct Wide<const N: usize, const R: usize, L>(L);
+
+impl<const N: usize, const R: usize, L: Loop<Dual<N>>> Job for Wide<N, R, L> {
+    type Output = L::Output;
+    #[inline(always)]
+    fn run<V: Lane>(self) -> L::Output {
+        self.0.run::<Tangent<V, R>>()
+    }
+}
+
+/// A value, in every lane of a vector, and its derivatives in `R` vectors.
+#[derive(Debug, Clone, Copy)]
+struct Tangent<V, const R: usize> {
+    re: V,
+    eps: [V; R],
+}
+
+/// A tangent with the value `re` and the derivatives that an expression of `k` gives. A closure would be compiled without
+/// the path's instructions.
+macro_rules! each {
+    ($re:expr, $k:ident => $eps:expr) => {{
+        let mut tangent = Self { re: $re, eps: [V::zero(); R] };
+        for $k in 0..R {
+            tangent.eps[$k] = $eps;
+        }
+        tangent
+    }};
+}
+
+impl<V: Lane, const R: usize, const N: usize> Carries<Dual<N>> for Tangent<V, R> {
+    #[inline(always)]
+    fn carry(x: Dual<N>) -> Self {
+        let mut eps = [0.0; MOST];
+        eps[..N].copy_from_slice(&x.eps);
+        each!(V::constant(x.re), r => V::load(&eps[r * V::WIDTH..]))
+    }
+    #[inline(always)]
+    fn give(self) -> Dual<N> {
+        let mut eps = [0.0; MOST];
+        for r in 0..R {
+            self.eps[r].store(&mut eps[r * V::WIDTH..]);
+        }
+        Dual { re: self.re.first(), eps: std::array::from_fn(|k| eps[k]) }
+    }
+}
+
+impl<V: Lane, const R: usize> Tangent<V, R> {
+    /// `f(self)` from the value and the derivative of `f` there.
+    #[inline(always)]
+    fn chain(self, value: V, slope: V) -> Self {
+        each!(value, k => self.eps[k] * slope)
+    }
+    /// The same where value and derivative are single numbers.
+    #[inline(always)]
+    fn through(self, value: f64, slope: f64) -> Self {
+        self.chain(V::constant(value), V::constant(slope))
+    }
+}
+
+impl<V: Lane, const R: usize> Add for Tangent<V, R> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        each!(self.re + other.re, k => self.eps[k] + other.eps[k])
+    }
+}
+
+impl<V: Lane, const R: usize> Sub for Tangent<V, R> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        each!(self.re - other.re, k => self.eps[k] - other.eps[k])
+    }
+}
+
+impl<V: Lane, const R: usize> Mul for Tangent<V, R> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        each!(self.re * other.re, k => self.eps[k] * other.re + self.re * other.eps[k])
+    }
+}
+
+impl<V: Lane, const R: usize> Div for Tangent<V, R> {
+    type Output = Self;
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        let (inverse, value) = (V::one() / other.re, self.re / other.re);
+        each!(value, k => (self.eps[k] - value * other.eps[k]) * inverse)
+    }
+}
+
+impl<V: Lane, const R: usize> Add<f64> for Tangent<V, R> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, other: f64) -> Self {
+        Self { re: self.re + other, eps: self.eps }
+    }
+}
+
+impl<V: Lane, const R: usize> Sub<f64> for Tangent<V, R> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, other: f64) -> Self {
+        Self { re: self.re - other, eps: self.eps }
+    }
+}
+
+impl<V: Lane, const R: usize> Mul<f64> for Tangent<V, R> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, other: f64) -> Self {
+        let other = V::constant(other);
+        self.chain(self.re * other, other)
+    }
+}
+
+impl<V: Lane, const R: usize> Neg for Tangent<V, R> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        each!(-self.re, k => -self.eps[k])
+    }
+}
+
+impl<V: Lane, const R: usize> AddAssign for Tangent<V, R> {
+    #[inline(always)]
+    fn add_assign(&mut self, other: Self) {
+        *self = *self + other;
+    }
+}
+
+impl<V: Lane, const R: usize> SubAssign for Tangent<V, R> {
+    #[inline(always)]
+    fn sub_assign(&mut self, other: Self) {
+        *self = *self - other;
+    }
+}
+
+impl<V: Lane, const R: usize> Real for Tangent<V, R> {
+    #[inline(always)]
+    fn constant(x: f64) -> Self {
+        Self { re: V::constant(x), eps: [V::zero(); R] }
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        let root = self.re.sqrt();
+        self.chain(root, root.if_positive(V::constant(0.5) / root, V::zero()))
+    }
+    #[inline(always)]
+    fn sin_cos(self) -> (Self, Self) {
+        let (s, c) = self.re.first().sin_cos();
+        let (s, c) = (V::constant(s), V::constant(c));
+        (self.chain(s, c), self.chain(c, -s))
+    }
+    #[inline(always)]
+    fn exp(self) -> Self {
+        let e = self.re.first().exp();
+        self.through(e, e)
+    }
+    #[inline(always)]
+    fn ln(self) -> Self {
+        let x = self.re.first();
+        self.through(x.ln(), 1.0 / x)
+    }
+    #[inline(always)]
+    fn tanh(self) -> Self {
+        let t = self.re.first().tanh();
+        self.through(t, 1.0 - t * t)
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        let (one, zero) = (V::one(), V::zero());
+        let slope = self.re.if_positive(one, (-self.re).if_positive(-one, zero));
+        self.chain(self.re.abs(), slope)
+    }
+    #[inline(always)]
+    fn if_positive(self, yes: Self, no: Self) -> Self {
+        each!(self.re.if_positive(yes.re, no.re), k => self.re.if_positive(yes.eps[k], no.eps[k]))
+    }
+    #[inline(always)]
+    fn positive(self) -> bool {
+        self.re.first() > 0.0
+    }
+    #[inline(always)]
+    fn size(self) -> f64 {
+        self.re.first().abs()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A formula that uses every operation.
+    #[inline(always)]
+    fn formula<T: Real>(x: T, y: T) -> T {
+        let (s, c) = (x * y).sin_cos();
+        let a = (x.squared() + 1.0).sqrt() / (y.squared() + 2.0);
+        let b = (x - y).tanh() * s - (c * 0.3).exp() + (y.squared() + 1.5).ln();
+        let mut sum = (x - 0.2).if_positive(a, -a) + b + x.abs().pow_nonnegative(y.abs() + 1.0);
+        sum += x.sqrt() - 0.7;
+        sum -= y;
+        sum
+    }
+
+    struct Formula([Dual<7>; 2]);
+
+    impl Loop<Dual<7>> for Formula {
+        type Output = Dual<7>;
+        #[inline(always)]
+        fn run<W: Carries<Dual<7>>>(self) -> Dual<7> {
+            formula(W::carry(self.0[0]), W::carry(self.0[1])).give()
+        }
+    }
+
+    fn bits(x: Dual<7>) -> [u64; 8] {
+        std::array::from_fn(|k| if k == 0 { x.re } else { x.eps[k - 1] }.to_bits())
+    }
+
+    proptest! {
+        #[test]
+        fn tangents_have_the_bits_of_dual_numbers(x in 0.0..2.0f64, y in -2.0..2.0f64, e in prop::array::uniform14(-3.0..3.0f64)) {
+            let pair = [
+                Dual { re: x, eps: std::array::from_fn(|k| e[k]) },
+                Dual { re: y, eps: std::array::from_fn(|k| e[k + 7]) },
+            ];
+            let expected = bits(formula(pair[0], pair[1]));
+            prop_assert_eq!(bits(Dual::fastest(Formula(pair))), expected);
+            prop_assert_eq!(bits(Wide::<7, 8, _>(Formula(pair)).run::<f64>()), expected);
+        }
+    }
+}

@@ -1,0 +1,153 @@
+//! Vectors of numbers, and the choice of the widest that the processor has, made at run time.
+//!
+//! A computation that is to run on vectors is a [`Job`]: its body is generic over a [`Lane`], a vector of [`Lane::WIDTH`]
+//! numbers that is itself a [`Real`], so that every equation of the crate works on it. [`run`] compiles the body once per
+//! [`Path`] with that path's instructions enabled and picks one:
+//!
+//! | path | vector | needs |
+//! |---|---|---|
+//! | [`Path::Avx512`] | 8 | AVX-512F |
+//! | [`Path::Avx2`] | 4 | AVX2 and FMA |
+//! | [`Path::Sse2`] | 2 | any x86-64 |
+//! | [`Path::Portable`] | 1 | nothing |
+//!
+//! Arithmetic is lane by lane and nothing is contracted in [`Rounding::Reproducible`], so a lane holds the same bits on
+//! every path and next to any neighbours. [`Rounding::Fused`] lets [`Lane::mul_add`] round once where the path has the
+//! instruction: fewer instructions, but results that differ in the last bits between processors.
+//!
+//! Bodies and everything they call in an inner loop must be `#[inline(always)]`: what is not inlined is compiled for the
+//! processor that the crate was built for, which is correct and slow.
+
+mod portable;
+#[cfg(target_arch = "x86_64")]
+mod x86;
+
+use crate::real::Real;
+
+/// A vector of numbers.
+pub trait Lane: Real {
+    /// Number of entries.
+    const WIDTH: usize;
+    /// The first [`Lane::WIDTH`] entries of a slice.
+    ///
+    /// # Panics
+    /// If there are fewer.
+    fn load(from: &[f64]) -> Self;
+    /// Writes its entries to the head of a slice.
+    ///
+    /// # Panics
+    /// If there is no room.
+    fn store(self, to: &mut [f64]);
+    /// `self·a + b`; rounded once on a path that fuses, else after the product as well.
+    fn mul_add(self, a: Self, b: Self) -> Self;
+    /// The first entry.
+    fn first(self) -> f64;
+    /// Whether an entry is at most its counterpart in `bound`; NaN is not.
+    fn any_within(self, bound: Self) -> bool;
+}
+
+/// Which instructions carry a job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Path {
+    /// One number at a time.
+    Portable,
+    /// Two, on any x86-64.
+    Sse2,
+    /// Four, with AVX2 and FMA.
+    Avx2,
+    /// Eight, with AVX-512F.
+    Avx512,
+}
+
+impl Path {
+    /// All, narrowest first.
+    pub const ALL: [Self; 4] = [Self::Portable, Self::Sse2, Self::Avx2, Self::Avx512];
+
+    /// Whether this processor has it.
+    #[cfg(target_arch = "x86_64")]
+    pub fn available(self) -> bool {
+        match self {
+            Self::Portable | Self::Sse2 => true,
+            Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
+            Self::Avx512 => is_x86_feature_detected!("avx512f"),
+        }
+    }
+
+    /// Whether this processor has it.
+    #[cfg(not(target_arch = "x86_64"))]
+    pub fn available(self) -> bool {
+        self == Self::Portable
+    }
+
+    /// The widest that this processor has.
+    pub fn best() -> Self {
+        Self::ALL.into_iter().rev().find(|path| path.available()).unwrap_or(Self::Portable)
+    }
+
+    /// Numbers per vector.
+    pub fn width(self) -> usize {
+        match self {
+            Self::Portable => 1,
+            Self::Sse2 => 2,
+            Self::Avx2 => 4,
+            Self::Avx512 => 8,
+        }
+    }
+}
+
+/// How products and sums are rounded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rounding {
+    /// After every operation: the same bits on every path.
+    Reproducible,
+    /// Once per [`Lane::mul_add`] where the path has the instruction.
+    Fused,
+}
+
+/// A computation on vectors of any width.
+pub trait Job {
+    /// What it returns.
+    type Output;
+    /// The computation. Implementations are `#[inline(always)]`.
+    fn run<V: Lane>(self) -> Self::Output;
+}
+
+/// Runs `job` on `path`, or on the widest path below it that this processor has.
+pub fn run<J: Job>(path: Path, rounding: Rounding, job: J) -> J::Output {
+    #[cfg(target_arch = "x86_64")]
+    {
+        let path = if path.available() { path } else { Path::best() };
+        match (path, rounding) {
+            (Path::Avx512, Rounding::Reproducible) => return x86::avx512::<J, false>(job),
+            (Path::Avx512, Rounding::Fused) => return x86::avx512::<J, true>(job),
+            (Path::Avx2, Rounding::Reproducible) => return x86::avx2::<J, false>(job),
+            (Path::Avx2, Rounding::Fused) => return x86::avx2::<J, true>(job),
+            (Path::Sse2, _) => return job.run::<x86::Sse2<false>>(),
+            (Path::Portable, _) => {}
+        }
+    }
+    let _ = (path, rounding);
+    job.run::<f64>()
+}
+
+/// Runs a job on vectors of eight, reproducibly; the processor must have [`Path::Avx512`].
+///
+/// # Panics
+/// If it has not.
+pub fn avx512<J: Job>(job: J) -> J::Output {
+    #[cfg(target_arch = "x86_64")]
+    return x86::avx512::<J, false>(job);
+    #[cfg(not(target_arch = "x86_64"))]
+    panic!("this processor has no AVX-512F: {}", std::any::type_name_of_val(&job));
+}
+
+/// Runs a job on vectors of four, reproducibly; the processor must have [`Path::Avx2`].
+///
+/// # Panics
+/// If it has not.
+pub fn avx2<J: Job>(job: J) -> J::Output {
+    #[cfg(target_arch = "x86_64")]
+    return x86::avx2::<J, false>(job);
+    #[cfg(not(target_arch = "x86_64"))]
+    panic!("this processor has no AVX2 with FMA: {}", std::any::type_name_of_val(&job));
+}
