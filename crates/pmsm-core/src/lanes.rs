@@ -33,6 +33,26 @@ pub trait Lane: Real {
     /// # Panics
     /// If there are fewer.
     fn load(from: &[f64]) -> Self;
+    /// Number `n` of record `begin[lane] + k` for each lane, for each `n` below `N`; records of `size` numbers lie one after
+    /// the other. At least eight numbers must follow the beginning of each.
+    ///
+    /// # Panics
+    /// If they do not, or if there are fewer beginnings than lanes.
+    #[inline(always)]
+    fn columns<const N: usize>(records: &[f64], begin: &[usize], size: usize, k: usize) -> [Self; N] {
+        let mut rows = [[0.0; 8]; N];
+        for lane in 0..Self::WIDTH {
+            let record = &records[(begin[lane] + k) * size..][..8];
+            for n in 0..N {
+                rows[n][lane] = record[n];
+            }
+        }
+        let mut columns = [Self::zero(); N];
+        for n in 0..N {
+            columns[n] = Self::load(&rows[n]);
+        }
+        columns
+    }
     /// Writes its entries to the head of a slice.
     ///
     /// # Panics
@@ -40,6 +60,8 @@ pub trait Lane: Real {
     fn store(self, to: &mut [f64]);
     /// `self·a + b`; rounded once on a path that fuses, else after the product as well.
     fn mul_add(self, a: Self, b: Self) -> Self;
+    /// `b − self·a`, rounded as [`Lane::mul_add`].
+    fn neg_mul_add(self, a: Self, b: Self) -> Self;
     /// The first entry.
     fn first(self) -> f64;
     /// Whether an entry is at most its counterpart in `bound`; NaN is not.

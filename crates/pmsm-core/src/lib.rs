@@ -10,12 +10,14 @@
 //! - [`effect`] (what an omitted effect is), [`terms`] (what effects share), [`effects`] (the catalogue), [`model`] (machine
 //!   plus effects).
 //! - [`signals`] (a recording as it drives a model), [`simulate`] (free runs), [`start`] (first values).
-//! - [`experiment`] (one recording seen through one model), [`noise`], [`load_steps`], [`objective`].
+//! - [`experiment`] (one recording seen through one model), [`noise`], [`load_steps`], [`bare`] (kernels),
+//!   [`objective`].
 //! - [`identify`]: which parameters. [`diagnose`]: what is left out.
 //!
 //! Units are SI throughout, the Park transform is amplitude-invariant, the d axis lies on the magnet flux, and the
 //! sign convention is the motor's.
 
+pub mod bare;
 pub mod base;
 pub mod diagnose;
 pub mod dual;

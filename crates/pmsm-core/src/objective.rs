@@ -9,6 +9,9 @@
 //! What a recording does not contain drops out of the sum; operating points compare voltages in place of currents.
 
 use crate::dual::Dual;
+mod kernel;
+
+use crate::bare::Track;
 use crate::experiment::{Channel, Experiment, Linearisation};
 use crate::model::Model;
 use crate::real::Real;
@@ -19,10 +22,14 @@ use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 use std::ops::Range;
 
+pub use kernel::Starts;
+
 /// Squared phase quantities over squared rotor-frame quantities.
 const PHASES: f64 = 1.5;
 /// Initial values of a segment: i_d, i_q, ω_e.
 const INITIAL: usize = 3;
+/// Derivatives carried in one pass.
+const SLOTS: usize = 8;
 
 /// What drives the model, and so which channels are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -66,6 +73,8 @@ pub fn speed_weight(signals: &Signals) -> f64 {
 pub struct Objective<'a> {
     drive: Drive,
     experiment: Experiment<'a>,
+    /// The recording for the kernels, where they know the model and the sampling.
+    track: Option<Track>,
 }
 
 impl<'a> Objective<'a> {
@@ -87,7 +96,10 @@ impl<'a> Objective<'a> {
             starts: None,
             colour: 0.0,
         };
-        Self { drive, experiment }
+        let weight = |k: usize| experiment.channels.get(k).map_or(0.0, |(_, sigma)| 1.0 / (sigma * sigma));
+        let bare = drive == Drive::Coupled && model.slots().is_empty();
+        let track = if bare { Track::new(signals, weight(0), weight(2)) } else { None };
+        Self { drive, experiment, track }
     }
 
     /// What drives the model.
@@ -104,6 +116,11 @@ impl<'a> Objective<'a> {
     /// Never true: a point has at least the base parameters.
     pub fn is_empty(&self) -> bool {
         false
+    }
+
+    /// The same objective without the kernels: every number by the equations as the catalogue has them.
+    pub fn reference(self) -> Self {
+        Self { track: None, ..self }
     }
 
     /// The fitness (9) at `p`, the coupled model starting from the measured values as in the paper; infinite where the
@@ -137,7 +154,7 @@ impl<'a> Objective<'a> {
     /// this the noise of one first sample would shift a whole segment.
     pub fn residual(&self, p: &[f64]) -> DVector<f64> {
         if self.drive == Drive::Coupled {
-            self.coupled_linear::<INITIAL>(p, &[]).residual
+            self.coupled_linear(p, &[]).residual
         } else {
             self.experiment.residual(p)
         }
@@ -145,22 +162,24 @@ impl<'a> Objective<'a> {
 
     /// [`Objective::residual`] and its derivatives with respect to the entries `free` of the point.
     pub fn linearise(&self, p: &[f64], free: &[usize]) -> Linearisation {
-        match (self.drive, free.len()) {
-            (Drive::Coupled, 0..=2) => self.coupled_linear::<5>(p, free),
-            (Drive::Coupled, 3..=4) => self.coupled_linear::<7>(p, free),
-            (Drive::Coupled, _) => self.coupled_linear::<10>(p, free),
-            _ => self.experiment.linearise(p, free),
+        if self.drive == Drive::Coupled {
+            self.coupled_linear(p, free)
+        } else {
+            self.experiment.linearise(p, free)
         }
     }
 
     /// Estimates the initial values of each segment, then takes derivatives there and projects out what the initial
     /// values can still do.
-    fn coupled_linear<const L: usize>(&self, p: &[f64], free: &[usize]) -> Linearisation {
+    fn coupled_linear(&self, p: &[f64], free: &[usize]) -> Linearisation {
+        if let Some(linear) = self.kernel_linear(p, free) {
+            return linear;
+        }
         let signals = self.experiment.signals;
         let measured = [Channel::ID, Channel::IQ, Channel::OmegaE].map(|c| self.experiment.measured(c));
         let mut starts: Vec<[f64; 3]> =
             signals.segments.iter().map(|s| measured.map(|x| x[s.start])).collect();
-        let (seen, initial) = self.coupled_pass::<INITIAL>(p, &[], &starts);
+        let (seen, initial) = self.coupled_pass(p, &[], &starts);
         for (segment, start) in signals.segments.iter().zip(&mut starts) {
             let rows = stacked(segment, signals.len());
             let slope = DMatrix::from_fn(rows.len(), INITIAL, |r, c| initial[(rows[r], c)]);
@@ -173,7 +192,7 @@ impl<'a> Objective<'a> {
                 }
             }
         }
-        let (mut linear, mut initial) = self.coupled_pass::<L>(p, free, &starts);
+        let (mut linear, mut initial) = self.coupled_pass(p, free, &starts);
         for segment in &signals.segments {
             project(&stacked(segment, signals.len()), &mut initial, &mut linear);
         }
@@ -181,15 +200,10 @@ impl<'a> Objective<'a> {
     }
 
     /// Residuals and derivatives from the initial values `starts` of each segment, and the derivatives with respect to
-    /// those. Dual numbers with `L` slots: the last three for the initial values, the others for parameters.
-    fn coupled_pass<const L: usize>(
-        &self,
-        p: &[f64],
-        free: &[usize],
-        starts: &[[f64; 3]],
-    ) -> (Linearisation, DMatrix<f64>) {
+    /// those. Dual numbers with [`SLOTS`] slots: the last three for the initial values, the others for parameters.
+    fn coupled_pass(&self, p: &[f64], free: &[usize], starts: &[[f64; 3]]) -> (Linearisation, DMatrix<f64>) {
         let e = &self.experiment;
-        let (n, own, lanes) = (e.signals.len(), e.model.parameter_count(), L - INITIAL);
+        let (n, own, lanes) = (e.signals.len(), e.model.parameter_count(), SLOTS - INITIAL);
         let measured = [Channel::ID, Channel::IQ, Channel::OmegaE].map(|c| e.measured(c));
         let weight = [0, 1, 2].map(|c| 1.0 / e.channels[c].1);
         let mut residual = DVector::zeros(3 * n);
@@ -197,7 +211,7 @@ impl<'a> Objective<'a> {
         let mut initial = DMatrix::zeros(3 * n, INITIAL);
         for first in (0..free.len().max(1)).step_by(lanes.max(1)) {
             let columns = first..(first + lanes).min(free.len());
-            let mut seeded: Vec<Dual<L>> = p.iter().map(|x| Dual::constant(*x)).collect();
+            let mut seeded: Vec<Dual<SLOTS>> = p.iter().map(|x| Dual::constant(*x)).collect();
             for (slot, column) in columns.clone().enumerate() {
                 seeded[free[column]] = Dual::variable(p[free[column]], slot);
             }

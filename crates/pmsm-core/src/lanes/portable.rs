@@ -17,6 +17,10 @@ impl Lane for f64 {
         self * a + b
     }
     #[inline(always)]
+    fn neg_mul_add(self, a: Self, b: Self) -> Self {
+        b - self * a
+    }
+    #[inline(always)]
     fn first(self) -> f64 {
         self
     }

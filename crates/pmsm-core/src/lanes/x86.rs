@@ -82,8 +82,8 @@ macro_rules! operators {
 macro_rules! vector {
     ($name:ident, $width:literal,
      $splat:ident $add:ident $sub:ident $mul:ident $div:ident $sqrt:ident $load:ident $store:ident,
-     |$f:ident, $g:ident, $h:ident| $mul_add:expr, |$x:ident| $abs:expr, |$s:ident, $yes:ident, $no:ident| $select:expr,
-     |$l:ident, $b:ident| $within:expr) => {
+     |$f:ident, $g:ident, $h:ident| $mul_add:expr, $neg_mul_add:expr, |$x:ident| $abs:expr, |$s:ident, $yes:ident, $no:ident| $select:expr,
+     |$l:ident, $b:ident| $within:expr $(, $columns:item)?) => {
         operators!($name, Add add $add, Sub sub $sub, Mul mul $mul, Div div $div);
         impl<const FUSED: bool> $name<FUSED> {
             #[inline(always)]
@@ -130,6 +130,7 @@ macro_rules! vector {
                 // SAFETY: (1), and the array has as many numbers as are read.
                 Self(unsafe { $load(from.as_ptr()) })
             }
+            $($columns)?
             #[inline(always)]
             fn store(self, to: &mut [f64]) {
                 let to: &mut [f64; $width] = (&mut to[..$width]).try_into().expect("as long as the range");
@@ -140,6 +141,11 @@ macro_rules! vector {
             fn mul_add(self, a: Self, b: Self) -> Self {
                 let ($f, $g, $h) = (self, a, b);
                 $mul_add
+            }
+            #[inline(always)]
+            fn neg_mul_add(self, a: Self, b: Self) -> Self {
+                let ($f, $g, $h) = (self, a, b);
+                $neg_mul_add
             }
             #[inline(always)]
             fn first(self) -> f64 {
@@ -216,18 +222,60 @@ macro_rules! vector {
 }
 
 vector!(Avx512, 8,
-    _mm512_set1_pd _mm512_add_pd _mm512_sub_pd _mm512_mul_pd _mm512_div_pd _mm512_sqrt_pd _mm512_loadu_pd _mm512_storeu_pd,
-    |x, a, b| if FUSED {
+_mm512_set1_pd _mm512_add_pd _mm512_sub_pd _mm512_mul_pd _mm512_div_pd _mm512_sqrt_pd _mm512_loadu_pd _mm512_storeu_pd,
+|x, a, b| if FUSED {
+    // SAFETY: (1)
+    Self(unsafe { _mm512_fmadd_pd(x.0, a.0, b.0) })
+} else {
+    x * a + b
+},
+if FUSED {
+    // SAFETY: (1)
+    Self(unsafe { _mm512_fnmadd_pd(x.0, a.0, b.0) })
+} else {
+    b - x * a
+},
+|x| _mm512_abs_pd(x),
+|x, yes, no| {
+    _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_GT_OQ>(x, _mm512_setzero_pd()), no, yes)
+},
+|x, bound| _mm512_cmp_pd_mask::<_CMP_LE_OQ>(x, bound) != 0,
+#[inline(always)]
+fn columns<const N: usize>(records: &[f64], begin: &[usize], size: usize, k: usize) -> [Self; N] {
+    const { assert!(N <= 8) };
+    let mut r = [Self::zero(); 8];
+    for lane in 0..8 {
+        r[lane] = Self::load(&records[(begin[lane] + k) * size..][..8]);
+    }
+    // Pairs of rows interleaved, then quarters gathered: a transposition.
+    let mut all = [Self::zero(); 8];
+    for odd in 0..2 {
+        let mut t = [Self::zero(); 4];
+        for pair in 0..4 {
+            let (a, b) = (r[2 * pair].0, r[2 * pair + 1].0);
+            // SAFETY: (1)
+            t[pair] = Self(unsafe { if odd == 0 { _mm512_unpacklo_pd(a, b) } else { _mm512_unpackhi_pd(a, b) } });
+        }
         // SAFETY: (1)
-        Self(unsafe { _mm512_fmadd_pd(x.0, a.0, b.0) })
-    } else {
-        x * a + b
-    },
-    |x| _mm512_abs_pd(x),
-    |x, yes, no| {
-        _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_GT_OQ>(x, _mm512_setzero_pd()), no, yes)
-    },
-    |x, bound| _mm512_cmp_pd_mask::<_CMP_LE_OQ>(x, bound) != 0);
+        unsafe {
+            let (a, b) = (
+                _mm512_shuffle_f64x2::<0x88>(t[0].0, t[1].0),
+                _mm512_shuffle_f64x2::<0x88>(t[2].0, t[3].0),
+            );
+            let (c, d) = (
+                _mm512_shuffle_f64x2::<0xdd>(t[0].0, t[1].0),
+                _mm512_shuffle_f64x2::<0xdd>(t[2].0, t[3].0),
+            );
+            all[odd] = Self(_mm512_shuffle_f64x2::<0x88>(a, b));
+            all[odd + 2] = Self(_mm512_shuffle_f64x2::<0x88>(c, d));
+            all[odd + 4] = Self(_mm512_shuffle_f64x2::<0xdd>(a, b));
+            all[odd + 6] = Self(_mm512_shuffle_f64x2::<0xdd>(c, d));
+        }
+    }
+    let mut columns = [Self::zero(); N];
+    columns.copy_from_slice(&all[..N]);
+    columns
+});
 
 vector!(Avx2, 4,
     _mm256_set1_pd _mm256_add_pd _mm256_sub_pd _mm256_mul_pd _mm256_div_pd _mm256_sqrt_pd _mm256_loadu_pd _mm256_storeu_pd,
@@ -237,13 +285,19 @@ vector!(Avx2, 4,
     } else {
         x * a + b
     },
+    if FUSED {
+        // SAFETY: (1)
+        Self(unsafe { _mm256_fnmadd_pd(x.0, a.0, b.0) })
+    } else {
+        b - x * a
+    },
     |x| _mm256_andnot_pd(_mm256_set1_pd(-0.0), x),
     |x, yes, no| _mm256_blendv_pd(no, yes, _mm256_cmp_pd::<_CMP_GT_OQ>(x, _mm256_setzero_pd())),
     |x, bound| _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LE_OQ>(x, bound)) != 0);
 
 vector!(Sse2, 2,
     _mm_set1_pd _mm_add_pd _mm_sub_pd _mm_mul_pd _mm_div_pd _mm_sqrt_pd _mm_loadu_pd _mm_storeu_pd,
-    |x, a, b| x * a + b,
+    |x, a, b| x * a + b, b - x * a,
     |x| _mm_andnot_pd(_mm_set1_pd(-0.0), x),
     |x, yes, no| {
         let positive = _mm_cmpgt_pd(x, _mm_setzero_pd());

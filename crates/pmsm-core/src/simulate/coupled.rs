@@ -67,6 +67,7 @@ fn run_sized<T: Real, const E: usize, const M: usize, const N: usize>(
         if first >= last {
             continue;
         }
+        let rate = fastest_rate(signals, segment);
         let begin = measured_env::<T>(signals, first);
         let [i_d, i_q, omega_e] = start(first, [i[0][first], i[1][first], signals.omega_e[first]]);
         let begin = Env { omega_e, ..begin };
@@ -91,8 +92,7 @@ fn run_sized<T: Real, const E: usize, const M: usize, const N: usize>(
             let next = measured_env::<T>(signals, k + 1);
             let command = model.command(p, &taps(v, segment.start, k), state[2] * (n_p * h));
             let load = tau_load + known_load(signals, k, last);
-            let rate = signals.omega_e[k].abs() + signals.context.electrical_rate;
-            let pieces = ((h * rate / STEP_LIMIT).ceil() as usize).clamp(1, 64);
+            let pieces = pieces(rate, h);
             for piece in 0..pieces {
                 let rhs = Rhs::<T, E, M> {
                     model,
@@ -148,8 +148,19 @@ impl<T: Real, const E: usize, const M: usize, const N: usize> Slope<T, N> for Rh
     }
 }
 
+/// Fastest rate of the electrical equations in a gap-free segment, rad/s.
+pub fn fastest_rate(signals: &Signals, segment: &Range<usize>) -> f64 {
+    let fastest = signals.omega_e[segment.clone()].iter().fold(0.0f64, |most, omega| most.max(omega.abs()));
+    fastest + signals.context.electrical_rate
+}
+
+/// Steps into which a sample interval of `h` seconds is divided where the fastest rate is `rate`.
+pub fn pieces(rate: f64, h: f64) -> usize {
+    ((h * rate / STEP_LIMIT).ceil() as usize).clamp(1, 64)
+}
+
 /// Mean known load torque over the interval that begins at sample `k`, N·m.
-fn known_load(signals: &Signals, k: usize, end: usize) -> f64 {
+pub fn known_load(signals: &Signals, k: usize, end: usize) -> f64 {
     match (signals.load, &signals.tau_m) {
         (Load::KnownConstant(value), _) => value,
         (Load::Measured, Some(tau)) if k + 1 < end => 0.5 * (tau[k] + tau[k + 1]),

@@ -1,0 +1,261 @@
+//! What the kernels promise: the numbers of the reference equations, the same bits on every path, exact abandonment.
+
+mod plant;
+
+use plant::Plant;
+use pmsm_core::bare::{self, Kernel, POINT, Track};
+use pmsm_core::identify::{Method, Request, identify};
+use pmsm_core::lanes::{self, Job, Lane, Path, Rounding};
+use pmsm_core::machine::Machine;
+use pmsm_core::model::Model;
+use pmsm_core::monitor::{Silent, StopFlag};
+use pmsm_core::objective::{Drive, Objective};
+use pmsm_core::real::Real;
+use pmsm_core::recording::{Load, Recording};
+use pmsm_core::signals::Signals;
+use pmsm_core::simulate::mechanical;
+use proptest::prelude::*;
+use std::ops::Range;
+
+/// A salient motor, `n` samples at 1/`period`, with a gap where `gap` says so.
+fn signals(n: usize, period: f64, gap: Option<usize>, load: Load) -> (Plant, Signals) {
+    let plant = Plant::servo();
+    let (start, v) = plant.steady([-1.0, 3.0], 60.0);
+    let run =
+        plant.run(n, period, start, |t| [v[0] + 3.0 * (900.0 * t).sin(), v[1] + 6.0 * (400.0 * t).cos()]);
+    let log = run.log([0.02, 0.3], 0.0, 3, load);
+    let column = |name: &str| log.column(name).expect("logged").to_vec();
+    let mut columns: Vec<(String, Vec<f64>)> =
+        log.names().iter().map(|name| ((*name).to_owned(), column(name))).collect();
+    if let Some(gap) = gap {
+        for t in columns.iter_mut().filter(|(name, _)| name == "t").flat_map(|(_, t)| &mut t[gap..]) {
+            *t += 0.5;
+        }
+    }
+    if load == Load::Measured {
+        columns.push(("tau_m".into(), (0..n).map(|k| 1.0 + 0.3 * (0.01 * k as f64).sin()).collect()));
+    }
+    let recording = Recording::new(columns, Some(load)).expect("a sane recording");
+    let machine = plant.nameplate([1.0; 6]);
+    (plant, Signals::new(&recording, &machine).expect("signals"))
+}
+
+fn truth(plant: &Plant) -> [f64; POINT] {
+    [plant.r_s, plant.l_d, plant.l_q, plant.psi_m, plant.j, plant.b, plant.tau_load]
+}
+
+fn points(plant: &Plant, factors: &[[f64; POINT]]) -> Vec<f64> {
+    factors
+        .iter()
+        .flat_map(|f| truth(plant).into_iter().zip(f).map(|(x, f)| x * f).collect::<Vec<_>>())
+        .collect()
+}
+
+fn objective<'a>(model: &'a Model, signals: &'a Signals, windows: &'a [Range<usize>]) -> Objective<'a> {
+    Objective::new(Drive::Coupled, model, signals, windows)
+}
+
+fn costs(track: &Track, kernel: Kernel, points: &[f64], bounds: &[f64]) -> Vec<f64> {
+    let mut costs = vec![0.0; bounds.len()];
+    assert!(bare::costs(track, kernel, points, bounds, &mut costs, &|| false));
+    costs
+}
+
+fn close(a: f64, b: f64, tolerance: f64) -> bool {
+    (a - b).abs() <= tolerance * a.abs().max(b.abs())
+}
+
+/// Every operation of a vector on given numbers.
+struct Operations<'a>(&'a [[f64; 3]]);
+
+impl Job for Operations<'_> {
+    type Output = Vec<u64>;
+    #[inline(always)]
+    fn run<V: Lane>(self) -> Vec<u64> {
+        let mut out = Vec::new();
+        for rows in self.0.chunks(V::WIDTH) {
+            let mut columns = [[0.0; 8]; 3];
+            for (at, row) in rows.iter().enumerate() {
+                for n in 0..3 {
+                    columns[n][at] = row[n];
+                }
+            }
+            let [x, y, z] = [V::load(&columns[0]), V::load(&columns[1]), V::load(&columns[2])];
+            let (s, c) = x.sin_cos();
+            let mut sum = x;
+            sum += y;
+            sum -= z;
+            let all = [
+                x + y,
+                x - y,
+                x * y,
+                x / y,
+                -x,
+                x + 0.1,
+                x - 0.1,
+                x * 0.1,
+                sum,
+                x.mul_add(y, z),
+                x.neg_mul_add(y, z),
+                x.abs(),
+                x.abs().sqrt(),
+                s,
+                c,
+                y.exp(),
+                x.abs().ln(),
+                x.tanh(),
+                x.if_positive(y, z),
+                x.squared(),
+                x.abs().pow_nonnegative(y),
+                V::constant(x.first()) - x,
+            ];
+            let mut parts = [[0.0; 8]; 22];
+            for (part, value) in parts.iter_mut().zip(all) {
+                value.store(part);
+            }
+            let within = x.any_within(y);
+            assert_eq!(within, (0..V::WIDTH).any(|k| columns[0][k] <= columns[1][k]));
+            // What depends on the neighbours, the last, is left out.
+            out.extend((0..rows.len()).flat_map(|at| parts[..21].iter().map(move |part| part[at].to_bits())));
+        }
+        out
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn every_operation_has_the_bits_of_single_numbers_on_every_path(
+        rows in prop::collection::vec(prop::array::uniform3(-20.0..20.0f64), 1..40),
+    ) {
+        let expected = lanes::run(Path::Portable, Rounding::Reproducible, Operations(&rows));
+        for path in Path::ALL {
+            prop_assert_eq!(&lanes::run(path, Rounding::Reproducible, Operations(&rows)), &expected);
+        }
+    }
+
+    #[test]
+    fn every_path_and_number_of_neighbours_gives_the_same_bits(
+        factors in prop::collection::vec(prop::array::uniform7(0.6..1.6f64), 1..40), increments: bool,
+    ) {
+        let (plant, signals) = signals(300, 1e-4, Some(170), Load::UnknownConstant);
+        let track = Track::new(&signals, 1.5, 0.01).expect("evenly sampled");
+        let (points, free) = (points(&plant, &factors), vec![f64::INFINITY; factors.len()]);
+        let kernel = |path, rounding| Kernel { path, rounding, increments };
+        let expected = costs(&track, kernel(Path::Portable, Rounding::Reproducible), &points, &free);
+        for path in Path::ALL {
+            prop_assert_eq!(&costs(&track, kernel(path, Rounding::Reproducible), &points, &free), &expected);
+            for (fused, expected) in costs(&track, kernel(path, Rounding::Fused), &points, &free).iter().zip(&expected) {
+                prop_assert!(close(*fused, *expected, 1e-11), "{fused} {expected}");
+            }
+        }
+        let alone = costs(&track, Kernel { increments, ..Kernel::default() }, &points[..POINT], &free[..1]);
+        prop_assert_eq!(alone[0], expected[0]);
+    }
+
+    #[test]
+    fn abandoning_one_set_changes_no_bit_of_another(
+        factors in prop::collection::vec(prop::array::uniform7(0.6..1.6f64), 2..60), share in 0.0..2.0f64,
+    ) {
+        let (plant, signals) = signals(500, 1e-4, Some(310), Load::UnknownConstant);
+        let track = Track::new(&signals, 1.5, 0.01).expect("evenly sampled");
+        let points = points(&plant, &factors);
+        let whole = costs(&track, Kernel::default(), &points, &vec![f64::INFINITY; factors.len()]);
+        let bounds: Vec<f64> = whole.iter().rev().map(|c| share * c).collect();
+        for ((now, cost), bound) in costs(&track, Kernel::default(), &points, &bounds).iter().zip(&whole).zip(&bounds) {
+            prop_assert_eq!(*now, if cost <= bound { *cost } else { f64::INFINITY });
+        }
+    }
+
+    #[test]
+    fn kernels_give_the_numbers_of_the_reference_equations(
+        factors in prop::array::uniform7(0.6..1.6f64), case in 0usize..4,
+    ) {
+        let (period, load) = [
+            (2e-5, Load::UnknownConstant), (1e-3, Load::None), (1e-4, Load::Measured), (1e-4, Load::KnownConstant(0.7)),
+        ][case];
+        let (plant, signals) = signals(400, period, Some(150), load);
+        let (model, windows) = (Model::new(signals.context, &[]), mechanical::windows(&signals));
+        let objective = objective(&model, &signals, &windows);
+        let reference = objective.clone().reference();
+        let p = points(&plant, &[factors]);
+        let mut cost = [0.0];
+        prop_assert_eq!(objective.fitnesses(&p, &[f64::INFINITY], &mut cost, &|| false), 1);
+        prop_assert!(close(cost[0], reference.fitness(&p, f64::INFINITY), 1e-10));
+        let free = [0, 1, 2, 3, 4, 5, 6];
+        let (fast, slow) = (objective.linearise(&p, &free), reference.linearise(&p, &free));
+        prop_assert!((&fast.residual - &slow.residual).norm() <= 1e-8 * slow.residual.norm());
+        for k in 0..free.len() {
+            let off = (fast.jacobian.column(k) - slow.jacobian.column(k)).norm();
+            prop_assert!(off <= 1e-6 * slow.jacobian.column(k).norm(), "{k}: {off}");
+        }
+        let (normal, starts) = objective.normal(&p, &free, &objective.measured_starts(), &|| false).expect("kernels");
+        let (normal, _) = objective.normal(&p, &free, &starts, &|| false).unwrap_or((normal, starts));
+        prop_assert!(close(normal.cost, fast.residual.norm_squared(), 1e-8));
+        let jtj = fast.jacobian.tr_mul(&fast.jacobian);
+        prop_assert!((normal.jtj - &jtj).norm() <= 1e-8 * jtj.norm());
+    }
+}
+
+/// Deviation of the simulated end state, by the errors against a recording of zeros, from a run with a fifth of the step.
+#[test]
+fn increments_round_less_than_stage_values() {
+    let (plant, signals) = signals(3000, 1e-5, None, Load::UnknownConstant);
+    let track = Track::new(&signals, 1.5, 0.01).expect("evenly sampled");
+    let p = truth(&plant);
+    let reference = {
+        let model = Model::new(signals.context, &[]);
+        let windows = mechanical::windows(&signals);
+        objective(&model, &signals, &windows).reference().fitness(&p, f64::INFINITY)
+    };
+    let error = |increments| {
+        let kernel = Kernel { increments, ..Kernel::default() };
+        (costs(&track, kernel, &p, &[f64::INFINITY])[0] / reference - 1.0).abs()
+    };
+    assert!(error(true) < 1e-11 && error(false) < 1e-10, "{:e} {:e}", error(true), error(false));
+}
+
+#[test]
+fn unevenly_sampled_recordings_are_left_to_the_reference_equations() {
+    let (_, mut signals) = signals(100, 1e-4, None, Load::UnknownConstant);
+    assert!(Track::new(&signals, 1.5, 0.01).is_some());
+    signals.t[50] += 2e-5;
+    assert!(Track::new(&signals, 1.5, 0.01).is_none());
+}
+
+#[test]
+fn a_swarm_on_two_threads_takes_the_path_of_one() {
+    let (plant, _) = signals(10, 1e-4, None, Load::UnknownConstant);
+    let (start, v) = plant.steady([-1.0, 3.0], 60.0);
+    let log = plant.run(200, 1e-4, start, |t| [v[0], v[1] + 6.0 * (400.0 * t).cos()]).log(
+        [0.02, 0.3],
+        0.0,
+        3,
+        Load::UnknownConstant,
+    );
+    let machine: Machine = plant.nameplate([1.1; 6]);
+    let mut request = Request { method: Method::Swarm, ..Request::default() };
+    request.swarm.particles = 600;
+    request.swarm.iterations = 10;
+    let answer = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        pool.install(|| identify(&log, &machine, &request, &Silent).expect("an answer"))
+    };
+    assert_eq!(answer(1).history, answer(2).history);
+}
+
+#[test]
+fn a_stop_ends_the_search_with_the_best_so_far() {
+    let (plant, _) = signals(10, 1e-4, None, Load::UnknownConstant);
+    let (start, v) = plant.steady([-1.0, 3.0], 60.0);
+    let log = plant.run(200, 1e-4, start, |_| v).log([0.02, 0.3], 0.0, 3, Load::UnknownConstant);
+    let machine = plant.nameplate([1.1; 6]);
+    let flag = StopFlag::default();
+    flag.stop();
+    for method in [Method::LeastSquares, Method::Both] {
+        let answer =
+            identify(&log, &machine, &Request { method, ..Request::default() }, &flag).expect("an answer");
+        assert!(answer.interrupted && answer.cost.is_finite());
+    }
+}
