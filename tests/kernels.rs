@@ -3,14 +3,14 @@
 mod plant;
 
 use plant::Plant;
-use pmsm_core::bare::{self, Kernel, POINT, Track};
+use pmsm_core::bare::{self, Kernel, POINT, Track, chunks};
+use pmsm_core::effects;
 use pmsm_core::identify::{Method, Request, identify};
 use pmsm_core::lanes::{self, Job, Lane, Path, Rounding};
 use pmsm_core::machine::Machine;
 use pmsm_core::model::Model;
 use pmsm_core::monitor::{Silent, StopFlag};
 use pmsm_core::objective::{Drive, Objective};
-use pmsm_core::real::Real;
 use pmsm_core::recording::{Load, Recording};
 use pmsm_core::signals::Signals;
 use pmsm_core::simulate::mechanical;
@@ -146,11 +146,15 @@ proptest! {
         let expected = costs(&track, kernel(Path::Portable, Rounding::Reproducible), &points, &free);
         for path in Path::ALL {
             prop_assert_eq!(&costs(&track, kernel(path, Rounding::Reproducible), &points, &free), &expected);
-            for (fused, expected) in costs(&track, kernel(path, Rounding::Fused), &points, &free).iter().zip(&expected) {
+            let fused = costs(&track, kernel(path, Rounding::Fused), &points, &free);
+            for (fused, expected) in fused.iter().zip(&expected) {
                 prop_assert!(close(*fused, *expected, 1e-11), "{fused} {expected}");
             }
+            if Path::Avx2.available() && path >= Path::Avx2 {
+                prop_assert_eq!(&fused, &costs(&track, kernel(Path::Avx2, Rounding::Fused), &points, &free));
+            }
         }
-        let alone = costs(&track, Kernel { increments, ..Kernel::default() }, &points[..POINT], &free[..1]);
+        let alone = costs(&track, kernel(Path::best(), Rounding::Reproducible), &points[..POINT], &free[..1]);
         prop_assert_eq!(alone[0], expected[0]);
     }
 
@@ -198,7 +202,6 @@ proptest! {
     }
 }
 
-/// Deviation of the simulated end state, by the errors against a recording of zeros, from a run with a fifth of the step.
 #[test]
 fn increments_round_less_than_stage_values() {
     let (plant, signals) = signals(3000, 1e-5, None, Load::UnknownConstant);
@@ -214,6 +217,57 @@ fn increments_round_less_than_stage_values() {
         (costs(&track, kernel, &p, &[f64::INFINITY])[0] / reference - 1.0).abs()
     };
     assert!(error(true) < 1e-11 && error(false) < 1e-10, "{:e} {:e}", error(true), error(false));
+}
+
+/// Every effect of the catalogue, at its typical strength and at others, eight parameter sets at once.
+#[test]
+fn effects_on_vectors_give_the_bits_of_single_runs() {
+    let (plant, signals) = signals(120, 1e-4, Some(70), Load::UnknownConstant);
+    let windows = mechanical::windows(&signals);
+    for effect in effects::ALL {
+        let model = Model::new(signals.context, &[*effect]);
+        let objective = objective(&model, &signals, &windows);
+        let typical: Vec<f64> =
+            effect.info().parameters.iter().map(|p| (p.typical)(model.context())).collect();
+        let mut points = Vec::new();
+        for k in 0..11 {
+            let own = truth(&plant);
+            points.extend(own[..6].iter().map(|x| x * (0.9 + 0.02 * f64::from(k))));
+            points.extend(typical.iter().map(|x| x * if k == 0 { 1.0 } else { 0.2 * f64::from(k) }));
+            points.push(own[6]);
+            points.extend(vec![0.0; objective.len() - 7 - typical.len()]);
+        }
+        let single: Vec<f64> =
+            points.chunks(objective.len()).map(|p| objective.fitness(p, f64::INFINITY)).collect();
+        let middle = single.iter().copied().filter(|c| c.is_finite()).fold(0.0, f64::max) * 0.5;
+        for bound in [f64::INFINITY, middle] {
+            let mut costs = [0.0; 11];
+            assert_eq!(objective.fitnesses(&points, &[bound; 11], &mut costs, &|| false), 11);
+            let expected: Vec<f64> =
+                single.iter().map(|c| if *c <= bound { *c } else { f64::INFINITY }).collect();
+            assert_eq!(costs[..], expected[..], "{}", effect.id());
+        }
+    }
+}
+
+#[test]
+fn pieces_of_a_long_recording_meet_and_add_up() {
+    let (plant, signals) = signals(150_000, 1e-4, None, Load::UnknownConstant);
+    let track = Track::new(&signals, 1.5, 0.01).expect("evenly sampled");
+    let p = truth(&plant);
+    let kernel = Kernel { rounding: Rounding::Reproducible, ..Kernel::default() };
+    let expected = costs(&track, kernel, &p, &[f64::INFINITY])[0];
+    let (sum, seams) = chunks::cost(&track, kernel, &p, &|| false).expect("not stopped");
+    assert!(seams.count == 15 && seams.fallbacks == 0, "{seams:?}");
+    assert!(close(sum, expected, 1e-11), "{sum} {expected}");
+    for path in Path::ALL {
+        assert_eq!(chunks::cost(&track, Kernel { path, ..kernel }, &p, &|| false).map(|c| c.0), Some(sum));
+    }
+    // A motor that forgets slower than the pieces are long is run in a row.
+    let slow = [1e-4, p[1], p[2], p[3], p[4], 0.0, p[6]];
+    let (sum, seams) = chunks::cost(&track, kernel, &slow, &|| false).expect("not stopped");
+    assert_eq!((seams.count, sum), (0, costs(&track, kernel, &slow, &[f64::INFINITY])[0]));
+    assert!(chunks::cost(&track, kernel, &p, &|| true).is_none());
 }
 
 #[test]

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ._core import (
         DataError,
+        Fitness,
         InternalError,
         Machine,
         MachineError,
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 _HOME = {
     "DataError": "_core",
     "Diagnosis": "results",
+    "Fitness": "_core",
     "Identification": "results",
     "InternalError": "_core",
     "Machine": "_core",
@@ -55,6 +57,7 @@ _HOME = {
 __all__ = [
     "DataError",
     "Diagnosis",
+    "Fitness",
     "Identification",
     "InternalError",
     "Machine",

@@ -91,6 +91,13 @@ class Recording:
     @property
     def load_value(self) -> float | None: ...
 
+@final
+class Fitness:
+    def __new__(
+        cls, recording: Recording, machine: Machine, fit: Sequence[str], *, threads: int | None = None
+    ) -> Self: ...
+    def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]: ...
+
 def identify(
     recording: Recording,
     machine: Machine,

@@ -7,8 +7,9 @@
 //! abandonment: a sum of squares only grows, so a set whose sum has passed its bound is dropped and the others close
 //! ranks. Dropping changes no bit of the others.
 //!
-//! [`Rounding::Reproducible`] is the default: a swarm follows comparisons of costs, so one different last bit sends it
-//! elsewhere, and the same call shall give the same answer on every processor.
+//! [`Rounding::Fused`] is the default: a quarter faster, and the same bits on every processor with fused multiply-add, be its
+//! vectors four or eight wide, which is every x86-64 since 2013. As a swarm follows comparisons of costs, one different last
+//! bit sends it elsewhere; where older processors must give the same answer, [`Rounding::Reproducible`] does.
 
 mod block;
 pub mod chunks;
@@ -37,8 +38,8 @@ pub struct Kernel {
 }
 
 impl Default for Kernel {
-    /// The widest vectors of this processor, reproducibly, in stage values.
+    /// The widest vectors of this processor, fused, in stage values.
     fn default() -> Self {
-        Self { path: Path::best(), rounding: Rounding::Reproducible, increments: false }
+        Self { path: Path::best(), rounding: Rounding::Fused, increments: false }
     }
 }

@@ -6,6 +6,7 @@
 //! measured signals take the place of the missing equation (see [`Drive`]).
 
 mod answer;
+mod fitness;
 mod plan;
 mod search;
 
@@ -20,6 +21,7 @@ use crate::signals::Signals;
 use crate::simulate::mechanical;
 use crate::swarm::SwarmSettings;
 use crate::uncertainty::{Estimate, NotShown};
+pub use fitness::Fitness;
 use plan::Plan;
 use serde::{Serialize, Serializer};
 use std::str::FromStr;

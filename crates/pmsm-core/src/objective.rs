@@ -10,6 +10,7 @@
 
 use crate::dual::Dual;
 mod kernel;
+mod side_by_side;
 
 use crate::bare::Track;
 use crate::experiment::{Channel, Experiment, Linearisation};
@@ -21,6 +22,7 @@ use crate::simulate::mechanical::Nuisance;
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 use std::ops::Range;
+use std::sync::Arc;
 
 pub use kernel::Starts;
 
@@ -74,12 +76,28 @@ pub struct Objective<'a> {
     drive: Drive,
     experiment: Experiment<'a>,
     /// The recording for the kernels, where they know the model and the sampling.
-    track: Option<Track>,
+    track: Option<Arc<Track>>,
 }
 
 impl<'a> Objective<'a> {
     /// Compares `model` with `signals`; `windows` are those of [`crate::simulate::mechanical::windows`].
     pub fn new(drive: Drive, model: &'a Model, signals: &'a Signals, windows: &'a [Range<usize>]) -> Self {
+        let mut objective = Self::with_track(drive, model, signals, windows, None);
+        if drive == Drive::Coupled && model.slots().is_empty() {
+            let [i_d, _, omega_e] = [0, 1, 2].map(|k| objective.experiment.channels[k].1.powi(-2));
+            objective.track = Track::new(signals, i_d, omega_e).map(Arc::new);
+        }
+        objective
+    }
+
+    /// The same with a recording that was prepared for the kernels before (see [`Objective::into_track`]).
+    pub fn with_track(
+        drive: Drive,
+        model: &'a Model,
+        signals: &'a Signals,
+        windows: &'a [Range<usize>],
+        track: Option<Arc<Track>>,
+    ) -> Self {
         let (phase, speed) = (1.0 / PHASES.sqrt(), 1.0 / speed_weight(signals));
         let sigma = |c: Channel| if c == Channel::OmegaE { speed } else { phase };
         let channels = drive.channels().iter().map(|c| (*c, sigma(*c))).collect();
@@ -96,9 +114,6 @@ impl<'a> Objective<'a> {
             starts: None,
             colour: 0.0,
         };
-        let weight = |k: usize| experiment.channels.get(k).map_or(0.0, |(_, sigma)| 1.0 / (sigma * sigma));
-        let bare = drive == Drive::Coupled && model.slots().is_empty();
-        let track = if bare { Track::new(signals, weight(0), weight(2)) } else { None };
         Self { drive, experiment, track }
     }
 
@@ -116,6 +131,11 @@ impl<'a> Objective<'a> {
     /// Never true: a point has at least the base parameters.
     pub fn is_empty(&self) -> bool {
         false
+    }
+
+    /// The recording as it was prepared for the kernels, where they apply.
+    pub fn into_track(self) -> Option<Arc<Track>> {
+        self.track
     }
 
     /// The same objective without the kernels: every number by the equations as the catalogue has them.

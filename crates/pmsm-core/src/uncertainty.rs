@@ -55,12 +55,13 @@ pub fn spread(jacobian: &DMatrix<f64>, residual: &DVector<f64>, rows_per_channel
     let whitener = whitener(&information);
     // Row k of `influence` times a score is what that score moved parameter k.
     let influence = &whitener * whitener.transpose();
-    let mut moves = DMatrix::zeros(dim, rows_per_channel);
-    for row in 0..rows {
-        let score = jacobian.row(row).transpose() * residual[row];
-        let mut column = moves.column_mut(row % rows_per_channel);
-        column.gemv(1.0, &influence, &score, 1.0);
+    let mut scores = DMatrix::zeros(dim, rows_per_channel);
+    for (k, column) in jacobian.column_iter().enumerate() {
+        for (row, (slope, error)) in column.iter().zip(residual.iter()).enumerate() {
+            scores[(k, row % rows_per_channel)] += slope * error;
+        }
     }
+    let moves = &influence * scores;
     let (length, settled) = block_length(&moves, &shown);
     let blocks = rows_per_channel.div_ceil(length);
     let mut meat = DMatrix::zeros(whitener.ncols(), whitener.ncols());

@@ -3,6 +3,7 @@
 mod catalogue;
 mod diagnosis;
 mod errors;
+mod fitness;
 mod machine;
 mod recording;
 mod run;
@@ -21,6 +22,8 @@ mod _core {
     use super::errors::{
         DataError, InternalError, MachineError, NotIdentifiableError, PmsmError, UsageError,
     };
+    #[pymodule_export]
+    use super::fitness::PyFitness;
     #[pymodule_export]
     use super::machine::PyMachine;
     #[pymodule_export]

@@ -21,7 +21,7 @@ const RUN_IN: f64 = 42.0;
 /// Longest run-in that pays, as a share of a piece.
 const LONGEST: f64 = 0.5;
 /// Shortest segment that is cut, in samples.
-const SHORTEST: usize = 100_000;
+pub const SHORTEST: usize = 100_000;
 /// Largest difference of the states at a seam over their size: a few roundings.
 const SEAM: f64 = 1e-13;
 /// Samples between two looks at the stop flag.

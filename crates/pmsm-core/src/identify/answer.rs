@@ -3,7 +3,6 @@
 use super::plan::{self, Plan};
 use super::{Found, Identification, Request, Target};
 use crate::error::Result;
-use crate::experiment::Linearisation;
 use crate::least_squares;
 use crate::machine::{BaseParameter, Machine};
 use crate::objective::Objective;
@@ -28,17 +27,20 @@ pub fn assemble(
     let point = plan.point(&found.values);
     let whole = objective.linearise(&point, &plan.free());
     let mut cannot_show = plan.refused.clone();
+    let on_bound = |k: usize| found.values[k] <= plan.bounds[k].0 || found.values[k] >= plan.bounds[k].1;
+    let inside: Vec<usize> = (0..found.values.len()).filter(|k| !on_bound(*k)).collect();
+    let mut spread = uncertainty::spread(&whole.jacobian, &whole.residual, signals.len());
     if whole.jacobian.iter().all(|x| x.is_finite()) {
         let names: Vec<&str> = plan.targets.iter().map(|t| t.name()).collect();
         let sizes: Vec<f64> =
             plan.targets.iter().zip(&found.values).map(|(t, x)| plan::size(*t, *x, signals)).collect();
-        let spread = uncertainty::spread(&whole.jacobian, &whole.residual, signals.len());
         cannot_show.extend(uncertainty::not_shown(&names, &sizes, &whole.jacobian, &spread, plan::advice)?);
     }
-    let on_bound = |k: usize| found.values[k] <= plan.bounds[k].0 || found.values[k] >= plan.bounds[k].1;
-    let inside: Vec<usize> = (0..found.values.len()).filter(|k| !on_bound(*k)).collect();
-    let linear = Linearisation { jacobian: whole.jacobian.select_columns(&inside), residual: whole.residual };
-    let spread = uncertainty::spread(&linear.jacobian, &linear.residual, signals.len());
+    let mut linear = whole;
+    if inside.len() < found.values.len() {
+        linear.jacobian = linear.jacobian.select_columns(&inside);
+        spread = uncertainty::spread(&linear.jacobian, &linear.residual, signals.len());
+    }
     let all = vec![true; inside.len()];
     let inverse = least_squares::covariance(&linear.jacobian.tr_mul(&linear.jacobian), None, &all);
     let off = linear.jacobian.tr_mul(&linear.residual);

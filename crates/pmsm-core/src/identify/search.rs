@@ -2,7 +2,7 @@
 
 use super::plan::Plan;
 use crate::error::Result;
-use crate::least_squares::{self, Fit, Normal, Problem, Settings};
+use crate::least_squares::{self, Fit, Normal, Problem, Settings, Status};
 use crate::monitor::Monitor;
 use crate::objective::{Objective, Starts};
 use crate::swarm::{Swarm, SwarmResult, SwarmSettings};
@@ -11,6 +11,11 @@ use std::sync::{Mutex, PoisonError};
 /// When least squares has converged: a thousandth of a standard error or better.
 const SETTINGS: Settings =
     Settings { max_iterations: 100, cost_tolerance: 1e-12, step_tolerance: 1e-9, initial_damping: 1e-3 };
+
+/// Most times that initial values are settled anew at a minimum. They hardly move.
+const ROUNDS: usize = 4;
+/// Change of an initial value (A, rad/s), relative above one, that no longer matters.
+const SETTLED: f64 = 1e-6;
 
 /// The swarm of [`crate::swarm`] on the fitness (9), the particles of a generation in parallel. A particle is abandoned
 /// once its sum has passed its own best, which does not change the swarm's path. `warm` puts one particle on the
@@ -75,16 +80,30 @@ pub struct Descent {
 /// # Errors
 /// Those of [`least_squares::minimise`].
 pub fn descend(objective: &Objective, plan: &Plan, values: &[f64], monitor: &dyn Monitor) -> Result<Descent> {
-    let problem = Descending {
-        objective,
-        plan,
-        free: plan.free(),
-        monitor,
-        kept: Mutex::new(Kept { starts: objective.measured_starts(), ..Kept::default() }),
-    };
-    let fit = least_squares::minimise(&problem, values, &plan.bounds, &SETTINGS, monitor)?;
+    let starts = objective.settled_starts(&plan.point(values), objective.measured_starts());
+    let mut problem =
+        Descending { objective, plan, free: plan.free(), monitor, starts, kept: Mutex::default() };
+    let mut fit = least_squares::minimise(&problem, values, &plan.bounds, &SETTINGS, monitor)?;
+    for _ in 0..ROUNDS {
+        let Some(starts) = problem.starts.take() else { break };
+        if fit.status == Status::Interrupted || !fit.cost.is_finite() {
+            break;
+        }
+        let next = objective.settled_starts(&plan.point(&fit.parameters), starts.clone());
+        if next.as_ref().is_none_or(|next| close(&starts, next)) {
+            break;
+        }
+        problem.starts = next;
+        fit = least_squares::minimise(&problem, &fit.parameters, &plan.bounds, &SETTINGS, monitor)?;
+    }
     let kept = problem.kept.into_inner().unwrap_or_else(PoisonError::into_inner);
     Ok(Descent { fit, history: kept.history, evaluations: kept.evaluations })
+}
+
+/// Whether initial values have settled.
+fn close(a: &Starts, b: &Starts) -> bool {
+    let off = |a: f64, b: f64| (a - b).abs() <= SETTLED * a.abs().max(b.abs()).max(1.0);
+    a.iter().flatten().zip(b.iter().flatten()).all(|(a, b)| off(*a, *b))
 }
 
 /// What one evaluation leaves for the next.
@@ -92,11 +111,8 @@ pub fn descend(objective: &Objective, plan: &Plan, values: &[f64], monitor: &dyn
 struct Kept {
     history: Vec<f64>,
     evaluations: usize,
-    /// Initial values that belong to the last accepted point, and whether they were estimated there.
-    starts: Starts,
-    settled: bool,
-    /// The point tried last, its normal equations and initial values.
-    tried: Option<(Vec<f64>, Normal, Starts)>,
+    /// The point tried last and its normal equations.
+    tried: Option<(Vec<f64>, Normal)>,
 }
 
 struct Descending<'a> {
@@ -104,22 +120,18 @@ struct Descending<'a> {
     plan: &'a Plan,
     free: Vec<usize>,
     monitor: &'a dyn Monitor,
+    /// Where the kernels know the model: initial values around which they are eliminated.
+    starts: Option<Starts>,
     kept: Mutex<Kept>,
 }
 
 impl Descending<'_> {
-    /// Normal equations on the kernels, which cost hardly more than a run; initial values are taken over from the last
-    /// accepted point, which brings them to their minimum along with the parameters.
-    fn on_kernels(&self, values: &[f64], kept: &mut Kept) -> Option<(Normal, Starts)> {
-        let point = self.plan.point(values);
+    /// Normal equations on the kernels, which cost hardly more than a run.
+    fn on_kernels(&self, values: &[f64], first: bool) -> Option<Normal> {
         // The start is evaluated in any case, so that an interrupted fit has a cost.
-        let first = !kept.settled;
         let stop = || !first && self.monitor.cancelled();
-        if first {
-            kept.starts = self.objective.normal(&point, &[], &kept.starts, &stop)?.1;
-            kept.settled = true;
-        }
-        self.objective.normal(&point, &self.free, &kept.starts, &stop)
+        let starts = self.starts.as_ref()?;
+        Some(self.objective.normal(&self.plan.point(values), &self.free, starts, &stop)?.0)
     }
 }
 
@@ -131,9 +143,9 @@ impl Problem for Descending<'_> {
     fn cost(&self, values: &[f64]) -> f64 {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         kept.evaluations += 1;
-        if let Some((normal, starts)) = self.on_kernels(values, &mut kept) {
+        if let Some(normal) = self.on_kernels(values, false) {
             let cost = normal.cost;
-            kept.tried = Some((values.to_vec(), normal, starts));
+            kept.tried = Some((values.to_vec(), normal));
             return cost;
         }
         self.objective.residual(&self.plan.point(values)).norm_squared()
@@ -141,25 +153,17 @@ impl Problem for Descending<'_> {
 
     fn normal(&self, values: &[f64]) -> Normal {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let tried = kept.tried.take().filter(|(at, ..)| at == values);
-        let known = tried.map(|(_, normal, starts)| (normal, starts));
-        if known.is_none() {
-            kept.evaluations += 1;
-        }
-        let normal = match known.or_else(|| self.on_kernels(values, &mut kept)) {
-            Some((normal, starts)) => {
-                kept.starts = starts;
-                normal
+        let known = kept.tried.take().filter(|(at, _)| at == values).map(|(_, normal)| normal);
+        kept.evaluations += usize::from(known.is_none());
+        let first = kept.history.is_empty();
+        let normal = known.or_else(|| self.on_kernels(values, first)).unwrap_or_else(|| {
+            let linear = self.objective.linearise(&self.plan.point(values), &self.free);
+            Normal {
+                cost: linear.residual.norm_squared(),
+                jtj: linear.jacobian.tr_mul(&linear.jacobian),
+                jtr: linear.jacobian.tr_mul(&linear.residual),
             }
-            None => {
-                let linear = self.objective.linearise(&self.plan.point(values), &self.free);
-                Normal {
-                    cost: linear.residual.norm_squared(),
-                    jtj: linear.jacobian.tr_mul(&linear.jacobian),
-                    jtr: linear.jacobian.tr_mul(&linear.residual),
-                }
-            }
-        };
+        });
         kept.history.push(normal.cost);
         normal
     }

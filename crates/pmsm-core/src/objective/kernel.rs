@@ -1,15 +1,17 @@
 //! The objective on the kernels of [`crate::bare`], where they know the model and the sampling: many points at once, and
 //! normal equations from perturbed copies.
 
-use super::{Drive, Objective};
+use super::{Drive, Objective, side_by_side};
 use crate::bare::copies::{self, Around, INITIAL};
-use crate::bare::{self, Kernel, POINT};
+use crate::bare::{self, Kernel, POINT, chunks};
 use crate::experiment::Linearisation;
 use crate::least_squares::Normal;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+/// Fewer points than fill the vectors: a long recording is then cut into pieces instead.
+const FEW: usize = 4;
 /// Points that a thread must have for another one to pay.
 const PER_THREAD: usize = 250;
 /// Smallest scale of a load torque or a friction torque at top speed, as a share of the largest torque.
@@ -55,6 +57,20 @@ impl Objective<'_> {
     ) -> usize {
         let evaluated = AtomicUsize::new(0);
         if let Some(track) = &self.track {
+            if costs.len() <= FEW && track.len() >= chunks::SHORTEST {
+                points.par_chunks(POINT).zip(bounds).zip(costs).for_each(|((point, bound), cost)| {
+                    *cost = f64::INFINITY;
+                    let point = point.try_into().expect("as long as a point");
+                    if let Some((sum, _)) = chunks::cost(track, Kernel::default(), point, stop) {
+                        evaluated.fetch_add(1, Ordering::Relaxed);
+                        // False for NaN, too.
+                        if sum <= *bound && sum.is_finite() {
+                            *cost = sum;
+                        }
+                    }
+                });
+                return evaluated.into_inner();
+            }
             let share = costs.len().div_ceil(rayon::current_num_threads()).max(PER_THREAD);
             let evaluate = |((points, bounds), costs): ((&[f64], &[f64]), &mut [f64])| {
                 if bare::costs(track, Kernel::default(), points, bounds, costs, stop) {
@@ -70,13 +86,21 @@ impl Objective<'_> {
                 parts.zip(costs.par_chunks_mut(share)).for_each(evaluate);
             }
         } else {
-            let each = points.par_chunks(self.len()).zip(bounds).zip(costs);
-            each.for_each(|((point, bound), cost)| {
-                *cost = f64::INFINITY;
-                if !stop() {
-                    *cost = self.fitness(point, *bound);
-                    evaluated.fetch_add(1, Ordering::Relaxed);
+            // What the kernels do not know runs on vectors of parameter sets all the same, the coupled model at least.
+            let group = if self.drive == Drive::Coupled { side_by_side::GROUP } else { 1 };
+            let parts = points.par_chunks(group * self.len()).zip(bounds.par_chunks(group));
+            parts.zip(costs.par_chunks_mut(group)).for_each(|((points, bounds), costs)| {
+                costs.fill(f64::INFINITY);
+                if stop() {
+                    return;
                 }
+                if self.drive != Drive::Coupled || !self.side_by_side(points, bounds, costs) {
+                    for ((point, bound), cost) in points.chunks_exact(self.len()).zip(bounds).zip(&mut *costs)
+                    {
+                        *cost = self.fitness(point, *bound);
+                    }
+                }
+                evaluated.fetch_add(costs.len(), Ordering::Relaxed);
             });
         }
         evaluated.into_inner()
@@ -125,10 +149,15 @@ impl Objective<'_> {
         Some((normal, next))
     }
 
+    /// The best initial values at `p` to first order around `starts`; `None` where the kernels do not apply.
+    pub fn settled_starts(&self, p: &[f64], starts: Starts) -> Option<Starts> {
+        self.normal(p, &[], &starts, &|| false).map(|(_, next)| next)
+    }
+
     /// [`Objective::linearise`] on the kernels.
     pub(super) fn kernel_linear(&self, p: &[f64], free: &[usize]) -> Option<Linearisation> {
         let go = || false;
-        let (_, starts) = self.normal(p, &[], &self.measured_starts(), &go)?;
+        let starts = self.settled_starts(p, self.measured_starts())?;
         let mut kept = Vec::new();
         let keep = |rows: &copies::Rows<'_>| kept.push((rows.segment, rows.first, rows.rows.to_vec()));
         let sums = self.sums(p, free, &starts, &go, keep)?;

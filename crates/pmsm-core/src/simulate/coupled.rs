@@ -19,7 +19,7 @@ const STEP_LIMIT: f64 = 0.15;
 
 /// Simulates samples `range` and hands to `sink` the sample number and i_d, i_q (A), ω_e (rad/s). Each gap-free
 /// segment starts from its first measured values; `tau_load` (N·m) is constant and comes on top of a load known from
-/// the recording. Stops early when `sink` returns false. Nothing is called if the recording has no voltages or currents.
+/// the recording. Stops early when `sink` says so. Nothing is called if the recording has no voltages or currents.
 pub fn run<T: Real>(
     model: &Model,
     signals: &Signals,
@@ -42,6 +42,20 @@ pub fn run_from<T: Real>(
     start: impl Fn(usize, [f64; 3]) -> [T; 3],
     sink: impl FnMut(usize, [T; 3]) -> bool,
 ) {
+    watch(model, signals, range, p, tau_load, start, &mut Plain(sink));
+}
+
+/// As [`run_from`], followed by a type of its own: unlike a closure it can insist on being inlined.
+#[inline(always)]
+pub fn watch<T: Real>(
+    model: &Model,
+    signals: &Signals,
+    range: Range<usize>,
+    p: &[T],
+    tau_load: T,
+    start: impl Fn(usize, [f64; 3]) -> [T; 3],
+    sink: &mut impl Watch<T>,
+) {
     match (model.electrical_states(), model.mechanical_states()) {
         (0, 0) => run_sized::<T, 2, 1, 4>(model, signals, range, p, tau_load, start, sink),
         (0..=2, 0..=2) => run_sized::<T, 4, 3, 8>(model, signals, range, p, tau_load, start, sink),
@@ -49,7 +63,24 @@ pub fn run_from<T: Real>(
     }
 }
 
+/// Whoever follows a simulation.
+pub trait Watch<T> {
+    /// Sees i_d, i_q (A), ω_e (rad/s) at sample `k`; false ends the simulation.
+    fn see(&mut self, k: usize, now: [T; 3]) -> bool;
+}
+
+/// A closure as a watch.
+struct Plain<F>(F);
+
+impl<T, F: FnMut(usize, [T; 3]) -> bool> Watch<T> for Plain<F> {
+    #[inline(always)]
+    fn see(&mut self, k: usize, now: [T; 3]) -> bool {
+        (self.0)(k, now)
+    }
+}
+
 /// The state is λ_d, λ_q, ω_m, θ_e, electrical extras (E − 2), mechanical extras (M − 1): N = E + M + 1.
+#[inline(always)]
 fn run_sized<T: Real, const E: usize, const M: usize, const N: usize>(
     model: &Model,
     signals: &Signals,
@@ -57,7 +88,7 @@ fn run_sized<T: Real, const E: usize, const M: usize, const N: usize>(
     p: &[T],
     tau_load: T,
     start: impl Fn(usize, [f64; 3]) -> [T; 3],
-    mut sink: impl FnMut(usize, [T; 3]) -> bool,
+    sink: &mut impl Watch<T>,
 ) {
     let (Some(v), Some(i)) = (&signals.v, &signals.i) else { return };
     let base = Base::new(p);
@@ -82,7 +113,7 @@ fn run_sized<T: Real, const E: usize, const M: usize, const N: usize>(
             let here = measured_env::<T>(signals, k);
             let now =
                 model.state_current(p, &base, &parts::<T, E, M, N>(&state).0, &at(&here, &state, n_p, turn));
-            if !sink(k, [now.i[0], now.i[1], state[2] * n_p]) {
+            if !sink.see(k, [now.i[0], now.i[1], state[2] * n_p]) {
                 return;
             }
             if k + 1 == last {

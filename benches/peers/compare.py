@@ -1,0 +1,178 @@
+"""Measures the installed package against its strongest peers in one alternating run and prints the ratios.
+
+    python benches/peers/compare.py [J1 J2 J3 LS import] [--rounds N]
+
+Every time is CPU time of the whole process, the median over the rounds; peers take turns within a round, so that whatever
+else the computer does hits all of them. The package is called as a user calls it: arrays in, answer out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import fast_numba
+import numpy as np
+import pmsm_rs as pm
+from scipy.optimize import least_squares
+from window import HIGH, ITERATIONS, J1, J2, LOW, NAMES, TRUTH, Array, Job, measured
+
+MACHINE = pm.Machine(n_p=4, **dict(zip(NAMES[:6], map(float, TRUTH[:6]), strict=True)))
+LONG = 10_000_000
+
+
+def bounds(job: Job) -> dict[str, tuple[float, float]]:
+    """What `identify` is to fit, with its bounds."""
+    return {NAMES[k]: (float(LOW[k]), float(HIGH[k])) for k in job.fitted}
+
+
+def swarm(job: Job, columns: dict[str, Array], threads: int) -> Callable[[], float]:
+    """The package's swarm, from arrays to the answer."""
+    settings = pm.Swarm(particles=job.particles, iterations=ITERATIONS, inertia=0.8, cognitive=2.0, social=2.0)
+
+    def call() -> float:
+        recording = pm.Recording(columns, load="unknown_constant")
+        fit = pm.identify(
+            recording, MACHINE, fit=bounds(job), method="pso", swarm=settings, seed=1, threads=threads
+        )
+        return fit.cost
+
+    return call
+
+
+def descent(columns: dict[str, Array]) -> Callable[[], float]:
+    """The package's least squares, from arrays to the answer with its uncertainties."""
+    middle = {NAMES[k]: float(LOW[k] + HIGH[k]) / 2 for k in J1.fitted if k < 6}
+    machine = pm.Machine(n_p=4, **{name: middle.get(name, getattr(MACHINE, name)) for name in NAMES[:6]})
+
+    def call() -> float:
+        recording = pm.Recording(columns, load="unknown_constant")
+        return pm.identify(recording, machine, fit=bounds(J1), method="lm", threads=1).cost
+
+    return call
+
+
+def scipy_descent(columns: dict[str, Array]) -> Callable[[], float]:
+    """scipy.optimize.least_squares on the compiled residual."""
+    fitted = np.array(J1.fitted)
+    low, high = LOW[fitted], HIGH[fitted]
+    rest = (fitted, TRUTH, *fast_numba.data(columns))
+
+    def call() -> float:
+        found = least_squares(
+            fast_numba.residual, (low + high) / 2, bounds=(low, high), x_scale=high - low, args=rest
+        )
+        return 2 * float(found.cost)
+
+    return call
+
+
+def long_run(columns: dict[str, Array]) -> Callable[[], float]:
+    """One parameter set on a long recording that is already loaded."""
+    fitness = pm.Fitness(pm.Recording(columns, load="unknown_constant"), MACHINE, NAMES, threads=1)
+    return lambda: float(fitness(TRUTH[None, :])[0])
+
+
+def long_numba(columns: dict[str, Array]) -> Callable[[], float]:
+    """The same, compiled by numba."""
+    rest = fast_numba.data(columns)
+    return lambda: float(fast_numba.trajectory(TRUTH, *rest))
+
+
+def alternate(title: str, contestants: dict[str, Callable[[], float]], rounds: int) -> None:
+    """Runs all in turn and prints CPU time, wall time and the ratio of the last to each."""
+    for call in contestants.values():
+        call()
+    cpu: dict[str, list[float]] = {name: [] for name in contestants}
+    wall: dict[str, list[float]] = {name: [] for name in contestants}
+    answer: dict[str, float] = {}
+    gc.disable()
+    for _ in range(rounds):
+        for name, call in contestants.items():
+            begun, began = time.process_time(), time.perf_counter()
+            answer[name] = call()
+            cpu[name].append(time.process_time() - begun)
+            wall[name].append(time.perf_counter() - began)
+    gc.enable()
+    reference = list(contestants)[-1]
+    print(f"{title}, {rounds} rounds")
+    for name in contestants:
+        own = statistics.median(cpu[name])
+        ratios = (theirs / ours for theirs, ours in zip(cpu[reference], cpu[name], strict=True))
+        print(
+            f"  {name:44} {1e3 * own:10.3f} ms CPU {1e3 * statistics.median(wall[name]):10.3f} ms wall"
+            f"  {statistics.median(ratios):6.2f}x  cost {answer[name]:.6g}"
+        )
+
+
+def startup() -> None:
+    """Time to import the package and to print the help."""
+    for title, command in (
+        ("python -c pass", [sys.executable, "-c", "pass"]),
+        ("import pmsm_rs", [sys.executable, "-c", "import pmsm_rs"]),
+        ("pmsm-rs --help", [sys.executable, "-m", "pmsm_rs", "--help"]),
+    ):
+        times = []
+        for _ in range(11):
+            began = time.perf_counter()
+            subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+            times.append(time.perf_counter() - began)
+        print(f"  {title:44} {1e3 * statistics.median(times):10.1f} ms wall, least {1e3 * min(times):.1f} ms")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("jobs", nargs="*", default=["J1", "J2", "J3", "LS", "import"])
+    parser.add_argument("--rounds", type=int, default=0, help="repetitions (default: enough for a median)")
+    asked = parser.parse_args()
+    columns = measured()
+    if "J1" in asked.jobs:
+        alternate(
+            "J1: 10 particles x 31, 2 parameters, 3300 samples",
+            {
+                "pmsm_rs.identify, one thread": swarm(J1, columns, 1),
+                "numba, whole swarm compiled": fast_numba.run(J1, columns),
+            },
+            asked.rounds or 51,
+        )
+    if "J2" in asked.jobs:
+        alternate(
+            "J2: 1000 particles x 31, 7 parameters, 3300 samples",
+            {
+                "pmsm_rs.identify, two threads": swarm(J2, columns, 2),
+                "pmsm_rs.identify, one thread": swarm(J2, columns, 1),
+                "numba, whole swarm compiled": fast_numba.run(J2, columns),
+            },
+            asked.rounds or 11,
+        )
+    if "LS" in asked.jobs:
+        alternate(
+            "Least squares, 2 parameters, 3300 samples",
+            {
+                "pmsm_rs.identify, one thread": descent(columns),
+                "scipy.optimize.least_squares, numba residual": scipy_descent(columns),
+            },
+            asked.rounds or 51,
+        )
+    if "J3" in asked.jobs:
+        long = measured(LONG)
+        alternate(
+            "J3: one parameter set, ten million samples",
+            {
+                "pmsm_rs.Fitness, one thread": long_run(long),
+                "numba, fastmath": long_numba(long),
+            },
+            asked.rounds or 7,
+        )
+    if "import" in asked.jobs:
+        print("Start-up, 11 rounds")
+        startup()
+
+
+if __name__ == "__main__":
+    main()
