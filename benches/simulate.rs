@@ -1,22 +1,19 @@
-//! Cost of the simulations per sample, and of one window of the paper's swarm.
+//! Cost of the simulations per sample, in plain numbers and in numbers with derivatives.
 
 #[path = "../tests/plant/mod.rs"]
 mod plant;
 
-use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use plant::Plant;
 use pmsm_core::dual::Dual;
 use pmsm_core::effects::EffectId;
-use pmsm_core::identify::{Method, Request, identify};
 use pmsm_core::machine::Machine;
 use pmsm_core::model::Model;
-use pmsm_core::monitor::Silent;
 use pmsm_core::real::Real;
 use pmsm_core::recording::{Load, Recording};
 use pmsm_core::signals::Signals;
 use pmsm_core::simulate::mechanical::{self, Nuisance, Restart};
 use pmsm_core::simulate::{coupled, electrical};
-use pmsm_core::swarm::SwarmSettings;
 use std::hint::black_box;
 
 /// Samples of one window of the paper.
@@ -128,27 +125,5 @@ fn simulations(c: &mut Criterion) {
     group.finish();
 }
 
-/// J1: the whole identification of r_s and tau_load in one window, 10 particles, 31 generations, one thread.
-fn window(c: &mut Criterion) {
-    let (_, recording, machine) = recording();
-    let request = Request {
-        fit: vec![
-            ("r_s".parse().expect("known"), Some((0.05, 0.5))),
-            ("tau_load".parse().expect("known"), Some((0.0, 10.0))),
-        ],
-        method: Method::Swarm,
-        swarm: SwarmSettings::default(),
-        seed: 1,
-    };
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
-    c.bench_function("J1 swarm window, 1 thread", |b| {
-        b.iter_batched(
-            || request.clone(),
-            |request| pool.install(|| identify(&recording, &machine, &request, &Silent).expect("an answer")),
-            BatchSize::SmallInput,
-        );
-    });
-}
-
-criterion_group!(benches, simulations, window);
+criterion_group!(benches, simulations);
 criterion_main!(benches);

@@ -2,25 +2,28 @@
 
     python benches/peers/compare.py [J1 J2 J3 LS import] [--rounds N]
 
-Every time is CPU time of the whole process, the median over the rounds; peers take turns within a round, so that whatever
-else the computer does hits all of them. The package is called as a user calls it: arrays in, answer out.
+Every time is CPU time of the whole process, the median over the rounds; peers take turns within a round, so
+that whatever else the computer does hits all of them. The package is called as a user calls it: arrays in,
+answer out.
 """
 
 from __future__ import annotations
 
 import argparse
 import gc
+import resource
 import statistics
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import fast_numba
 import numpy as np
 import pmsm_rs as pm
 from scipy.optimize import least_squares
-from window import HIGH, ITERATIONS, J1, J2, LOW, NAMES, TRUTH, Array, Job, measured
+from window import HIGH, INERTIA, ITERATIONS, J1, J2, LOW, NAMES, PULL, TRUTH, Array, Job, measured
 
 MACHINE = pm.Machine(n_p=4, **dict(zip(NAMES[:6], map(float, TRUTH[:6]), strict=True)))
 LONG = 10_000_000
@@ -33,7 +36,7 @@ def bounds(job: Job) -> dict[str, tuple[float, float]]:
 
 def swarm(job: Job, columns: dict[str, Array], threads: int) -> Callable[[], float]:
     """The package's swarm, from arrays to the answer."""
-    settings = pm.Swarm(particles=job.particles, iterations=ITERATIONS, inertia=0.8, cognitive=2.0, social=2.0)
+    settings = pm.Swarm(job.particles, ITERATIONS, inertia=INERTIA, cognitive=PULL, social=PULL)
 
     def call() -> float:
         recording = pm.Recording(columns, load="unknown_constant")
@@ -115,18 +118,23 @@ def startup() -> None:
     for title, command in (
         ("python -c pass", [sys.executable, "-c", "pass"]),
         ("import pmsm_rs", [sys.executable, "-c", "import pmsm_rs"]),
-        ("pmsm-rs --help", [sys.executable, "-m", "pmsm_rs", "--help"]),
+        ("pmsm-rs --help", [str(Path(sys.executable).with_name("pmsm-rs")), "--help"]),
     ):
-        times = []
+        cpu, wall = [], []
         for _ in range(11):
-            began = time.perf_counter()
+            before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
             subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-            times.append(time.perf_counter() - began)
-        print(f"  {title:44} {1e3 * statistics.median(times):10.1f} ms wall, least {1e3 * min(times):.1f} ms")
+            wall.append(time.perf_counter() - began)
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            cpu.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+        least, middle = 1e3 * min(wall), 1e3 * statistics.median(cpu)
+        print(f"  {title:44} {middle:10.3f} ms CPU {least:10.3f} ms wall (least)")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("jobs", nargs="*", default=["J1", "J2", "J3", "LS", "import"])
     parser.add_argument("--rounds", type=int, default=0, help="repetitions (default: enough for a median)")
     asked = parser.parse_args()

@@ -1,7 +1,7 @@
-"""The strongest peer: the whole swarm compiled by numba, particles side by side so that LLVM vectorises over them.
+"""The strongest peer: the whole swarm compiled by numba, particles side by side so that LLVM vectorises.
 
-Also one long trajectory, and the residual that scipy.optimize.least_squares gets. Formulas are arranged so that no
-division is left in a step, and everything is compiled with fastmath.
+Also one long trajectory, and the residual that scipy.optimize.least_squares gets. Formulas are arranged so
+that no division is left in a step, and everything is compiled with fastmath.
 """
 
 from __future__ import annotations
@@ -130,7 +130,11 @@ def swarm(low, high, places, pulls, fitted, rest, w_speed, v_d, v_q, i_d, i_q, o
             for n in range(particles):
                 for k in range(dims):
                     r1, r2 = pulls[generation - 1, 0, n, k], pulls[generation - 1, 1, n, k]
-                    to = INERTIA * v[n, k] + PULL * r1 * (own[n, k] - x[n, k]) + PULL * r2 * (best[k] - x[n, k])
+                    to = (
+                        INERTIA * v[n, k]
+                        + PULL * r1 * (own[n, k] - x[n, k])
+                        + PULL * r2 * (best[k] - x[n, k])
+                    )
                     v[n, k] = min(max(to, -fastest[k]), fastest[k])
                     x[n, k] = min(max(x[n, k] + v[n, k], low[k]), high[k])
         for n in range(particles):

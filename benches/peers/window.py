@@ -1,8 +1,8 @@
 """The jobs that every peer does: data, bounds, and a swarm with a fixed stream of random numbers.
 
-A motor is simulated at 100 kHz over 3300 samples (classical Runge-Kutta, voltage held from sample to sample) and noise
-is added. The fitness is that of Liu, Liu & Cartes (2008), eq. (9): squared errors of the phase currents, which at the
-measured angle are 3/2 of those of i_d and i_q, and of the speed times the weight w.
+A motor is simulated at 100 kHz over 3300 samples (classical Runge-Kutta, voltage held from sample to sample)
+and noise is added. The fitness is that of Liu, Liu & Cartes (2008), eq. (9): squared errors of the phase
+currents, which at the measured angle are 3/2 of those of i_d and i_q, and of the speed times the weight w.
 """
 
 from __future__ import annotations

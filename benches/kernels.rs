@@ -1,0 +1,190 @@
+//! The kernels: J1, J2, J3 and least squares as the comparison with the peers defines them, every path beside the roofline of
+//! its fused multiply-add ports, and what each effect adds to a step on vectors.
+
+#[path = "../tests/plant/mod.rs"]
+mod plant;
+
+use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+use plant::Plant;
+use pmsm_core::bare::{self, Kernel, POINT, Track, chunks};
+use pmsm_core::effects;
+use pmsm_core::identify::{Method, Request, identify};
+use pmsm_core::lanes::{self, Job, Lane, Path, Rounding};
+use pmsm_core::machine::Machine;
+use pmsm_core::model::Model;
+use pmsm_core::monitor::Silent;
+use pmsm_core::objective::{Drive, Objective};
+use pmsm_core::recording::{Load, Recording};
+use pmsm_core::signals::Signals;
+use pmsm_core::simulate::mechanical;
+use pmsm_core::swarm::SwarmSettings;
+use std::hint::black_box;
+
+/// Samples of one window of the paper.
+const SAMPLES: usize = 3300;
+/// Fused multiply-adds and other multiplications of a particle-step, the fitness included: what the ports bound.
+const PORT_OPERATIONS: u64 = 39;
+
+/// Independent chains of multiply-adds: nothing but their ports limits them.
+struct Ports(u64);
+
+impl Job for Ports {
+    type Output = f64;
+    #[inline(always)]
+    fn run<V: Lane>(self) -> f64 {
+        const CHAINS: usize = 16;
+        let (a, b) = (V::constant(black_box(0.999)), V::constant(black_box(1e-3)));
+        let mut x = [V::zero(); CHAINS];
+        for k in 0..CHAINS {
+            x[k] = V::constant(k as f64);
+        }
+        for _ in 0..self.0 / CHAINS as u64 {
+            for k in 0..CHAINS {
+                x[k] = x[k].mul_add(a, b);
+            }
+        }
+        let mut sum = V::zero();
+        for x in x {
+            sum += x;
+        }
+        sum.first()
+    }
+}
+
+fn recording(samples: usize) -> (Plant, Recording, Machine) {
+    let plant = Plant::liu();
+    let (start, v) = plant.steady([0.0, 4.0], 80.0);
+    let run = plant.run(samples, 1e-5, start, |t| [v[0], v[1] + 4.0 * (60.0 * t).sin()]);
+    let machine = plant.nameplate([1.0; 6]);
+    (plant, run.log([0.05, 0.5], 0.0, 1, Load::UnknownConstant), machine)
+}
+
+fn points(plant: &Plant, count: usize) -> Vec<f64> {
+    let truth = [plant.r_s, plant.l_d, plant.l_q, plant.psi_m, plant.j, plant.b, plant.tau_load];
+    (0..count).flat_map(|k| truth.map(|x| x * (0.8 + 0.4 * k as f64 / count as f64))).collect()
+}
+
+/// Time per particle-step of every path, no particle abandoned, and of as many multiply-adds as it has.
+fn paths(c: &mut Criterion) {
+    let (plant, recording, machine) = recording(SAMPLES);
+    let signals = Signals::new(&recording, &machine).expect("signals");
+    let track = Track::new(&signals, 1.5, 0.01).expect("evenly sampled");
+    let (count, stop) = (256, || false);
+    let (points, bounds) = (points(&plant, count), vec![f64::INFINITY; count]);
+    let mut group = c.benchmark_group("particle-step");
+    for path in Path::ALL.into_iter().filter(|path| path.available()) {
+        group.throughput(Throughput::Elements((count * SAMPLES) as u64));
+        for (name, rounding, increments) in [
+            ("fused", Rounding::Fused, false),
+            ("reproducible", Rounding::Reproducible, false),
+            ("increments", Rounding::Fused, true),
+        ] {
+            let kernel = Kernel { path, rounding, increments };
+            let mut costs = vec![0.0; count];
+            group.bench_function(format!("{path:?} {name}"), |b| {
+                b.iter(|| bare::costs(&track, kernel, &points, &bounds, &mut costs, &stop));
+            });
+        }
+        let steps = (count * SAMPLES) as u64;
+        let operations = steps * PORT_OPERATIONS / path.width() as u64;
+        group.bench_function(format!("{path:?} roofline of the multiply-add ports"), |b| {
+            b.iter(|| lanes::run(path, Rounding::Fused, Ports(black_box(operations))));
+        });
+    }
+    group.finish();
+}
+
+fn jobs(c: &mut Criterion) {
+    let (_, recording, machine) = recording(SAMPLES);
+    let job = |particles: usize, all: bool, method: Method| {
+        let bounds = [
+            ("r_s", 0.05, 0.5),
+            ("tau_load", 0.0, 10.0),
+            ("l_d", 1e-3, 4e-3),
+            ("l_q", 1e-3, 4e-3),
+            ("psi_m", 0.1, 0.5),
+            ("j", 0.002, 0.02),
+            ("b", 0.0, 0.01),
+        ];
+        let fit = bounds[..if all { 7 } else { 2 }].iter();
+        let fit = fit.map(|(name, low, high)| (name.parse().expect("known"), Some((*low, *high)))).collect();
+        Request { fit, method, swarm: SwarmSettings { particles, ..SwarmSettings::default() }, seed: 1 }
+    };
+    let mut group = c.benchmark_group("identify");
+    group.sample_size(20);
+    for (name, request, threads) in [
+        ("J1: 10 x 31, 2 parameters", job(10, false, Method::Swarm), 1),
+        ("J2: 1000 x 31, 7 parameters", job(1000, true, Method::Swarm), 1),
+        ("J2 on two threads", job(1000, true, Method::Swarm), 2),
+        ("least squares, 2 parameters", job(10, false, Method::LeastSquares), 1),
+        ("least squares, 7 parameters", job(10, true, Method::LeastSquares), 1),
+    ] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        group.bench_function(name, |b| {
+            b.iter_batched(
+                || request.clone(),
+                |request| {
+                    pool.install(|| identify(&recording, &machine, &request, &Silent).expect("an answer"))
+                },
+                BatchSize::SmallInput,
+            );
+        });
+    }
+    group.finish();
+}
+
+/// J3, a tenth of it: one parameter set on a million samples, in pieces and in a row.
+fn long(c: &mut Criterion) {
+    let (plant, short, machine) = recording(10_000);
+    let repeated = |name: &str| {
+        let column = short.column(name).expect("logged");
+        column.iter().cycle().take(1_000_000).copied().collect::<Vec<f64>>()
+    };
+    let mut columns: Vec<(String, Vec<f64>)> =
+        ["v_d", "v_q", "i_d", "i_q", "omega_e"].map(|name| (name.to_owned(), repeated(name))).into();
+    columns.push(("t".into(), (0..1_000_000).map(|k| 1e-5 * f64::from(k)).collect()));
+    let recording = Recording::new(columns, Some(Load::UnknownConstant)).expect("a sane recording");
+    let signals = Signals::new(&recording, &machine).expect("signals");
+    let track = Track::new(&signals, 1.5, 0.01).expect("evenly sampled");
+    let p: [f64; POINT] = points(&plant, 1).try_into().expect("one point");
+    let mut group = c.benchmark_group("J3, per sample");
+    group.throughput(Throughput::Elements(1_000_000)).sample_size(10);
+    group.bench_function("pieces of time side by side", |b| {
+        b.iter(|| chunks::cost(&track, Kernel::default(), black_box(&p), &|| false));
+    });
+    group.bench_function("in a row", |b| {
+        let mut cost = [0.0];
+        b.iter(|| {
+            bare::costs(&track, Kernel::default(), black_box(&p), &[f64::INFINITY], &mut cost, &|| false)
+        });
+    });
+    group.finish();
+}
+
+/// Time per particle-step of the model with one effect of the catalogue, on vectors.
+fn with_effects(c: &mut Criterion) {
+    let (plant, recording, machine) = recording(500);
+    let signals = Signals::new(&recording, &machine).expect("signals");
+    let windows = mechanical::windows(&signals);
+    let mut group = c.benchmark_group("particle-step with effect");
+    group.throughput(Throughput::Elements(8 * 500)).sample_size(10);
+    for effect in std::iter::once(None).chain(effects::ALL.iter().map(Some)) {
+        let chosen: Vec<_> = effect.into_iter().copied().collect();
+        let model = Model::new(signals.context, &chosen);
+        let objective = Objective::new(Drive::Coupled, &model, &signals, &windows).reference();
+        let one = points(&plant, 1);
+        let mut point = one[..6].to_vec();
+        point.extend(chosen.iter().flat_map(|e| e.info().parameters).map(|p| (p.typical)(model.context())));
+        point.push(one[6]);
+        point.resize(objective.len(), 0.0);
+        let (points, bounds) = (point.repeat(8), [f64::INFINITY; 8]);
+        let mut costs = [0.0; 8];
+        group.bench_function(effect.map_or("none", |e| e.id()), |b| {
+            b.iter(|| objective.fitnesses(&points, &bounds, &mut costs, &|| false));
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, paths, jobs, long, with_effects);
+criterion_main!(benches);
