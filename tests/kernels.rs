@@ -10,7 +10,7 @@ use pmsm_core::lanes::{self, Job, Lane, Path, Rounding};
 use pmsm_core::machine::Machine;
 use pmsm_core::model::Model;
 use pmsm_core::monitor::{Silent, StopFlag};
-use pmsm_core::objective::{Drive, Objective};
+use pmsm_core::objective::{Drive, Objective, speed_weight};
 use pmsm_core::recording::{Load, Recording};
 use pmsm_core::signals::Signals;
 use pmsm_core::simulate::mechanical;
@@ -23,7 +23,7 @@ fn signals(n: usize, period: f64, gap: Option<usize>, load: Load) -> (Plant, Sig
     let (start, v) = plant.steady([-1.0, 3.0], 60.0);
     let run =
         plant.run(n, period, start, |t| [v[0] + 3.0 * (900.0 * t).sin(), v[1] + 6.0 * (400.0 * t).cos()]);
-    let log = run.log([0.02, 0.3], 0.0, 3, load);
+    let log = run.log([0.02, 0.3], 0.0, 3, Load::UnknownConstant);
     let column = |name: &str| log.column(name).expect("logged").to_vec();
     let mut columns: Vec<(String, Vec<f64>)> =
         log.names().iter().map(|name| ((*name).to_owned(), column(name))).collect();
@@ -123,7 +123,7 @@ impl Job for Operations<'_> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn every_operation_has_the_bits_of_single_numbers_on_every_path(
@@ -192,7 +192,8 @@ proptest! {
         prop_assert!((&fast.residual - &slow.residual).norm() <= 1e-8 * slow.residual.norm());
         for k in 0..free.len() {
             let off = (fast.jacobian.column(k) - slow.jacobian.column(k)).norm();
-            prop_assert!(off <= 1e-6 * slow.jacobian.column(k).norm(), "{k}: {off}");
+            let size = slow.jacobian.column(k).norm();
+            prop_assert!(off <= 3e-6 * size, "{k}: {off} of {size}");
         }
         let (normal, starts) = objective.normal(&p, &free, &objective.measured_starts(), &|| false).expect("kernels");
         let (normal, _) = objective.normal(&p, &free, &starts, &|| false).unwrap_or((normal, starts));
@@ -205,7 +206,7 @@ proptest! {
 #[test]
 fn increments_round_less_than_stage_values() {
     let (plant, signals) = signals(3000, 1e-5, None, Load::UnknownConstant);
-    let track = Track::new(&signals, 1.5, 0.01).expect("evenly sampled");
+    let track = Track::new(&signals, 1.5, speed_weight(&signals).powi(2)).expect("evenly sampled");
     let p = truth(&plant);
     let reference = {
         let model = Model::new(signals.context, &[]);
@@ -252,7 +253,7 @@ fn effects_on_vectors_give_the_bits_of_single_runs() {
 
 #[test]
 fn pieces_of_a_long_recording_meet_and_add_up() {
-    let (plant, signals) = signals(150_000, 1e-4, None, Load::UnknownConstant);
+    let (plant, signals) = signals(120_000, 1e-3, None, Load::UnknownConstant);
     let track = Track::new(&signals, 1.5, 0.01).expect("evenly sampled");
     let p = truth(&plant);
     let kernel = Kernel { rounding: Rounding::Reproducible, ..Kernel::default() };
@@ -264,7 +265,7 @@ fn pieces_of_a_long_recording_meet_and_add_up() {
         assert_eq!(chunks::cost(&track, Kernel { path, ..kernel }, &p, &|| false).map(|c| c.0), Some(sum));
     }
     // A motor that forgets slower than the pieces are long is run in a row.
-    let slow = [1e-4, p[1], p[2], p[3], p[4], 0.0, p[6]];
+    let slow = [p[0], p[1], p[2], p[3], 50.0, p[5], p[6]];
     let (sum, seams) = chunks::cost(&track, kernel, &slow, &|| false).expect("not stopped");
     assert_eq!((seams.count, sum), (0, costs(&track, kernel, &slow, &[f64::INFINITY])[0]));
     assert!(chunks::cost(&track, kernel, &p, &|| true).is_none());
@@ -280,7 +281,7 @@ fn unevenly_sampled_recordings_are_left_to_the_reference_equations() {
 
 #[test]
 fn a_swarm_on_two_threads_takes_the_path_of_one() {
-    let (plant, _) = signals(10, 1e-4, None, Load::UnknownConstant);
+    let plant = Plant::servo();
     let (start, v) = plant.steady([-1.0, 3.0], 60.0);
     let log = plant.run(200, 1e-4, start, |t| [v[0], v[1] + 6.0 * (400.0 * t).cos()]).log(
         [0.02, 0.3],
@@ -301,7 +302,7 @@ fn a_swarm_on_two_threads_takes_the_path_of_one() {
 
 #[test]
 fn a_stop_ends_the_search_with_the_best_so_far() {
-    let (plant, _) = signals(10, 1e-4, None, Load::UnknownConstant);
+    let plant = Plant::servo();
     let (start, v) = plant.steady([-1.0, 3.0], 60.0);
     let log = plant.run(200, 1e-4, start, |_| v).log([0.02, 0.3], 0.0, 3, Load::UnknownConstant);
     let machine = plant.nameplate([1.1; 6]);

@@ -173,3 +173,71 @@ pub fn avx2<J: Job>(job: J) -> J::Output {
     #[cfg(not(target_arch = "x86_64"))]
     panic!("this processor has no AVX2 with FMA: {}", std::any::type_name_of_val(&job));
 }
+
+#[cfg(test)]
+mod tests {
+    //! Runs under Miri, too: `MIRIFLAGS=-Zmiri-disable-isolation RUSTFLAGS=-Ctarget-feature=+avx512f cargo +nightly miri
+    //! test -p pmsm-core --lib lanes`.
+
+    use super::*;
+
+    /// Lane-by-lane operations and records taken apart, as bits per lane.
+    struct Arithmetic<'a>(&'a [f64; 64]);
+
+    impl Job for Arithmetic<'_> {
+        type Output = [Vec<u64>; 8];
+        #[inline(always)]
+        fn run<V: Lane>(self) -> [Vec<u64>; 8] {
+            let mut out: [Vec<u64>; 8] = Default::default();
+            let begin = [0, 3, 1, 2, 0, 1, 3, 2];
+            for at in (0..8).step_by(V::WIDTH) {
+                let (x, y) = (V::load(&self.0[at..]), V::load(&self.0[at + 8..]));
+                let [a, b, c, d, e, f, g] = V::columns::<7>(self.0, &begin[at..], 7, 1);
+                for value in [
+                    x + y,
+                    x - y,
+                    x * y,
+                    x / y,
+                    -x,
+                    x.abs().sqrt(),
+                    x.mul_add(y, x),
+                    x.neg_mul_add(y, x),
+                    x * 0.3 + 0.1 - y,
+                    a,
+                    b,
+                    c,
+                    d,
+                    e,
+                    f,
+                    g,
+                ] {
+                    let mut lanes = [0.0; 8];
+                    value.store(&mut lanes);
+                    for lane in 0..V::WIDTH {
+                        out[at + lane].push(lanes[lane].to_bits());
+                    }
+                }
+            }
+            out
+        }
+    }
+
+    #[test]
+    fn arithmetic_has_the_bits_of_single_numbers_on_every_path() {
+        let numbers: [f64; 64] = std::array::from_fn(|k| 0.37 * (k as f64 - 20.5) / (1.0 + k as f64));
+        let expected = run(Path::Portable, Rounding::Reproducible, Arithmetic(&numbers));
+        for path in Path::ALL {
+            assert_eq!(run(path, Rounding::Reproducible, Arithmetic(&numbers)), expected, "{path:?}");
+        }
+        let widest = run(Path::Avx512, Rounding::Fused, Arithmetic(&numbers));
+        assert_eq!(run(Path::best(), Rounding::Fused, Arithmetic(&numbers)), widest);
+    }
+
+    #[test]
+    fn a_path_that_is_missing_gives_way_to_the_best_there_is() {
+        assert!(Path::best().available() && Path::ALL[0].available());
+        for path in Path::ALL {
+            assert_eq!(path.width(), 1 << (path as usize));
+        }
+    }
+}

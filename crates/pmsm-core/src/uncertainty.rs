@@ -117,13 +117,13 @@ fn block_length(moves: &DMatrix<f64>, shown: &[usize]) -> (usize, bool) {
     let n = moves.ncols();
     let fewest = FEWEST_BLOCKS.max(BLOCKS_PER_PARAMETER * shown.len());
     let (least, most) = (n.div_ceil(MOST_BLOCKS).max(1), (n / fewest).max(1));
+    let rows = moves.select_rows(shown).transpose();
+    let singles: Vec<f64> = rows.column_iter().map(|row| row.norm_squared()).collect();
     let memory = |length: usize| -> f64 {
-        shown.iter().fold(1.0, |worst: f64, k| {
-            let row: Vec<f64> = moves.row(*k).iter().copied().collect();
-            let single: f64 = row.iter().map(|x| x * x).sum();
-            let summed: f64 = row.chunks(length).map(|x| x.iter().sum::<f64>().powi(2)).sum();
+        rows.column_iter().zip(&singles).fold(1.0, |worst: f64, (row, single)| {
+            let summed: f64 = row.as_slice().chunks(length).map(|x| x.iter().sum::<f64>().powi(2)).sum();
             // Sums that cancel (a residual that alternates) make the sandwich too wide at worst.
-            if single > 0.0 { worst.max(summed / single) } else { worst }
+            if *single > 0.0 { worst.max(summed / single) } else { worst }
         })
     };
     let mut length = 1;

@@ -1,6 +1,6 @@
 //! One parameter set on a long recording: pieces of time side by side.
 //!
-//! The recording is cut into [`LANES`] pieces that run together, each from the measured state some way before its
+//! The recording is cut into sixteen pieces that run together, each from the measured state some way before its
 //! beginning. A motor under a given voltage forgets where it started, so on arrival a piece should be in the very state
 //! in which the piece before it ends. This is checked at every seam; where it fails, the whole recording is run in a row.
 

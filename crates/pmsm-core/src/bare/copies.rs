@@ -6,8 +6,9 @@ use super::track::Track;
 use super::{Kernel, POINT};
 use crate::lanes::{self, Job, Lane};
 
-/// Relative size of a perturbation: truncation (its square) and rounding (1e-16 over it) both stay below 1e-9.
-const NUDGE: f64 = 3e-6;
+/// Relative size of a perturbation: truncation, about its square, and the rounding of a run, about 1e-12 over it, both stay
+/// below 1e-7 of a derivative.
+const NUDGE: f64 = 3e-5;
 /// Samples simulated before their errors are used, while they are in the cache.
 const STRETCH: usize = 64;
 /// Initial values of a segment: i_d, i_q, ω_e.

@@ -80,7 +80,7 @@ pub struct Descent {
 /// # Errors
 /// Those of [`least_squares::minimise`].
 pub fn descend(objective: &Objective, plan: &Plan, values: &[f64], monitor: &dyn Monitor) -> Result<Descent> {
-    let starts = objective.settled_starts(&plan.point(values), objective.measured_starts());
+    let starts = objective.has_kernels().then(|| objective.measured_starts());
     let mut problem =
         Descending { objective, plan, free: plan.free(), monitor, starts, kept: Mutex::default() };
     let mut fit = least_squares::minimise(&problem, values, &plan.bounds, &SETTINGS, monitor)?;
@@ -164,7 +164,9 @@ impl Problem for Descending<'_> {
                 jtr: linear.jacobian.tr_mul(&linear.residual),
             }
         });
-        kept.history.push(normal.cost);
+        // Settling initial values anew may raise the cost in its last digits.
+        let last = kept.history.last().copied().unwrap_or(f64::INFINITY);
+        kept.history.push(normal.cost.min(last));
         normal
     }
 }

@@ -106,6 +106,11 @@ impl Objective<'_> {
         evaluated.into_inner()
     }
 
+    /// Whether the kernels know the model and the sampling.
+    pub fn has_kernels(&self) -> bool {
+        self.track.is_some()
+    }
+
     /// The measured initial values of each segment.
     pub fn measured_starts(&self) -> Starts {
         let signals = self.experiment.signals;
@@ -158,23 +163,35 @@ impl Objective<'_> {
     pub(super) fn kernel_linear(&self, p: &[f64], free: &[usize]) -> Option<Linearisation> {
         let go = || false;
         let starts = self.settled_starts(p, self.measured_starts())?;
-        let mut kept = Vec::new();
-        let keep = |rows: &copies::Rows<'_>| kept.push((rows.segment, rows.first, rows.rows.to_vec()));
-        let sums = self.sums(p, free, &starts, &go, keep)?;
         let n = self.experiment.signals.len();
         let mut linear =
             Linearisation { residual: DVector::zeros(3 * n), jacobian: DMatrix::zeros(3 * n, free.len()) };
-        let own = |s: &Sums| (0..free.len()).map(|a| s.explained(Some(a))).collect::<Vec<_>>();
-        let shares: Vec<_> = sums.iter().map(|s| (s.explained(None), own(s))).collect();
-        for (segment, first, rows) in kept {
-            let width = sums[segment].width;
-            let (error, own) = &shares[segment];
-            for (at, row) in rows.chunks_exact(width).enumerate() {
-                let place = at % 3 * n + first + at / 3;
-                let initial = Vector3::from_fn(|k, _| row[free.len() + k]);
-                linear.residual[place] = row[width - 1] - initial.dot(error);
-                for (a, own) in own.iter().enumerate() {
-                    linear.jacobian[(place, a)] = row[a] - initial.dot(own);
+        let mut initial = vec![[0.0; INITIAL]; 3 * n];
+        let width = copies::width(free.len());
+        let sums = self.sums(p, free, &starts, &go, |rows| {
+            for (at, row) in rows.rows.chunks_exact(width).enumerate() {
+                let place = at % 3 * n + rows.first + at / 3;
+                linear.residual[place] = row[width - 1];
+                for a in 0..free.len() {
+                    linear.jacobian[(place, a)] = row[a];
+                }
+                initial[place].copy_from_slice(&row[free.len()..free.len() + INITIAL]);
+            }
+        })?;
+        // What the initial values can still do is taken out.
+        for (sums, segment) in sums.iter().zip(&self.experiment.signals.segments) {
+            let targets = (0..free.len()).map(Some).chain([None]);
+            for of in targets {
+                let share = sums.explained(of);
+                let column = match of {
+                    Some(a) => linear.jacobian.column_mut(a).data.into_slice_mut(),
+                    None => linear.residual.as_mut_slice(),
+                };
+                for channel in 0..3 {
+                    let rows = channel * n + segment.start..channel * n + segment.end;
+                    for (x, initial) in column[rows.clone()].iter_mut().zip(&initial[rows]) {
+                        *x -= initial[0] * share[0] + initial[1] * share[1] + initial[2] * share[2];
+                    }
                 }
             }
         }
