@@ -134,6 +134,15 @@ pub trait Job {
     fn run<V: Lane>(self) -> Self::Output;
 }
 
+/// Tells the processor that the number at `at` will soon be read, where it can be told. Any place is allowed.
+#[inline(always)]
+pub fn prefetch(from: &[f64], at: usize) {
+    #[cfg(target_arch = "x86_64")]
+    x86::prefetch(from, at);
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (from, at);
+}
+
 /// Runs `job` on `path`, or on the widest path below it that this processor has.
 pub fn run<J: Job>(path: Path, rounding: Rounding, job: J) -> J::Output {
     #[cfg(target_arch = "x86_64")]

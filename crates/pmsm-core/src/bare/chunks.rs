@@ -14,6 +14,8 @@ use crate::lanes::{self, Job, Lane};
 const LANES: usize = 16;
 /// Vectors of pieces that are advanced together.
 const VECTORS: usize = 2;
+/// Samples by which reading is ahead: more streams run side by side than the processor would foresee.
+const AHEAD: usize = 48;
 /// Numbers per sample.
 const FIELDS: usize = 6;
 /// Run-in in units of the motor's slowest memory: until a difference has fallen below the last bit.
@@ -232,6 +234,9 @@ impl<const LOAD: bool> WithLoad<'_, LOAD> {
             sum[r] = V::load(&run.sum[at..]);
         }
         for k in 0..*count {
+            for lane in first..first + VECTORS * V::WIDTH {
+                lanes::prefetch(records, (begin[lane] + k + AHEAD) * FIELDS);
+            }
             for r in 0..VECTORS {
                 let now = V::columns::<FIELDS>(records, &begin[first + r * V::WIDTH..], FIELDS, k);
                 let e = with.errors(y[r], &now, show_w);

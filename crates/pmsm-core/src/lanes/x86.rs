@@ -39,6 +39,13 @@ pub fn avx2<J: Job, const FUSED: bool>(job: J) -> J::Output {
     unsafe { enter::<J, FUSED>(job) }
 }
 
+/// See [`super::prefetch`].
+#[inline(always)]
+pub fn prefetch(from: &[f64], at: usize) {
+    // SAFETY: a prefetch reads nothing that the program could see and does not fault, whatever the address.
+    unsafe { _mm_prefetch::<_MM_HINT_T0>(from.as_ptr().wrapping_add(at).cast()) }
+}
+
 /// Eight numbers.
 #[derive(Debug, Clone, Copy)]
 #[repr(transparent)]
