@@ -9,7 +9,8 @@
 //! - [`effect`] (what an omitted effect is), [`terms`] (what effects share), [`effects`] (the catalogue), [`model`] (machine
 //!   plus effects).
 //! - [`signals`] (a recording as it drives a model), [`simulate`] (free runs), [`start`] (first values).
-//! - [`experiment`] (one recording seen through one model), [`noise`], [`load_steps`], [`objective`].
+//! - [`noise`], [`input_noise`] and [`whitening`] (what a log can tell), [`load_steps`].
+//! - [`experiment`] (one recording seen through one model), [`objective`].
 //! - [`identify`]: which parameters. [`diagnose`]: what is left out.
 //!
 //! Units are SI throughout, the Park transform is amplitude-invariant, the d axis lies on the magnet flux, and the
@@ -22,6 +23,7 @@ pub mod effects;
 pub mod error;
 pub mod experiment;
 pub mod identify;
+pub mod input_noise;
 pub mod least_squares;
 pub mod load_steps;
 pub mod machine;
@@ -39,3 +41,4 @@ pub mod swarm;
 pub mod terms;
 pub mod transforms;
 pub mod uncertainty;
+pub mod whitening;

@@ -84,6 +84,7 @@ impl<'a> Objective<'a> {
             prior: &[],
             torque: None,
             starts: None,
+            whitening: None,
             colour: 0.0,
         };
         Self { drive, experiment }

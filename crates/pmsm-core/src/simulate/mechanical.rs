@@ -184,15 +184,17 @@ fn run_sized<T: Real, const N: usize>(
             if k + 1 == signals.len() {
                 break;
             }
-            let (half, half_scale) = environment(if span == 2 { k + 1 } else { k });
             let end = environment(k + span).0;
-            let torque = [tau_e[k], tau_e[k + span - 1], tau_e[k + span]];
+            let (half, half_scale) =
+                if span == 2 { environment(k + 1) } else { (mix(0.5, (scale, env), (scale, end)).1, scale) };
+            let torque =
+                [tau_e[k], if span == 2 { tau_e[k + 1] } else { halfway(tau_e, k, window) }, tau_e[k + span]];
             // Signals at fraction `c` of the step, straight from sample to sample.
             let at = |c: f64| -> (T, Env<T>) {
-                match span {
-                    2 if c < 0.5 => mix(2.0 * c, (torque[0], env), (torque[1], half)),
-                    2 => mix(2.0 * c - 1.0, (torque[1], half), (torque[2], end)),
-                    _ => mix(c, (torque[0], env), (torque[2], end)),
+                if c < 0.5 {
+                    mix(2.0 * c, (torque[0], env), (torque[1], half))
+                } else {
+                    mix(2.0 * c - 1.0, (torque[1], half), (torque[2], end))
                 }
             };
             let rhs = |at: &[(T, Env<T>); 3], c: f64, s: &[T; N]| {
@@ -221,6 +223,15 @@ fn run_sized<T: Real, const N: usize>(
             k += span;
         }
     }
+}
+
+/// Torque halfway from sample `k` to the next, by the cubic through its neighbours within the window.
+fn halfway<T: Real>(tau: &[T], k: usize, window: &Range<usize>) -> T {
+    let straight = (tau[k] + tau[k + 1]) * 0.5;
+    if k == window.start || k + 2 >= window.end {
+        return straight;
+    }
+    straight * 1.125 - (tau[k - 1] + tau[k + 2]) * 0.0625
 }
 
 /// Torque and environment at fraction `c` between two samples.
