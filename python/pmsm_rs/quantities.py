@@ -43,7 +43,7 @@ CANONICAL: Final[dict[str, Quantity]] = {
 # none is
 # stated: nobody logs i_d in mA without saying so, but angles, speeds and times come in every unit.
 _ALIASES: Final[dict[str, tuple[str, bool]]] = {
-    **{name: ("t", False) for name in ("t", "time", "x_axis", "timestamp", "zeit")},
+    **{name: ("t", False) for name in ("t", "time", "x_axis", "timestamp", "zeit", "source")},
     **{
         name: ("i_d", True)
         for name in ("id", "i_d", "isd", "i_sd", "d_axis_current", "current_d", "d_current")

@@ -13,7 +13,7 @@ import pyarrow.feather
 import pyarrow.parquet
 import pytest
 import scipy.io
-from conftest import Columns, csv_text, plausible
+from conftest import ROOT, Columns, csv_text, plausible
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -151,6 +151,36 @@ def test_a_scope_preamble_is_skipped(columns: Columns, tmp_path: Path) -> None:
     check(pm.load(tmp_path / "r.csv"), columns)
 
 
+SCOPES = {
+    "R&S": ("in s,C1 in V,C2 in V\n", "{t:.7e},{a},{b}"),
+    "Tektronix": ("Model,MDO3024\n\nHorizontal Units,S,\n\nTIME,CH1,CH2\n", "{t:.7e},{a},{b}"),
+    "Keysight": ("x-axis,1,2\nsecond,Volt,Volt\n", "{t:+.7e},{a},{b}"),
+    "Siglent": ("Record Length,Analog:9\nSource,CH1,CH2\nSecond,Volt,Volt\n", "{t:.7e},{a},{b}"),
+    "PicoScope": ("Time,Channel A,Channel B\n(ms),(V),(V)\n\n", "{ms:.7e},{a},{b}"),
+    "Rigol": ("X,CH1,CH2,Start,Increment\nSequence,VOLT,VOLT,0.0e-04,1.0e-03\n", "{k},{a},{b},"),
+    "Rigol, new": ("Time(s),CH1V,CH2V,t0 = 0.0,tInc = 0.001,\n", "{t:.7e},{a},{b},,,"),
+}
+
+
+@pytest.mark.parametrize("brand", SCOPES)
+def test_oscilloscope_headers(brand: str, columns: Columns, tmp_path: Path, machine_file: Path) -> None:
+    head, row = SCOPES[brand]
+    rows = [
+        row.format(k=k, t=t, ms=1e3 * t, a=repr(float(a)), b=repr(float(b)))
+        for k, (t, a, b) in enumerate(zip(columns["t"], columns["i_d"], columns["i_q"], strict=True))
+    ]
+    (tmp_path / "r.csv").write_text(head + "\n".join(rows) + "\n")
+    first = {"Keysight": "1", "PicoScope": "Channel A", "R&S": "C1", "Rigol, new": "CH1V"}.get(brand, "CH1")
+    second = first[:-1] + chr(ord(first[-1]) + 1) if brand != "Rigol, new" else "CH2V"
+    machine_file.write_text(
+        f"[machine]\nn_p = 3\n[columns]\nomega_m = {{ value = 20.0 }}\n"
+        f"i_d = {{ from = '{first}', unit = 'A' }}\n"
+        f"i_q = {{ from = '{second}', unit = 'A' }}\n"
+    )
+    wanted = {name: columns[name] for name in ("t", "i_d", "i_q")}
+    check(pm.load(tmp_path / "r.csv", machine_file), {**wanted, "omega_m": np.full(400, 20.0)}, rtol=1e-6)
+
+
 def test_a_vesc_log(columns: Columns, tmp_path: Path) -> None:
     names = {
         "t": "ms_today",
@@ -275,7 +305,7 @@ def test_any_dialect_gives_the_same_numbers(
     check(pm.load(path), columns)
 
 
-RECORDINGS = Path(__file__).resolve().parents[3] / "shared" / "recordings"
+RECORDINGS = ROOT.parent / "shared" / "recordings"
 REAL = {
     "lea_traction/group_B.csv": (
         "t = { period = 5.0 }\nomega_m = { from = 'motor_speed', unit = 'rpm' }\ntau_m = 'torque'\n"
@@ -301,6 +331,22 @@ REAL = {
         "mechanical",
     ),
 }
+
+
+DESCRIBED = {
+    "back_emf_scope/1000rpm_CHAN1.csv": ("back_emf_scope.toml", 65000),
+    "moteus_inductance/ld_mj5208.json": ("moteus_mj5208.toml", 41),
+    "baldor_flux_map/baldor_400rpm_map.npz": ("baldor.toml", 567),
+}
+
+
+@pytest.mark.parametrize("name", DESCRIBED)
+def test_real_recordings_by_the_machine_files_of_the_documentation(name: str) -> None:
+    if not RECORDINGS.is_dir():
+        pytest.skip(f"the real recordings are not at {RECORDINGS}")
+    machine, rows = DESCRIBED[name]
+    recording = pm.load(RECORDINGS / name, ROOT / "docs" / "machines" / machine)
+    assert len(recording) == rows
 
 
 @pytest.mark.parametrize("name", REAL)
