@@ -272,7 +272,7 @@ def _unit(name: str, rule: Rule, source: Source) -> str:
             f"{what} ({name} is a {quantity.dimension})",
             file=source.file,
             column=rule.source,
-            fix=f"{suggest(text, quantity.dimension)} Or convert with scale in [columns]",
+            fix=f"{suggest(text, quantity.dimension)}, or convert with scale in [columns]",
         )
     if unit in RMS and name not in _ROTOR_FRAME:
         raise refuse(

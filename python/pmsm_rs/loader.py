@@ -41,17 +41,28 @@ def load(
         else read_machine(machine)
     )
     known = described.machine if isinstance(described, MachineFile) else described
-    source = (
-        open_source(data, max_bytes) if isinstance(data, str | os.PathLike) else frame_source(data, max_bytes)
+    try:
+        return _read(data, described, known, max_bytes)
+    except MemoryError as error:
+        raise refuse(
+            DataError,
+            "there is not enough memory to read it",
+            file=str(data) if isinstance(data, str | os.PathLike) else None,
+            fix="cut the recording, or map fewer columns in [columns]",
+        ) from error
+
+
+def _read(
+    data: Any, described: MachineFile | Machine | None, known: Machine | None, max_bytes: int
+) -> Recording:
+    file = isinstance(data, str | os.PathLike)
+    source = open_source(data, max_bytes) if file else frame_source(data, max_bytes)
+    rules, kind, value = (
+        (described.columns, described.load, described.load_value)
+        if isinstance(described, MachineFile)
+        else (None, None, None)
     )
-    columns = assemble(
-        source,
-        described.columns if isinstance(described, MachineFile) else None,
-        beside=_beside(data, max_bytes) if isinstance(data, str | os.PathLike) else None,
-    )
-    kind, value = (
-        (described.load, described.load_value) if isinstance(described, MachineFile) else (None, None)
-    )
+    columns = assemble(source, rules, beside=_beside(data, max_bytes) if file else None)
     try:
         recording = Recording(columns, load=kind, load_value=value)
     except DataError as error:

@@ -34,6 +34,7 @@ class _Child:
 
     def __init__(self, file: str, decoder: str, what: str, max_bytes: int) -> None:
         self.file, self.what = file, what
+        self.known_as: dict[str, str] = {}
         task = {
             "file": os.path.abspath(file),
             "decoder": decoder,
@@ -74,7 +75,8 @@ class _Child:
             facts = message["refused"]
             row = facts["row"]
             place = None if row is None else f"row {row} (counting from 0)"
-            problem, fix, column = facts["problem"], facts["fix"], facts["column"]
+            column = self.known_as.get(facts["column"], facts["column"])
+            problem, fix = facts["problem"], facts["fix"]
             raise refuse(DataError, problem, file=self.file, row=row, place=place, column=column, fix=fix)
         return message
 
@@ -82,12 +84,13 @@ class _Child:
         """The refusal of a file that cannot be decoded."""
         return refuse(DataError, f"this {self.what} file cannot be read ({why})", file=self.file, fix=DAMAGED)
 
-    def values(self, wanted: list[str]) -> dict[str, NDArray[np.float64]]:
-        """The columns wanted, by the decoder's own names; ends the decoder."""
+    def values(self, known_as: dict[str, str]) -> dict[str, NDArray[np.float64]]:
+        """The columns wanted, from the decoder's names for them to the user's; ends the decoder."""
+        self.known_as = known_as
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         try:
-            self.process.stdin.write(json.dumps(wanted).encode() + b"\n")
+            self.process.stdin.write(json.dumps(list(known_as)).encode() + b"\n")
             self.process.stdin.flush()
         except BrokenPipeError:
             raise self.damaged("the decoder gave up on it") from None
@@ -96,7 +99,7 @@ class _Child:
             values = np.empty(rows, dtype="<f8")
             if self.process.stdout.readinto(values.data.cast("B")) != values.nbytes:  # type: ignore[attr-defined]
                 raise self.damaged("the decoder gave up on it")
-            out[name] = values
+            out[known_as[name]] = values
         return out
 
 
@@ -164,7 +167,7 @@ def open_isolated(
         part = Selection.of(column) if column not in facts else Selection(column)
         fact = facts[part.name]
         if fact["why"] is not None:
-            raise refuse(DataError, fact["why"], file=name, column=column, fix=PLAIN_FIX)
+            raise refuse(DataError, fact["why"], file=name, column=column, fix=fact["fix"] or PLAIN_FIX)
         if fact["complex"] and part.part is None:
             raise refuse(
                 DataError, "it holds complex numbers", file=name, column=column, fix=complex_fix(column)
@@ -190,7 +193,7 @@ def open_isolated(
         try:
             if reader is not child:
                 reader.message()
-            return {chosen[path]: values for path, values in reader.values(list(chosen)).items()}
+            return reader.values(chosen)
         finally:
             end()
 

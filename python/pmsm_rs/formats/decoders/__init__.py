@@ -2,8 +2,9 @@
 
 Each module has a class `Table(file, max_bytes)` with `columns`, a list of descriptions, and `read(wanted)`,
 which gives the parts of each column wanted as contiguous float64 arrays. A description holds `path`, `unit`
-(None where none is stated), `shape` (None where it is not known before reading), `complex`, and `why`, which
-says why the column cannot be used (None where it can). Whatever else goes wrong is damage to the file.
+(None where none is stated), `shape` (None where it is not known before reading), `complex`, `why`, which says
+why the column cannot be used (None where it can), and `fix`, what to do then if not to store plain numbers.
+Whatever else goes wrong is damage to the file.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ def describe(
     shape: tuple[int, ...] | None = None,
     complex: bool = False,
     why: str | None = None,
+    fix: str | None = None,
 ) -> Description:
     """One column for the list that the user's process gets."""
     return {
@@ -45,6 +47,7 @@ def describe(
         "shape": list(shape) if shape is not None else None,
         "complex": complex,
         "why": why,
+        "fix": fix,
     }
 
 

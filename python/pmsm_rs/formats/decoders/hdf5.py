@@ -52,7 +52,7 @@ class Table:
             path = f"{prefix}{name}"
             link = group.get(name, getlink=True)
             if isinstance(link, self.h5.SoftLink | self.h5.ExternalLink):
-                self.columns.append(describe(path, why=_LINKED))
+                self.columns.append(describe(path, why=_LINKED, fix=_LINK_FIX))
                 continue
             item = group[name]
             identity = self.h5.h5o.get_info(item.id).addr

@@ -95,7 +95,7 @@ class Table:
                 first = (text, master)
             elif not np.array_equal(first[1], master):
                 raise Refused(
-                    f"'{first[0]}' and '{text}' are sampled at different times",
+                    f"it is sampled at other times than '{first[0].split('/', 1)[1]}'",
                     "export them on one time base, for instance by MDF.resample of asammdf",
                     column=text,
                 )
