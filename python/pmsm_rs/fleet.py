@@ -7,6 +7,7 @@ it had is tried again, alone, so that one that kills its worker twice is known b
 from __future__ import annotations
 
 import hashlib
+import html
 import os
 import threading
 from collections import Counter, deque
@@ -101,6 +102,9 @@ class Fleet(Sequence["Diagnosis | Failure"]):
         from .summary import fleet
 
         return fleet(self)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(str(self))}</pre>"
 
 
 @dataclass(frozen=True)
