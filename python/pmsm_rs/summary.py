@@ -104,11 +104,13 @@ def _parameters(entries: list[tuple[str, object]]) -> list[str]:
         return []
     wide = max(len(row[0]) for row in rows)
     lines = ["", "Parameters"]
+    reasons: dict[str, list[str]] = {}
     for name, value, spread, sign, why in rows:
         tail = f" ± {spread}" if spread else ""
-        lines.append(
-            f"  {name:<{wide}}  {value}{tail} {sign}".rstrip() + (f"   ({why})" if why and not spread else "")
-        )
+        lines.append(f"  {name:<{wide}}  {value}{tail} {sign}".rstrip())
+        if why and not spread:
+            reasons.setdefault(why, []).append(name)
+    lines += [_hung("  ", f"no uncertainty for {listed(names)}: {why}") for why, names in reasons.items()]
     return lines
 
 
