@@ -109,6 +109,8 @@ LOGS: Final[dict[str, tuple[frozenset[str], dict[str, tuple[str, str]]]]] = {
             "d_a": ("i_d", "A"),
             "q_a": ("i_q", "A"),
             "velocity": ("omega_m", "Hz"),
+            "position": ("theta_m", "rev"),
+            "electrical_theta": ("theta_e", "rad"),
             "bus_v": ("v_dc", "V"),
             "motor_temp_c": ("temperature", "°C"),
         },

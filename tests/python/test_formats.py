@@ -196,15 +196,47 @@ def test_a_vesc_log(columns: Columns, tmp_path: Path) -> None:
     check(pm.load(tmp_path / "r.csv"), columns, rtol=1e-11)
 
 
+VESC_HEADER = (
+    "ms_today;input_voltage;temp_mos_max;temp_mos_1;temp_mos_2;temp_mos_3;temp_motor;current_motor;current_in;"
+    "d_axis_current;q_axis_current;erpm;duty_cycle;amp_hours_used;amp_hours_charged;watt_hours_used;"
+    "watt_hours_charged;tachometer;tachometer_abs;encoder_position;fault_code;vesc_id;d_axis_voltage;"
+    "q_axis_voltage;ms_today_setup;amp_hours_setup;amp_hours_charged_setup;watt_hours_setup;"
+    "watt_hours_charged_setup;battery_level;battery_wh_tot;current_in_setup;current_motor_setup;"
+    "speed_meters_per_sec;tacho_meters;tacho_abs_meters;num_vescs;ms_today_imu;roll;pitch;yaw;accX;accY;accZ;"
+    "gyroX;gyroY;gyroZ;gnss_posTime;gnss_lat;gnss_lon;gnss_alt;gnss_gVel;gnss_vVel;gnss_hAcc;gnss_vAcc;"
+)
+
+
+def test_a_whole_vesc_log(tmp_path: Path) -> None:
+    """With every column that VESC Tool writes, and its separator at the end of every line."""
+    names = VESC_HEADER.rstrip(";").split(";")
+    rows = []
+    for k in range(40):
+        row = dict.fromkeys(names, f"{0.5 * k:.3f}")
+        row |= {"ms_today": str(33_000_000 + 20 * k), "fault_code": "FAULT_CODE_NONE"}
+        row |= {"erpm": "6000", "input_voltage": "48.2", "temp_motor": "31.5"}
+        rows.append(";".join(row.values()) + ";")
+    (tmp_path / "log.csv").write_text("\n".join([VESC_HEADER, *rows]) + "\n")
+    recording = pm.load(tmp_path / "log.csv")
+    wanted = ["i_d", "i_q", "omega_e", "t", "temperature", "v_d", "v_dc", "v_q"]
+    assert sorted(recording.names) == wanted
+    np.testing.assert_allclose(recording.column("omega_e"), 6000.0 * 2.0 * np.pi / 60.0)
+    np.testing.assert_allclose(np.diff(recording.column("t")), 0.02)
+    np.testing.assert_array_equal(recording.column("temperature"), 31.5)
+
+
 def test_a_moteus_log(columns: Columns, tmp_path: Path) -> None:
-    del columns["theta_e"], columns["v_d"], columns["v_q"]
+    del columns["v_d"], columns["v_q"]
     columns["omega_m"] = columns.pop("omega_e") / 3.0
-    given = {**columns, "omega_m": columns["omega_m"] / (2.0 * np.pi)}
+    columns["theta_m"] = np.unwrap(columns.pop("theta_e")) / 3.0
+    given = {name: columns[name] / (2.0 * np.pi) for name in ("omega_m", "theta_m")}
+    given = {**columns, **given}
     names = {
         "t": "time [s]",
         "i_d": "servo_stats.d_A",
         "i_q": "servo_stats.q_A",
         "omega_m": "servo_stats.velocity",
+        "theta_m": "servo_stats.position",
     }
     (tmp_path / "r.csv").write_text(csv_text(given, names))
     check(pm.load(tmp_path / "r.csv"), columns, rtol=1e-11)
