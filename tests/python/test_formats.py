@@ -251,6 +251,16 @@ def test_frames_in_memory(columns: Columns) -> None:
     check(pm.Recording({name: values[::-1][::-1] for name, values in columns.items()}), columns)
 
 
+def test_arrays_that_are_not_aligned(columns: Columns) -> None:
+    packed = np.empty(400, dtype=np.dtype([("flag", "u1"), *((name, "<f8") for name in columns)]))
+    for name, values in columns.items():
+        packed[name] = values
+    assert not packed["i_q"].flags.aligned
+    check(pm.load(packed), columns)
+    shifted = np.frombuffer(b"\0" + columns["i_q"].tobytes(), "<f8", offset=1)
+    check(pm.Recording(**{**columns, "i_q": shifted}), columns)
+
+
 def test_quantities_with_units_by_duck_typing(columns: Columns) -> None:
     class Quantity:
         def __init__(self, magnitude: np.ndarray) -> None:

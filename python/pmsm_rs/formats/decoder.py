@@ -7,6 +7,7 @@ endian) and JSON; standard input carries one line with the columns wanted.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import sys
@@ -26,12 +27,13 @@ def limit(memory: int, seconds: int) -> None:
         import resource
     except ImportError:
         return
-    _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(
-        resource.RLIMIT_AS, (memory if hard == resource.RLIM_INFINITY else min(memory, hard), hard)
-    )
-    # A damaged file can also send a reader round in circles.
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+    # A damaged file can ask for any amount of memory, or send a reader round in circles.
+    for kind, wanted in ((resource.RLIMIT_AS, memory), (resource.RLIMIT_CPU, seconds)):
+        _, hard = resource.getrlimit(kind)
+        allowed = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+        # Some systems know a limit by name only, and refuse to set it.
+        with contextlib.suppress(ValueError, OSError):
+            resource.setrlimit(kind, (allowed, hard))
 
 
 def send(parts: dict[str, list[Any]]) -> None:

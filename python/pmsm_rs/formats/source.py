@@ -73,7 +73,7 @@ class Source:
 
 
 def numbers(values: object, *, file: str | None, column: str) -> NDArray[np.float64]:
-    """`values` as a contiguous 1-D float64 array.
+    """`values` as a contiguous and aligned 1-D float64 array.
 
     Raises DataError on text, objects, complex values, other shapes.
     """
@@ -100,7 +100,8 @@ def numbers(values: object, *, file: str | None, column: str) -> NDArray[np.floa
             column=column,
             fix=matrix_fix(column),
         )
-    return np.ascontiguousarray(array, dtype=np.float64)
+    # Arrays out of network buffers and packed records need not lie where a float64 must.
+    return np.require(array, dtype=np.float64, requirements=["C_CONTIGUOUS", "ALIGNED"])
 
 
 def from_arrays(
