@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         UsageError,
         __version__,
     )
+    from .fleet import Failure, Fleet, diagnose_many
     from .loader import load
     from .recording import Recording
     from .results import Diagnosis, Identification
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 _HOME = {
     "DataError": "_core",
     "Diagnosis": "results",
+    "Failure": "fleet",
+    "Fleet": "fleet",
     "Identification": "results",
     "InternalError": "_core",
     "Machine": "_core",
@@ -47,6 +50,7 @@ _HOME = {
     "UsageError": "_core",
     "__version__": "_core",
     "diagnose": "run",
+    "diagnose_many": "fleet",
     "effects": "run",
     "identify": "run",
     "load": "loader",
@@ -55,6 +59,8 @@ _HOME = {
 __all__ = [
     "DataError",
     "Diagnosis",
+    "Failure",
+    "Fleet",
     "Identification",
     "InternalError",
     "Machine",
@@ -66,6 +72,7 @@ __all__ = [
     "UsageError",
     "__version__",
     "diagnose",
+    "diagnose_many",
     "effects",
     "identify",
     "load",

@@ -204,6 +204,53 @@ def diagnose(
 
 
 @cli.command()
+@click.argument("recordings", type=_FILE, nargs=-1, required=True, metavar="RECORDING...")
+@_MACHINE
+@click.option(
+    "--ledger",
+    type=_FILE,
+    metavar="FILE",
+    help="Append every finished recording to FILE; run again with it, only the rest is computed.",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 1024),
+    metavar="N",
+    help="Recordings at a time; by default all processors.",
+)
+@_JSON
+@_SEED
+def fleet(
+    recordings: tuple[str, ...],
+    machine_file: str,
+    ledger: str | None,
+    jobs: int | None,
+    json_file: str | None,
+    seed: int,
+) -> int:
+    """Diagnose every RECORDING by itself; one that is refused does not stop the others."""
+    import json
+    import os
+    from concurrent.futures import ThreadPoolExecutor
+
+    from .fleet import diagnose_many
+
+    with ThreadPoolExecutor(jobs or os.cpu_count() or 1) as executor:
+        answers = diagnose_many(
+            recordings, machine_file, executor=executor, ledger=ledger, seed=seed, progress=_progress()
+        )
+    _clear()
+    if json_file:
+        _write(json_file, json.dumps(answers.to_list(), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    click.echo(answers)
+    if answers.interrupted:
+        return INTERRUPTED
+    for failure in answers.failures:
+        click.echo(f"pmsm-rs: {failure.message}", err=True)
+    return REFUSED if answers.failures else 0
+
+
+@cli.command()
 @click.argument("name", required=False)
 def effects(name: str | None) -> int:
     """Show the catalogue of effects, or one of them with equation, parameters and look-alikes."""

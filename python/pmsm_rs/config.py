@@ -64,11 +64,15 @@ class _Column(_Table):
     scale: Number = 1.0
     offset: Number = 0.0
     period: Positive | None = None
+    value: Number | None = None
+    file: str | None = None
 
     @model_validator(mode="after")
     def _one_origin(self) -> _Column:
-        if (self.source is None) == (self.period is None):
-            raise ValueError("say either from = '...' or, for t only, period = ... in s")
+        if [self.source, self.period, self.value].count(None) != 2:
+            raise ValueError("say one of from = '...', value = ..., and, for t only, period = ... in s")
+        if self.file is not None and self.source is None:
+            raise ValueError("file goes with from = '...', the column in that file")
         if self.scale == 0.0:
             raise ValueError("scale = 0 would erase the column")
         return self
@@ -220,10 +224,12 @@ def _columns(content: object, errors: list[str]) -> dict[str, Rule | None]:
                 continue
             if column.period is not None and name != "t":
                 errors.append(f"{path}.period: only t can have a period")
+            if name == "t" and (column.value is not None or column.file is not None):
+                errors.append(f"{path}: t comes from the recording itself, or has a period")
             if column.unit is not None and canonical(column.unit, CANONICAL[name].dimension) is None:
                 errors.append(
                     f"{path}.unit: '{column.unit}' is no unit of {CANONICAL[name].dimension} "
                     f"({suggest(column.unit, CANONICAL[name].dimension)})"
                 )
-            rules[name] = Rule(column.source, column.unit, column.scale, column.offset, column.period)
+            rules[name] = Rule(**column.model_dump())
     return rules

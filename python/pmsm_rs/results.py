@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import html
 import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Self
-
-from . import atomic
+from typing import TYPE_CHECKING, Any, Self, overload
 
 if TYPE_CHECKING:
     import numpy as np
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
+
+    from .notebook import Page
 
 Traces = Mapping[str, "Mapping[str, NDArray[np.float64]]"]
 
@@ -94,6 +93,11 @@ class Identification:
 
     def __str__(self) -> str:
         from .summary import identification
+
+        return identification(self)
+
+    def _repr_html_(self) -> str:
+        from .notebook import identification
 
         return identification(self)
 
@@ -191,14 +195,23 @@ class Diagnosis:
         """The whole answer as JSON text, schema pmsm-rs.diagnosis/1."""
         return json.dumps(self.data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
-    def report(self, path: str | os.PathLike[str], title: str | None = None) -> None:
-        """Writes one self-contained HTML page.
+    @overload
+    def report(self, path: str | os.PathLike[str], title: str | None = None) -> None: ...
+    @overload
+    def report(self, path: None = None, title: str | None = None) -> Page: ...
+    def report(self, path: str | os.PathLike[str] | None = None, title: str | None = None) -> Page | None:
+        """One self-contained HTML page: written to `path`, or returned for a notebook to show.
 
-        The same answer gives the same bytes. Raises UsageError if it cannot.
+        The same answer gives the same bytes. Raises UsageError if it cannot be written.
         """
+        from .notebook import Page
         from .report import render
 
-        atomic.write_text(path, render(self, title))
+        page = Page(render(self, title))
+        if path is None:
+            return page
+        page.save(path)
+        return None
 
     def trajectories(self, path: str | os.PathLike[str]) -> None:
         """Writes t and the measured, before and after values per channel as Parquet.
@@ -223,9 +236,9 @@ class Diagnosis:
         return diagnosis(self)
 
     def _repr_html_(self) -> str:
-        from .summary import headline
+        from .notebook import diagnosis
 
-        return f"<p><strong>{html.escape(headline(self))}</strong></p><pre>{html.escape(str(self))}</pre>"
+        return diagnosis(self)
 
 
 def _location(entry: Mapping[str, Any]) -> Location:

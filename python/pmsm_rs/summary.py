@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import textwrap
+from collections import Counter
+from typing import TYPE_CHECKING
 
 from .results import Diagnosis, Identification
 from .words import EQUATIONS, channel, estimate, listed, lower_first, number, percent, title
+
+if TYPE_CHECKING:
+    from .fleet import Fleet
 
 WIDTH = 100
 """Columns of a line on a terminal."""
@@ -99,11 +104,13 @@ def _parameters(entries: list[tuple[str, object]]) -> list[str]:
         return []
     wide = max(len(row[0]) for row in rows)
     lines = ["", "Parameters"]
+    reasons: dict[str, list[str]] = {}
     for name, value, spread, sign, why in rows:
         tail = f" ± {spread}" if spread else ""
-        lines.append(
-            f"  {name:<{wide}}  {value}{tail} {sign}".rstrip() + (f"   ({why})" if why and not spread else "")
-        )
+        lines.append(f"  {name:<{wide}}  {value}{tail} {sign}".rstrip())
+        if why and not spread:
+            reasons.setdefault(why, []).append(name)
+    lines += [_hung("  ", f"no uncertainty for {listed(names)}: {why}") for why, names in reasons.items()]
     return lines
 
 
@@ -120,6 +127,24 @@ def _fit(answer: Diagnosis, run: str) -> list[str]:
         cells = [number(value), number(after.get(name)), number(answer.noise_floor.get(name))]
         lines.append(f"  {name:<8} " + " ".join(f"{cell:>10}" for cell in cells) + f"  {channel(name)[1]}")
     return lines
+
+
+def fleet(answers: Fleet) -> str:
+    """Many diagnoses as text: how many there are of each verdict, and a line for each recording."""
+    verdicts = Counter(r.verdict if isinstance(r, Diagnosis) else "failed" for r in answers)
+    lines = [", ".join(f"{count} {verdict.replace('_', ' ')}" for verdict, count in verdicts.most_common())]
+    if answers.interrupted:
+        lines.append("Interrupted: run it again with the same ledger for the rest.")
+    lines.append("")
+    wide = min(max((len(name) for name in answers.names), default=0), WIDTH // 2)
+    for name, result in zip(answers.names, answers, strict=True):
+        shown = name if len(name) <= wide else f"…{name[1 - wide :]}"
+        if isinstance(result, Diagnosis):
+            sure = f" ({percent(result.ranking[0].probability)})" if result.verdict == "named" else ""
+            lines.append(_hung(f"{shown:<{wide}}  ", f"{headline(result)}{sure}"))
+        else:
+            lines.append(_hung(f"{shown:<{wide}}  ", f"failed: {result.kind}"))
+    return "\n".join(lines)
 
 
 def identification(answer: Identification) -> str:
