@@ -3,12 +3,13 @@
 //!
 //! Layers, each using only those above it in this list:
 //!
-//! - [`error`], [`monitor`], [`real`] (number types), [`transforms`], [`rk4`], [`swarm`], [`least_squares`], [`uncertainty`]: know
+//! - [`error`], [`monitor`], [`real`] (number types), [`random`], [`transforms`], [`rk4`], [`swarm`], [`least_squares`], [`uncertainty`]: know
 //!   no motor.
 //! - [`machine`] (nameplate), [`base`] (its parameters in the equations), [`recording`] (checked columns).
 //! - [`effect`] (what an omitted effect is), [`terms`] (what effects share), [`effects`] (the catalogue), [`model`] (machine
 //!   plus effects).
 //! - [`signals`] (a recording as it drives a model), [`simulate`] (free runs), [`start`] (first values).
+//! - [`drive`] (a closed-loop drive that makes recordings).
 //! - [`experiment`] (one recording seen through one model), [`noise`], [`load_steps`], [`objective`].
 //! - [`identify`]: which parameters. [`diagnose`]: what is left out.
 //!
@@ -17,6 +18,7 @@
 
 pub mod base;
 pub mod diagnose;
+pub mod drive;
 pub mod effect;
 pub mod effects;
 pub mod error;
@@ -29,6 +31,7 @@ pub mod model;
 pub mod monitor;
 pub mod noise;
 pub mod objective;
+pub mod random;
 pub mod real;
 pub mod recording;
 pub mod rk4;

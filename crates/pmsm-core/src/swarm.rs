@@ -16,6 +16,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::monitor::Monitor;
+use crate::random;
 
 /// Largest accepted number of particles and of iterations: memory is reserved for them in advance.
 const MAX_COUNT: usize = 1_000_000;
@@ -307,30 +308,9 @@ pub fn minimise(
     })
 }
 
-/// Two numbers in [0, 1) with 53 bits each, belonging to this place in the run and no other.
+/// The two random numbers of this place in the run.
 fn uniform_pair(seed: u64, generation: usize, particle: usize, dimension: usize) -> (f64, f64) {
-    let word =
-        philox([generation as u32, particle as u32, dimension as u32, 0], [seed as u32, (seed >> 32) as u32]);
-    let unit =
-        |high: u32, low: u32| ((u64::from(high) << 32 | u64::from(low)) >> 11) as f64 * (0.5 * f64::EPSILON);
-    (unit(word[0], word[1]), unit(word[2], word[3]))
-}
-
-/// Philox4x32-10: counter-based generator of Salmon, Moraes, Dror & Shaw, "Parallel random numbers: as easy as 1, 2,
-/// 3", SC11.
-fn philox(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
-    for _ in 0..10 {
-        let a = u64::from(counter[0]) * 0xD251_1F53;
-        let b = u64::from(counter[2]) * 0xCD9E_8D57;
-        counter = [
-            (b >> 32) as u32 ^ counter[1] ^ key[0],
-            b as u32,
-            (a >> 32) as u32 ^ counter[3] ^ key[1],
-            a as u32,
-        ];
-        key = [key[0].wrapping_add(0x9E37_79B9), key[1].wrapping_add(0xBB67_AE85)];
-    }
-    counter
+    random::uniform_pair(seed, [generation as u32, particle as u32, dimension as u32, 0])
 }
 
 #[cfg(test)]
@@ -342,45 +322,6 @@ mod tests {
 
     fn sphere(x: &[f64]) -> f64 {
         x.iter().map(|v| v * v).sum()
-    }
-
-    #[test]
-    fn philox_gives_its_published_answers() {
-        assert_eq!(philox([0; 4], [0; 2]), [0x6627_e8d5, 0xe169_c58d, 0xbc57_ac4c, 0x9b00_dbd8]);
-        assert_eq!(
-            philox([u32::MAX; 4], [u32::MAX; 2]),
-            [0x408f_276d, 0x41c8_3b0e, 0xa20b_c7c6, 0x6d54_51fd]
-        );
-        let pi = [0x243f_6a88, 0x85a3_08d3, 0x1319_8a2e, 0x0370_7344];
-        assert_eq!(
-            philox(pi, [0xa409_3822, 0x299f_31d0]),
-            [0xd16c_fe09, 0x94fd_cceb, 0x5001_e420, 0x2412_6ea1]
-        );
-    }
-
-    #[test]
-    fn numbers_are_uniform_and_differ_by_every_index() {
-        let n = 20_000;
-        let (mut sum, mut square, mut product) = (0.0, 0.0, 0.0);
-        for i in 0..n {
-            let (a, b) = uniform_pair(5, i, 3, 1);
-            assert!((0.0..1.0).contains(&a) && (0.0..1.0).contains(&b));
-            sum += a;
-            square += a * a;
-            product += (a - 0.5) * (b - 0.5);
-        }
-        let n = n as f64;
-        assert!((sum / n - 0.5).abs() < 0.01 && (square / n - 1.0 / 3.0).abs() < 0.01);
-        assert!((product / n).abs() < 0.003);
-        let here = uniform_pair(1, 2, 3, 4);
-        for other in [
-            uniform_pair(1 << 32 | 1, 2, 3, 4),
-            uniform_pair(1, 3, 3, 4),
-            uniform_pair(1, 2, 4, 4),
-            uniform_pair(1, 2, 3, 5),
-        ] {
-            assert_ne!(here, other);
-        }
     }
 
     #[test]
