@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .recording import Recording
     from .results import Diagnosis, Identification
     from .run import Swarm, diagnose, effects, identify
+    from .simulation import Simulation, simulate
 
 _HOME = {
     "DataError": "_core",
@@ -43,6 +44,7 @@ _HOME = {
     "NotIdentifiableError": "_core",
     "PmsmError": "_core",
     "Recording": "recording",
+    "Simulation": "simulation",
     "Swarm": "run",
     "UsageError": "_core",
     "__version__": "_core",
@@ -50,6 +52,7 @@ _HOME = {
     "effects": "run",
     "identify": "run",
     "load": "loader",
+    "simulate": "simulation",
 }
 
 __all__ = [
@@ -62,6 +65,7 @@ __all__ = [
     "NotIdentifiableError",
     "PmsmError",
     "Recording",
+    "Simulation",
     "Swarm",
     "UsageError",
     "__version__",
@@ -69,6 +73,7 @@ __all__ = [
     "effects",
     "identify",
     "load",
+    "simulate",
 ]
 
 

@@ -116,3 +116,11 @@ def diagnose(
     progress: Callable[[str, float], None] | None,
 ) -> tuple[str, dict[str, dict[str, NDArray[np.float64]]]]: ...
 def effects() -> str: ...
+def simulate(
+    machine: Machine,
+    nameplate: Machine,
+    settings: str,
+    *,
+    seed: int,
+    progress: Callable[[str, float], None] | None,
+) -> tuple[Recording, str, dict[str, NDArray[np.float64]]]: ...

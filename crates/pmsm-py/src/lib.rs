@@ -6,6 +6,7 @@ mod errors;
 mod machine;
 mod recording;
 mod run;
+mod simulation;
 mod supervise;
 
 use pyo3::prelude::*;
@@ -27,6 +28,8 @@ mod _core {
     use super::recording::PyRecording;
     #[pymodule_export]
     use super::run::identify;
+    #[pymodule_export]
+    use super::simulation::simulate;
     use super::{Bound, PyModule, PyModuleMethods, PyResult, supervise};
 
     #[pymodule_init]

@@ -64,8 +64,10 @@ impl<'a> SensorBox<'a> {
             seen.omega_e = env.omega_e / (1.0 - sensor.angle_slope);
         }
         let s = self.settings;
-        let (noise_a, noise_b) = self.noise(number, 0);
-        let (noise_c, noise_w) = self.noise(number, 1);
+        let quiet = s.noise_i == 0.0;
+        let (noise_a, noise_b) = if quiet { (0.0, 0.0) } else { self.noise(number, 0) };
+        let (noise_c, noise_w) =
+            if quiet && s.noise_omega_e == 0.0 { (0.0, 0.0) } else { self.noise(number, 1) };
         let (sin, cos) = env.theta_e.sin_cos();
         let mut abc = inverse_park(i, cos, sin);
         for (x, noise) in [noise_a, noise_b, noise_c].into_iter().enumerate() {
@@ -81,7 +83,8 @@ impl<'a> SensorBox<'a> {
 
     /// A measured load torque, N·m.
     pub fn torque(&self, number: usize, tau_load: f64) -> f64 {
-        tau_load + self.noise(number, 2).0 * self.settings.noise_tau
+        let size = self.settings.noise_tau;
+        if size == 0.0 { tau_load } else { tau_load + self.noise(number, 2).0 * size }
     }
 
     fn noise(&self, number: usize, stream: u32) -> (f64, f64) {
