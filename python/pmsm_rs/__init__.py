@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from .results import Diagnosis, Identification
     from .run import Swarm, diagnose, effects, identify
     from .simulation import Simulation, simulate
+    from .systems import SystemFit, identify_system
 
 _HOME = {
     "DataError": "_core",
@@ -46,11 +47,13 @@ _HOME = {
     "Recording": "recording",
     "Simulation": "simulation",
     "Swarm": "run",
+    "SystemFit": "systems",
     "UsageError": "_core",
     "__version__": "_core",
     "diagnose": "run",
     "effects": "run",
     "identify": "run",
+    "identify_system": "systems",
     "load": "loader",
     "simulate": "simulation",
 }
@@ -67,11 +70,13 @@ __all__ = [
     "Recording",
     "Simulation",
     "Swarm",
+    "SystemFit",
     "UsageError",
     "__version__",
     "diagnose",
     "effects",
     "identify",
+    "identify_system",
     "load",
     "simulate",
 ]

@@ -149,6 +149,12 @@ def simulate(config: str, output: str, truth: bool, machine_file: str | None, se
     show_default=True,
     help="Particle swarm, least squares, or both.",
 )
+@click.option(
+    "--swarm",
+    metavar="NAME=VALUE,...",
+    help="Settings of the swarm: particles, iterations, inertia, cognitive, social, velocity_limit, "
+    "inertia_schedule, inertia_last, update, neighbourhood.",
+)
 @_JSON
 @_THREADS
 @_SEED
@@ -157,6 +163,7 @@ def identify(
     machine_file: str,
     fit: str | None,
     method: str,
+    swarm: str | None,
     json_file: str | None,
     threads: int | None,
     seed: int,
@@ -164,6 +171,7 @@ def identify(
     """Estimate the parameters of the dq-model from RECORDING."""
     from .config import read_machine
     from .loader import load
+    from .run import Swarm
     from .run import identify as run
 
     names = [name.strip() for name in fit.split(",") if name.strip()] if fit is not None else None
@@ -173,6 +181,7 @@ def identify(
         machine.machine,
         fit=names,
         method=method,
+        swarm=None if swarm is None else Swarm.parse(swarm),
         seed=seed,
         threads=threads,
         progress=_progress(),

@@ -8,6 +8,7 @@ mod recording;
 mod run;
 mod simulation;
 mod supervise;
+mod system;
 
 use pyo3::prelude::*;
 
@@ -30,6 +31,8 @@ mod _core {
     use super::run::identify;
     #[pymodule_export]
     use super::simulation::simulate;
+    #[pymodule_export]
+    use super::system::identify_system;
     use super::{Bound, PyModule, PyModuleMethods, PyResult, supervise};
 
     #[pymodule_init]
