@@ -5,7 +5,8 @@ use crate::error::{Error, Result};
 use crate::recording::Load;
 use serde::{Deserialize, Serialize};
 
-/// What the drive is made to do. Schedules are read in the middle of each sampling period.
+/// What the drive is made to do. References are read at each sample; load and temperatures in the middle of the period that
+/// follows it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manoeuvre {
