@@ -101,8 +101,8 @@ def identify_system(
     array of shape (samples,) or (samples, outputs) or a mapping of arrays, NaN where there is no value; `t`
     has shape (samples,). `parameters` maps names to their bounds, `x0` is the first state, each entry a
     number or the name of a parameter. Inputs keep the value of the sample before, or go in straight lines
-    with `linear_inputs`. `weights` of the outputs' errors are the reciprocals of their standard deviations if left
-    out.
+    with `linear_inputs`. `weights` of the outputs' errors are the reciprocals of their standard deviations if
+    left out.
 
     The same swarm and least squares as for a motor do the search, with derivatives by differences. The
     function is called for many candidates at once: `x[0]` and `p["r"]` are arrays, so write it with numpy

@@ -1,8 +1,8 @@
-"""The simulated drive against motulator's, on the same machine and references; skipped where it is not installed
-(pip extra `peers`).
+"""The simulated drive against motulator's, on the same machine and references; skipped where motulator is not
+installed (pip extra `peers`).
 
-motulator supplies converter, machine, mechanics and solver. The controllers are written here once more, from the
-description of the drive in the manual, since motulator's own have another structure.
+motulator supplies converter, machine, mechanics and solver. The controllers are written here once more, from
+the description of the drive in the manual, since motulator's own have another structure.
 """
 
 from __future__ import annotations
