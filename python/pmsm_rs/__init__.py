@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from .recording import Recording
     from .results import Diagnosis, Identification
     from .run import Swarm, diagnose, effects, identify
+    from .simulation import Simulation, simulate
+    from .systems import SystemFit, identify_system
 
 _HOME = {
     "DataError": "_core",
@@ -46,14 +48,18 @@ _HOME = {
     "NotIdentifiableError": "_core",
     "PmsmError": "_core",
     "Recording": "recording",
+    "Simulation": "simulation",
     "Swarm": "run",
+    "SystemFit": "systems",
     "UsageError": "_core",
     "__version__": "_core",
     "diagnose": "run",
     "diagnose_many": "fleet",
     "effects": "run",
     "identify": "run",
+    "identify_system": "systems",
     "load": "loader",
+    "simulate": "simulation",
 }
 
 __all__ = [
@@ -68,14 +74,18 @@ __all__ = [
     "NotIdentifiableError",
     "PmsmError",
     "Recording",
+    "Simulation",
     "Swarm",
+    "SystemFit",
     "UsageError",
     "__version__",
     "diagnose",
     "diagnose_many",
     "effects",
     "identify",
+    "identify_system",
     "load",
+    "simulate",
 ]
 
 

@@ -97,11 +97,7 @@ def identify(
     *,
     fit: Mapping[str, tuple[float, float] | None],
     method: str,
-    particles: int,
-    iterations: int,
-    inertia: float,
-    cognitive: float,
-    social: float,
+    swarm: str,
     seed: int,
     threads: int | None,
     progress: Callable[[str, float], None] | None,
@@ -116,3 +112,24 @@ def diagnose(
     progress: Callable[[str, float], None] | None,
 ) -> tuple[str, dict[str, dict[str, NDArray[np.float64]]]]: ...
 def effects() -> str: ...
+def simulate(
+    machine: Machine,
+    nameplate: Machine,
+    settings: str,
+    *,
+    seed: int,
+    progress: Callable[[str, float], None] | None,
+) -> tuple[Recording, str, dict[str, NDArray[np.float64]]]: ...
+def identify_system(
+    errors: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    names: Sequence[str],
+    bounds: Sequence[tuple[float, float]],
+    *,
+    outputs: int,
+    samples: int,
+    start: Sequence[float] | None,
+    method: str,
+    swarm: str,
+    seed: int,
+    progress: Callable[[str, float], None] | None,
+) -> str: ...

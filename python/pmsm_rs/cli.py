@@ -100,6 +100,41 @@ def demo(report_file: str, json_file: str | None, threads: int | None, seed: int
 
 
 @cli.command()
+@click.argument("config", type=_FILE, metavar="CONFIG.toml")
+@click.option(
+    "-o",
+    "--output",
+    type=_FILE,
+    required=True,
+    metavar="RECORDING.parquet",
+    help="Where the recording goes (.parquet or .csv).",
+)
+@click.option("--truth", is_flag=True, help="Write RECORDING.truth.json and .truth.parquet beside it.")
+@click.option(
+    "--machine-file",
+    type=_FILE,
+    metavar="M.toml",
+    help="Write the machine file that goes with the recording.",
+)
+@click.option(
+    "--seed", type=click.IntRange(0, 2**53), metavar="N", help="Seed of the noise, in place of the file's."
+)
+def simulate(config: str, output: str, truth: bool, machine_file: str | None, seed: int | None) -> int:
+    """Make a recording: a closed-loop drive with any effects, as CONFIG.toml describes it."""
+    from .simulation import simulate as run
+
+    made = run(config, progress=_progress(), **({} if seed is None else {"seed": seed}))
+    _clear()
+    made.write(output)
+    if truth:
+        made.write_truth(output)
+    if machine_file:
+        made.write_machine(machine_file)
+    click.echo(f"{output}: {len(made.recording)} samples, {made.recording.duration:.6g} s")
+    return 0
+
+
+@cli.command()
 @click.argument("recording", type=_FILE)
 @_MACHINE
 @click.option(
@@ -114,6 +149,12 @@ def demo(report_file: str, json_file: str | None, threads: int | None, seed: int
     show_default=True,
     help="Particle swarm, least squares, or both.",
 )
+@click.option(
+    "--swarm",
+    metavar="NAME=VALUE,...",
+    help="Settings of the swarm: particles, iterations, inertia, cognitive, social, velocity_limit, "
+    "inertia_schedule, inertia_last, update, neighbourhood.",
+)
 @_JSON
 @_THREADS
 @_SEED
@@ -122,6 +163,7 @@ def identify(
     machine_file: str,
     fit: str | None,
     method: str,
+    swarm: str | None,
     json_file: str | None,
     threads: int | None,
     seed: int,
@@ -129,6 +171,7 @@ def identify(
     """Estimate the parameters of the dq-model from RECORDING."""
     from .config import read_machine
     from .loader import load
+    from .run import Swarm
     from .run import identify as run
 
     names = [name.strip() for name in fit.split(",") if name.strip()] if fit is not None else None
@@ -138,6 +181,7 @@ def identify(
         machine.machine,
         fit=names,
         method=method,
+        swarm=None if swarm is None else Swarm.parse(swarm),
         seed=seed,
         threads=threads,
         progress=_progress(),

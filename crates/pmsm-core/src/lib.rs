@@ -3,21 +3,23 @@
 //!
 //! Layers, each using only those above it in this list:
 //!
-//! - [`error`], [`monitor`], [`real`] (number types), [`transforms`], [`rk4`], [`swarm`], [`least_squares`], [`uncertainty`]: know
+//! - [`error`], [`monitor`], [`real`] (number types), [`random`], [`transforms`], [`rk4`], [`swarm`], [`least_squares`], [`uncertainty`]: know
 //!   no motor.
 //! - [`machine`] (nameplate), [`base`] (its parameters in the equations), [`recording`] (checked columns).
 //! - [`effect`] (what an omitted effect is), [`terms`] (what effects share), [`effects`] (the catalogue), [`model`] (machine
 //!   plus effects).
 //! - [`signals`] (a recording as it drives a model), [`simulate`] (free runs), [`start`] (first values).
+//! - [`drive`] (a closed-loop drive that makes recordings).
 //! - [`noise`], [`input_noise`] and [`whitening`] (what a log can tell), [`load_steps`].
 //! - [`experiment`] (one recording seen through one model), [`objective`].
-//! - [`identify`]: which parameters. [`diagnose`]: what is left out.
+//! - [`identify`]: which parameters. [`system`]: the same for a user's own equations. [`diagnose`]: what is left out.
 //!
 //! Units are SI throughout, the Park transform is amplitude-invariant, the d axis lies on the magnet flux, and the
 //! sign convention is the motor's.
 
 pub mod base;
 pub mod diagnose;
+pub mod drive;
 pub mod effect;
 pub mod effects;
 pub mod error;
@@ -31,6 +33,7 @@ pub mod model;
 pub mod monitor;
 pub mod noise;
 pub mod objective;
+pub mod random;
 pub mod real;
 pub mod recording;
 pub mod rk4;
@@ -38,6 +41,7 @@ pub mod signals;
 pub mod simulate;
 pub mod start;
 pub mod swarm;
+pub mod system;
 pub mod terms;
 pub mod transforms;
 pub mod uncertainty;

@@ -219,7 +219,7 @@ impl Signals {
 }
 
 /// r_s/l of the faster axis; where the nameplate is silent, that of a small servo motor.
-fn electrical_rate(machine: &Machine) -> f64 {
+pub(crate) fn electrical_rate(machine: &Machine) -> f64 {
     let r_s = machine.get(BaseParameter::RS);
     let l = [BaseParameter::LD, BaseParameter::LQ].iter().filter_map(|p| machine.get(*p)).reduce(f64::min);
     match (r_s, l) {

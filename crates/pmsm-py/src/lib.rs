@@ -6,7 +6,9 @@ mod errors;
 mod machine;
 mod recording;
 mod run;
+mod simulation;
 mod supervise;
+mod system;
 
 use pyo3::prelude::*;
 
@@ -27,6 +29,10 @@ mod _core {
     use super::recording::PyRecording;
     #[pymodule_export]
     use super::run::identify;
+    #[pymodule_export]
+    use super::simulation::simulate;
+    #[pymodule_export]
+    use super::system::identify_system;
     use super::{Bound, PyModule, PyModuleMethods, PyResult, supervise};
 
     #[pymodule_init]
