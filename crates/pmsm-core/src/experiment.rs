@@ -4,16 +4,18 @@
 //! the noise of the channel, stacked channel by channel. The initial speed of each mechanical window is estimated
 //! inside and projected out, so that callers never see it.
 
+mod fitting;
+mod speed;
+
+pub use fitting::Fitted;
+
 use crate::base::BASE;
 use crate::effect::Site;
-use crate::error::Result;
-use crate::least_squares::{self, Fit, Normal, Problem, Settings};
 use crate::machine::BaseParameter;
 use crate::model::Model;
-use crate::monitor::Monitor;
 use crate::real::{Dual, Real};
 use crate::signals::Signals;
-use crate::simulate::mechanical::{self, Nuisance, Restart};
+use crate::simulate::mechanical::Nuisance;
 use crate::simulate::{electrical, quasi_static};
 use nalgebra::{DMatrix, DVector};
 use std::borrow::Cow;
@@ -54,10 +56,6 @@ impl Channel {
 
 /// Derivatives carried in one pass.
 const LANES: usize = 8;
-/// Rounds of a fit after each of which the initial speeds are estimated anew.
-const STARTS: usize = 3;
-/// Relative change of the cost by new initial speeds that calls for another round.
-const STALE: f64 = 1e-3;
 
 /// A recording, a model and what is compared.
 #[derive(Debug, Clone)]
@@ -198,134 +196,6 @@ impl<'a> Experiment<'a> {
         });
     }
 
-    fn linearise_mechanical(
-        &self,
-        p: &[f64],
-        free: &[usize],
-        residual: &mut DVector<f64>,
-        jacobian: &mut DMatrix<f64>,
-    ) {
-        let torque = self.torque_at(p);
-        let starts = self.starts(p, &torque);
-        let n = self.samples();
-        let mut speed = (vec![0.0; n], vec![0.0; n]);
-        let all: Vec<usize> = (0..free.len()).collect();
-        for columns in chunks(&all, LANES - 1) {
-            let at = (p, free, columns);
-            match columns.len() {
-                0..=1 => self.mechanical_pass::<2>(at, &torque, &starts, &mut speed, jacobian),
-                2..=3 => self.mechanical_pass::<4>(at, &torque, &starts, &mut speed, jacobian),
-                _ => self.mechanical_pass::<LANES>(at, &torque, &starts, &mut speed, jacobian),
-            }
-        }
-        self.project(&speed.0, &speed.1, residual.as_mut_slice(), jacobian);
-    }
-
-    /// Speed, its derivative with respect to the initial speeds, and those for some `columns` of the parameters `free`.
-    fn mechanical_pass<const N: usize>(
-        &self,
-        (p, free, columns): (&[f64], &[usize], &[usize]),
-        torque: &[f64],
-        starts: &[f64],
-        (shown, slope): &mut (Vec<f64>, Vec<f64>),
-        jacobian: &mut DMatrix<f64>,
-    ) {
-        let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
-        let count = self.model.parameter_count();
-        let seeded = seed::<N>(p, columns, free);
-        let lifted: Vec<Dual<N>> = if columns.iter().any(|c| self.is_electrical(free[*c])) {
-            mechanical::torque(self.model, self.signals, &seeded[..count])
-        } else {
-            torque.iter().map(|x| Dual::constant(*x)).collect()
-        };
-        let restart = FromStarts::<N> { starts, slot: N - 1 };
-        let load = (self.nuisance, &seeded[count..]);
-        let own = &seeded[..count];
-        mechanical::run(self.model, self.signals, own, &lifted, load, self.windows, restart, |_, k, now| {
-            (shown[k], slope[k]) = (now.re, now.eps[N - 1]);
-            for (at, column) in columns.iter().enumerate() {
-                jacobian[(row + k, *column)] = now.eps[at] * weight;
-            }
-        });
-    }
-
-    /// Motor torque per sample.
-    fn torque_at(&self, p: &[f64]) -> Cow<'a, [f64]> {
-        match self.torque {
-            Some(torque) => Cow::Borrowed(torque),
-            None => {
-                Cow::Owned(mechanical::torque(self.model, self.signals, &p[..self.model.parameter_count()]))
-            }
-        }
-    }
-
-    /// Speed and its derivative with respect to the initial speed of its window.
-    fn speed_pass(&self, p: &[f64], torque: &[f64], starts: &[f64]) -> (Vec<f64>, Vec<f64>) {
-        let n = self.samples();
-        let count = self.model.parameter_count();
-        let (mut shown, mut slope) = (vec![0.0; n], vec![0.0; n]);
-        let lifted: Vec<Dual<1>> = p.iter().map(|x| Dual::constant(*x)).collect();
-        let torque: Vec<Dual<1>> = torque.iter().map(|x| Dual::constant(*x)).collect();
-        let restart = FromStarts::<1> { starts, slot: 0 };
-        let load = (self.nuisance, &lifted[count..]);
-        mechanical::run(
-            self.model,
-            self.signals,
-            &lifted[..count],
-            &torque,
-            load,
-            self.windows,
-            restart,
-            |_, k, x| {
-                (shown[k], slope[k]) = (x.re, x.eps[0]);
-            },
-        );
-        (shown, slope)
-    }
-
-    /// Initial speed of each window: the given one, or that of least squares.
-    fn starts(&self, p: &[f64], torque: &[f64]) -> Cow<'_, [f64]> {
-        if let Some(starts) = &self.starts {
-            return Cow::Borrowed(starts);
-        }
-        let omega = &self.signals.omega_e;
-        let mut starts: Vec<f64> = self.windows.iter().map(|w| omega[w.start]).collect();
-        let (shown, slope) = self.speed_pass(p, torque, &starts);
-        for (start, window) in starts.iter_mut().zip(self.windows) {
-            let (mut product, mut square) = (0.0, 0.0);
-            for k in window.clone() {
-                product += slope[k] * (omega[k] - shown[k]);
-                square += slope[k] * slope[k];
-            }
-            if square > 0.0 && product.is_finite() {
-                *start += product / square;
-            }
-        }
-        Cow::Owned(starts)
-    }
-
-    /// Writes the speed's residual and takes the initial speed of each window out of it and of the derivatives.
-    fn project(&self, shown: &[f64], slope: &[f64], residual: &mut [f64], jacobian: &mut DMatrix<f64>) {
-        let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
-        let omega = &self.signals.omega_e;
-        for window in self.windows {
-            for k in window.clone() {
-                residual[row + k] = (shown[k] - omega[k]) * weight;
-            }
-            let rows = row + window.start..row + window.end;
-            let mut slope = slope[window.clone()].to_vec();
-            whiten(self.colour, &mut slope);
-            let free = |x: &mut [f64]| {
-                whiten(self.colour, x);
-                remove(&slope, x);
-            };
-            free(&mut residual[rows.clone()]);
-            for column in 0..jacobian.ncols() {
-                free(&mut jacobian.column_mut(column).as_mut_slice()[rows.clone()]);
-            }
-        }
-    }
-
     fn mask(&self, residual: &mut DVector<f64>, jacobian: Option<&mut DMatrix<f64>>) {
         let Some(held_out) = self.held_out else { return };
         let n = self.samples();
@@ -383,143 +253,6 @@ impl<'a> Experiment<'a> {
             .map(|c| (residual.rows(c * n, n).norm_squared() / counted as f64).sqrt())
             .collect()
     }
-
-    /// Physical bounds of parameter `index`, load levels included.
-    pub fn bounds(&self, index: usize) -> (f64, f64) {
-        if index < self.model.parameter_count() {
-            self.model.bounds(index)
-        } else if index < self.model.parameter_count() + self.nuisance.levels {
-            let reach = 10.0 * self.model.context().tau_max;
-            (-reach, reach)
-        } else if index < self.model.parameter_count() + self.nuisance.levels + self.nuisance.steps() {
-            (0.0, self.signals.context.duration)
-        } else {
-            (f64::NEG_INFINITY, f64::INFINITY)
-        }
-    }
-
-    /// Fits the parameters `free`, starting from `start` (whole vector).
-    ///
-    /// # Errors
-    /// Those of [`least_squares::minimise`].
-    pub fn fit(
-        &self,
-        start: &[f64],
-        free: &[usize],
-        settings: &Settings,
-        monitor: &dyn Monitor,
-    ) -> Result<Fitted> {
-        let bounds: Vec<(f64, f64)> = free.iter().map(|k| self.bounds(*k)).collect();
-        let mut start = start.to_vec();
-        let mut round = 0;
-        loop {
-            let seen = self.from_estimated_starts(&start);
-            let problem = Fitting { experiment: &seen, start: &start, free };
-            let at: Vec<f64> = free.iter().map(|k| start[*k]).collect();
-            let fit = least_squares::minimise(&problem, &at, &bounds, settings, monitor)?;
-            let parameters = problem.whole(&fit.parameters);
-            round += 1;
-            // Initial speeds that were estimated at the start may be too far off for the solution.
-            let stale = seen.starts.is_some() && round < STARTS && !monitor.cancelled() && {
-                let again = self.from_estimated_starts(&parameters);
-                let cost = Fitting { experiment: &again, start: &parameters, free }.cost(&fit.parameters);
-                (cost - fit.cost).abs() > STALE * fit.cost
-            };
-            if !stale {
-                return Ok(Fitted { parameters, free: free.to_vec(), fit });
-            }
-            start = parameters;
-        }
-    }
-
-    /// The same with the initial speeds of the windows estimated once and for all at `p`.
-    fn from_estimated_starts(&self, p: &[f64]) -> Self {
-        Self { starts: self.estimated_starts(p).map(Cow::Owned), ..self.clone() }
-    }
-
-    /// Least-squares initial electrical speed (rad/s) of each window at `p`, if the speed is compared.
-    pub fn estimated_starts(&self, p: &[f64]) -> Option<Vec<f64>> {
-        self.has_mechanical().then(|| self.starts(p, &self.torque_at(p)).into_owned())
-    }
-}
-
-/// A fitted parameter vector.
-#[derive(Debug, Clone)]
-pub struct Fitted {
-    /// The whole parameter vector.
-    pub parameters: Vec<f64>,
-    /// Which of its entries were fitted.
-    pub free: Vec<usize>,
-    /// How the fit ended.
-    pub fit: Fit,
-}
-
-struct Fitting<'a> {
-    experiment: &'a Experiment<'a>,
-    start: &'a [f64],
-    free: &'a [usize],
-}
-
-impl Fitting<'_> {
-    /// Prior knowledge of the free parameters: position among them, value, standard deviation.
-    fn known(&self) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
-        self.experiment.prior.iter().filter_map(|(parameter, value, sd)| {
-            self.free.iter().position(|f| f == parameter).map(|k| (k, *value, *sd))
-        })
-    }
-
-    fn whole(&self, point: &[f64]) -> Vec<f64> {
-        let mut p = self.start.to_vec();
-        for (index, value) in self.free.iter().zip(point) {
-            p[*index] = *value;
-        }
-        p
-    }
-}
-
-impl Problem for Fitting<'_> {
-    fn dim(&self) -> usize {
-        self.free.len()
-    }
-
-    fn cost(&self, point: &[f64]) -> f64 {
-        let whole = self.whole(point);
-        let known: f64 =
-            self.known().map(|(k, value, sd)| ((whole[self.free[k]] - value) / sd).powi(2)).sum();
-        self.experiment.residual(&whole).norm_squared() + known
-    }
-
-    fn normal(&self, point: &[f64]) -> Normal {
-        let whole = self.whole(point);
-        let linear = self.experiment.linearise(&whole, self.free);
-        let mut normal = Normal {
-            cost: linear.residual.norm_squared(),
-            jtj: linear.jacobian.tr_mul(&linear.jacobian),
-            jtr: linear.jacobian.tr_mul(&linear.residual),
-        };
-        for (k, value, sd) in self.known() {
-            let off = (whole[self.free[k]] - value) / sd;
-            normal.cost += off * off;
-            normal.jtj[(k, k)] += 1.0 / (sd * sd);
-            normal.jtr[k] += off / sd;
-        }
-        normal
-    }
-}
-
-/// Restarts from given electrical speeds; slot `slot` of the derivative belongs to the window's own initial speed.
-struct FromStarts<'a, const N: usize> {
-    starts: &'a [f64],
-    slot: usize,
-}
-
-impl<const N: usize> Restart<Dual<N>> for FromStarts<'_, N> {
-    fn speed(&mut self, number: usize, _: usize) -> Dual<N> {
-        Dual::variable(self.starts[number], self.slot)
-    }
-    fn forget(&self, state: &mut Dual<N>) {
-        state.eps[self.slot] = 0.0;
-    }
 }
 
 /// Groups of at most `size` columns; one empty group if there are none, so that the value is still computed.
@@ -534,28 +267,4 @@ fn seed<const N: usize>(p: &[f64], columns: &[usize], free: &[usize]) -> Vec<Dua
         seeded[free[*column]] = Dual::variable(p[free[*column]], slot);
     }
     seeded
-}
-
-/// Replaces x_k by x_k − φ·x_{k−1}, the first by √(1−φ²)·x_0, so that an AR(1) series becomes white.
-fn whiten(colour: f64, x: &mut [f64]) {
-    if colour == 0.0 {
-        return;
-    }
-    for k in (1..x.len()).rev() {
-        x[k] -= colour * x[k - 1];
-    }
-    if let Some(first) = x.first_mut() {
-        *first *= (1.0 - colour * colour).max(0.0).sqrt();
-    }
-}
-
-/// Takes the component along `direction` out of `x`.
-fn remove(direction: &[f64], x: &mut [f64]) {
-    let square: f64 = direction.iter().map(|s| s * s).sum();
-    if square > 0.0 {
-        let share = direction.iter().zip(x.iter()).map(|(s, x)| s * x).sum::<f64>() / square;
-        for (x, s) in x.iter_mut().zip(direction) {
-            *x -= share * s;
-        }
-    }
 }

@@ -115,6 +115,5 @@ impl Data {
 }
 
 /// Settings of every fit of the diagnosis: as exact as the noise deserves.
-pub fn settings() -> Settings {
-    Settings { max_iterations: 25, cost_tolerance: 1e-5, step_tolerance: 1e-9, ..Settings::default() }
-}
+pub const SETTINGS: Settings =
+    Settings { max_iterations: 25, cost_tolerance: 1e-5, step_tolerance: 1e-9, initial_damping: 1e-3 };

@@ -1,7 +1,7 @@
 //! A set of effects fitted to a recording by simulation: the electrical equations first, with the measured speed; then
 //! the mechanical one, with the torque of the measured currents; where a sensor is suspected, both together.
 
-use super::data::{Data, settings};
+use super::data::{Data, SETTINGS};
 use super::motion;
 use crate::effect::Site;
 use crate::effects::EffectId;
@@ -95,7 +95,7 @@ pub fn fit(
         wanted.extend(&sensors);
         if !electrical_done {
             let experiment = data.experiment(model, nuisance, data.channels(true, false));
-            parameters = experiment.fit(&parameters, &wanted, &settings(), monitor)?.parameters;
+            parameters = experiment.fit(&parameters, &wanted, &SETTINGS, monitor)?.parameters;
         }
         free = wanted;
     }
@@ -111,7 +111,7 @@ pub fn fit(
             let channels =
                 experiment.channels.iter().zip(&rms).map(|((c, s), r)| (*c, s * r.max(1.0))).collect();
             let experiment = data.experiment(model, nuisance, channels);
-            parameters = experiment.fit(&parameters, &free, &settings(), monitor)?.parameters;
+            parameters = experiment.fit(&parameters, &free, &SETTINGS, monitor)?.parameters;
         }
     }
     Ok(finish(data, model.clone(), parameters, free, nuisance))

@@ -1,9 +1,10 @@
 //! The equation of motion fitted to the measured speed, with an unknown load whose steps are found, added where the
 //! simulation still misses one, and pruned where they do not pay.
 
-use super::data::{Data, settings};
+use super::data::{Data, SETTINGS};
 use crate::error::Result;
 use crate::experiment::{Channel, Experiment, Fitted};
+use crate::least_squares::{Settings, Status};
 use crate::load_steps;
 use crate::machine::BaseParameter;
 use crate::model::Model;
@@ -20,6 +21,9 @@ const IMPROVEMENT: f64 = 0.7;
 const TRIED: usize = 96;
 /// Steps added at most.
 const ADDED: usize = 4;
+
+/// Settings of a first fit, after which load steps are pruned.
+const ROUGH: Settings = Settings { max_iterations: 5, ..SETTINGS };
 
 /// A fitted equation of motion.
 pub struct Motion {
@@ -114,7 +118,7 @@ pub fn whitened(
     experiment.colour = colour.min(0.999);
     let mut free = rotor.to_vec();
     free.extend(count..fitted.len());
-    Ok(Some(experiment.fit(fitted, &free, &settings(), monitor)?.parameters))
+    Ok(Some(experiment.fit(fitted, &free, &SETTINGS, monitor)?.parameters))
 }
 
 /// Fits from one state, pruning load steps until all that are left pay.
@@ -141,8 +145,13 @@ fn settle(
             let square = mean_square(&experiment, &parameters);
             return Ok(Motion { parameters, free, nuisance, square });
         }
-        let fitted = experiment.fit(&parameters, &free, &settings(), monitor)?;
-        let keep = worthwhile_steps(&experiment, &fitted, nuisance, count);
+        // Steps that do not pay hardly move the cost and are long in settling: they go before the fit is finished.
+        let mut fitted = experiment.fit(&parameters, &free, &ROUGH, monitor)?;
+        let mut keep = worthwhile_steps(&experiment, &fitted, nuisance, count);
+        if keep.len() == nuisance.steps() && fitted.fit.status == Status::IterationLimit {
+            fitted = experiment.fit(&fitted.parameters, &free, &SETTINGS, monitor)?;
+            keep = worthwhile_steps(&experiment, &fitted, nuisance, count);
+        }
         parameters = fitted.parameters;
         if keep.len() == nuisance.steps() || monitor.cancelled() {
             let square = mean_square(&experiment, &parameters);

@@ -19,6 +19,9 @@ const LEAST_SCORE: f64 = 0.002;
 /// Beside other effects, one that scores less than this share of the worst channel's excess is not refitted either: it has
 /// to take away a good part of it to be taken up.
 const LEAST_SHARE: f64 = 0.1;
+/// Nor is one that scores less than this share of the best: it is no rival to it, and what it may explain beside it is seen when
+/// pairs are grown.
+const RIVAL: f64 = 0.05;
 /// Single effects refitted at most.
 const SINGLES: usize = 10;
 /// Sets from which larger ones are grown.
@@ -91,7 +94,7 @@ impl Search<'_> {
     pub fn run(&self, base: Hypothesis) -> Result<Outcome> {
         let base = self.judge(base)?;
         let (able, unfit) = self.able();
-        let singles = self.extend(&base, &able, SINGLES)?;
+        let singles = self.extend(&base, &able, SINGLES, true)?;
         self.monitor.report("single effects", 0.6);
         let mut seen: Vec<Judged> = singles.iter().filter_map(|(_, j)| j.clone()).collect();
         seen.push(base.clone());
@@ -106,7 +109,7 @@ impl Search<'_> {
             beam.retain(|j| j.fitted.effects().len() == size - 1);
             beam.truncate(BEAM);
             let mut larger: Vec<Judged> = Vec::new();
-            for parent in &beam {
+            for (rank, parent) in beam.iter().enumerate() {
                 let rest: Vec<EffectId> = self
                     .rest(&able, parent)
                     .into_iter()
@@ -114,7 +117,9 @@ impl Search<'_> {
                         !larger.iter().any(|j| same(&j.fitted.effects(), &parent.fitted.effects(), *e))
                     })
                     .collect();
-                larger.extend(self.extend(parent, &rest, BRANCHES)?.into_iter().filter_map(|(_, j)| j));
+                larger.extend(
+                    self.extend(parent, &rest, BRANCHES, rank == 0)?.into_iter().filter_map(|(_, j)| j),
+                );
             }
             seen.extend(larger.iter().cloned());
             scale = Scale::new(seen.iter());
@@ -186,12 +191,14 @@ impl Search<'_> {
         None
     }
 
-    /// Scores `candidates` on top of `parent` and refits the `most` best, in parallel.
+    /// Scores `candidates` on top of `parent` and refits the `most` best, in parallel. Those whose score tells little are
+    /// refitted, too, if the parent does not explain the motion and `thorough` is asked for.
     fn extend(
         &self,
         parent: &Judged,
         candidates: &[EffectId],
         most: usize,
+        thorough: bool,
     ) -> Result<Vec<(Prospect, Option<Judged>)>> {
         let scorer = Scorer::new(self.data, &parent.fitted);
         let prospects: Vec<Prospect> = candidates
@@ -211,9 +218,10 @@ impl Search<'_> {
         let least = if beside {
             (LEAST_SHARE * parent.excess() / (1.0 + parent.excess())).max(LEAST_SCORE)
         } else {
-            LEAST_SCORE
+            let best = prospects.iter().map(|p| p.score).fold(0.0, f64::max);
+            (RIVAL * best).max(LEAST_SCORE)
         };
-        let shaken = parent.fitted.square(Channel::OmegaE) > 1.0 + MISMATCH;
+        let shaken = thorough && parent.fitted.square(Channel::OmegaE) > 1.0 + MISMATCH;
         let chosen: Vec<bool> = (0..prospects.len())
             .map(|k| {
                 let worth = prospects[k].score > least && order.iter().take(most).any(|o| *o == k);
@@ -293,7 +301,7 @@ impl Search<'_> {
             };
             let rest: Vec<EffectId> = able.iter().copied().filter(|e| !effects.contains(e)).collect();
             if !rest.iter().any(|e| tried(*e, seen).is_some()) {
-                let extended = self.extend(&fewer, &rest, BRANCHES)?;
+                let extended = self.extend(&fewer, &rest, BRANCHES, true)?;
                 seen.extend(extended.into_iter().filter_map(|(_, j)| j));
             }
             let rivals = rest

@@ -1,0 +1,131 @@
+//! The fit of any subset of an experiment's parameters.
+
+use super::Experiment;
+use crate::error::Result;
+use crate::least_squares::{self, Fit, Normal, Problem, Settings};
+use crate::monitor::Monitor;
+use std::borrow::Cow;
+
+/// Rounds of a fit after each of which the initial speeds are estimated anew.
+const STARTS: usize = 3;
+/// Relative change of the cost by new initial speeds that calls for another round.
+const STALE: f64 = 1e-3;
+
+impl Experiment<'_> {
+    /// Physical bounds of parameter `index`, load levels included.
+    pub fn bounds(&self, index: usize) -> (f64, f64) {
+        if index < self.model.parameter_count() {
+            self.model.bounds(index)
+        } else if index < self.model.parameter_count() + self.nuisance.levels {
+            let reach = 10.0 * self.model.context().tau_max;
+            (-reach, reach)
+        } else if index < self.model.parameter_count() + self.nuisance.levels + self.nuisance.steps() {
+            (0.0, self.signals.context.duration)
+        } else {
+            (f64::NEG_INFINITY, f64::INFINITY)
+        }
+    }
+
+    /// Fits the parameters `free`, starting from `start` (whole vector).
+    ///
+    /// # Errors
+    /// Those of [`least_squares::minimise`].
+    pub fn fit(
+        &self,
+        start: &[f64],
+        free: &[usize],
+        settings: &Settings,
+        monitor: &dyn Monitor,
+    ) -> Result<Fitted> {
+        let bounds: Vec<(f64, f64)> = free.iter().map(|k| self.bounds(*k)).collect();
+        let mut start = start.to_vec();
+        let mut round = 0;
+        loop {
+            let seen = self.from_estimated_starts(&start);
+            let problem = Fitting { experiment: &seen, start: &start, free };
+            let at: Vec<f64> = free.iter().map(|k| start[*k]).collect();
+            let fit = least_squares::minimise(&problem, &at, &bounds, settings, monitor)?;
+            let parameters = problem.whole(&fit.parameters);
+            round += 1;
+            // Initial speeds that were estimated at the start may be too far off for the solution.
+            let stale = seen.starts.is_some() && round < STARTS && !monitor.cancelled() && {
+                let again = self.from_estimated_starts(&parameters);
+                let cost = Fitting { experiment: &again, start: &parameters, free }.cost(&fit.parameters);
+                (cost - fit.cost).abs() > STALE * fit.cost
+            };
+            if !stale {
+                return Ok(Fitted { parameters, free: free.to_vec(), fit });
+            }
+            start = parameters;
+        }
+    }
+
+    /// The same with the initial speeds of the windows estimated once and for all at `p`.
+    fn from_estimated_starts(&self, p: &[f64]) -> Self {
+        Self { starts: self.estimated_starts(p).map(Cow::Owned), ..self.clone() }
+    }
+}
+
+/// A fitted parameter vector.
+#[derive(Debug, Clone)]
+pub struct Fitted {
+    /// The whole parameter vector.
+    pub parameters: Vec<f64>,
+    /// Which of its entries were fitted.
+    pub free: Vec<usize>,
+    /// How the fit ended.
+    pub fit: Fit,
+}
+
+struct Fitting<'a> {
+    experiment: &'a Experiment<'a>,
+    start: &'a [f64],
+    free: &'a [usize],
+}
+
+impl Fitting<'_> {
+    /// Prior knowledge of the free parameters: position among them, value, standard deviation.
+    fn known(&self) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
+        self.experiment.prior.iter().filter_map(|(parameter, value, sd)| {
+            self.free.iter().position(|f| f == parameter).map(|k| (k, *value, *sd))
+        })
+    }
+
+    fn whole(&self, point: &[f64]) -> Vec<f64> {
+        let mut p = self.start.to_vec();
+        for (index, value) in self.free.iter().zip(point) {
+            p[*index] = *value;
+        }
+        p
+    }
+}
+
+impl Problem for Fitting<'_> {
+    fn dim(&self) -> usize {
+        self.free.len()
+    }
+
+    fn cost(&self, point: &[f64]) -> f64 {
+        let whole = self.whole(point);
+        let known: f64 =
+            self.known().map(|(k, value, sd)| ((whole[self.free[k]] - value) / sd).powi(2)).sum();
+        self.experiment.residual(&whole).norm_squared() + known
+    }
+
+    fn normal(&self, point: &[f64]) -> Normal {
+        let whole = self.whole(point);
+        let linear = self.experiment.linearise(&whole, self.free);
+        let mut normal = Normal {
+            cost: linear.residual.norm_squared(),
+            jtj: linear.jacobian.tr_mul(&linear.jacobian),
+            jtr: linear.jacobian.tr_mul(&linear.residual),
+        };
+        for (k, value, sd) in self.known() {
+            let off = (whole[self.free[k]] - value) / sd;
+            normal.cost += off * off;
+            normal.jtj[(k, k)] += 1.0 / (sd * sd);
+            normal.jtr[k] += off / sd;
+        }
+        normal
+    }
+}
