@@ -18,17 +18,19 @@ use crate::objective::{Drive, Objective};
 use crate::recording::Recording;
 use crate::signals::Signals;
 use crate::simulate::mechanical;
+use crate::start;
 use crate::swarm::SwarmSettings;
 use crate::uncertainty::{Estimate, NotShown};
 use plan::Plan;
-use serde::{Serialize, Serializer};
+use serde::{Deserialize, Serialize, Serializer};
 use std::str::FromStr;
 
 /// A swarm has converged if its last quarter lowered the cost by no more than this share.
 const FLAT: f64 = 0.01;
 
-/// A parameter that can be fitted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// A parameter that can be fitted. It is written to files by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub enum Target {
     /// One of the machine.
     Base(BaseParameter),
@@ -73,11 +75,25 @@ impl Target {
     }
 
     /// Place in a point of [`Objective`].
-    fn index(self) -> usize {
+    pub(crate) fn index(self) -> usize {
         match self {
             Self::Base(p) => p.index(),
             Self::TauLoad => plan::LOAD,
         }
+    }
+}
+
+impl From<Target> for String {
+    fn from(target: Target) -> Self {
+        target.name().into()
+    }
+}
+
+impl TryFrom<String> for Target {
+    type Error = Error;
+
+    fn try_from(name: String) -> Result<Self> {
+        name.parse()
     }
 }
 
@@ -95,7 +111,7 @@ impl FromStr for Target {
 }
 
 /// How the minimum is sought.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Method {
     /// Particle swarm as in the paper.
     #[serde(rename = "pso")]
@@ -221,12 +237,69 @@ pub fn identify(
     let found = match request.method {
         Method::Swarm => by_swarm(&objective, &plan, request, false, monitor)?,
         Method::LeastSquares => from_starts(&objective, &plan, &signals, machine, monitor)?,
-        Method::Both => {
-            let first = by_swarm(&objective, &plan, request, true, monitor)?;
-            if first.interrupted { first } else { refine(&objective, &plan, first, monitor)? }
-        }
+        Method::Both => refined(&objective, &plan, request, monitor)?,
     };
     answer::assemble(&objective, &plan, &signals, machine, request, found)
+}
+
+/// Where an identification goes on from: the last result on another stretch of the same run.
+#[derive(Debug, Clone, Copy)]
+pub struct Warm<'a> {
+    /// First values in place of the nameplate's.
+    pub values: &'a [(Target, f64)],
+    /// The swarm seeks within this share of each value to either side (of the smallest change that matters, where the
+    /// value is near zero), and beyond it only if its best point lies on the edge.
+    pub share: f64,
+}
+
+/// As [`identify`] on one stretch of a longer run, from the result of the last stretch. The swarm has a particle on
+/// that result, and its free run starts from the measured values freed of most of their noise (see
+/// [`start::settle`]). True beside the answer if the swarm had to look farther than `warm` says.
+///
+/// # Errors
+/// Those of [`identify`].
+pub fn identify_warm(
+    mut signals: Signals,
+    machine: &Machine,
+    request: &Request,
+    warm: Warm,
+    monitor: &dyn Monitor,
+) -> Result<(Identification, bool)> {
+    let mut wide = Plan::new(&mut signals, machine, &request.fit)?;
+    wide.begin(warm.values);
+    let narrow = wide.narrowed(warm, &signals);
+    let windows = mechanical::windows(&signals);
+    let model = Model::new(signals.context, &[]);
+    if wide.drive == Drive::Coupled && request.method != Method::LeastSquares {
+        start::settle(&mut signals, &model, &wide.start);
+    }
+    let objective = Objective::new(wide.drive, &model, &signals, &windows);
+    let mut widened = false;
+    let found = if request.method == Method::LeastSquares {
+        from_starts(&objective, &wide, &signals, machine, monitor)?
+    } else {
+        let mut first = by_swarm(&objective, &narrow, request, true, monitor)?;
+        widened = !first.interrupted && narrow.on_edge(&first.values, &wide);
+        if widened {
+            let values: Vec<_> = wide.targets.iter().copied().zip(first.values.iter().copied()).collect();
+            wide.begin(&values);
+            let again = by_swarm(&objective, &wide, request, true, monitor)?;
+            first.evaluations += again.evaluations;
+            first.history.extend(&again.history);
+            first = Found { evaluations: first.evaluations, history: first.history, ..again };
+        }
+        match request.method {
+            Method::Both if !first.interrupted => refine(&objective, &wide, first, monitor)?,
+            _ => first,
+        }
+    };
+    let answer = answer::assemble(&objective, &wide, &signals, machine, request, found)?;
+    Ok((answer, widened))
+}
+
+fn refined(objective: &Objective, plan: &Plan, request: &Request, monitor: &dyn Monitor) -> Result<Found> {
+    let first = by_swarm(objective, plan, request, true, monitor)?;
+    if first.interrupted { Ok(first) } else { refine(objective, plan, first, monitor) }
 }
 
 fn by_swarm(
@@ -290,7 +363,7 @@ fn from_starts(
 ) -> Result<Found> {
     let mut starts = vec![plan.first()];
     let blank = Machine { base: [None; 6], ..machine.clone() };
-    if let Ok(base) = crate::start::values(signals, &blank) {
+    if let Ok(base) = start::values(signals, &blank) {
         let value = |t: &Target| base.get(t.index()).copied().unwrap_or(0.0);
         starts.push(plan.targets.iter().map(value).collect());
     }

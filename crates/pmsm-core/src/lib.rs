@@ -12,6 +12,7 @@
 //! - [`drive`] (a closed-loop drive that makes recordings).
 //! - [`experiment`] (one recording seen through one model), [`noise`], [`load_steps`], [`objective`].
 //! - [`identify`]: which parameters. [`system`]: the same for a user's own equations. [`diagnose`]: what is left out.
+//! - [`identify`]: which parameters. [`track`]: the same, window by window. [`diagnose`]: what is left out.
 //!
 //! Units are SI throughout, the Park transform is amplitude-invariant, the d axis lies on the magnet flux, and the
 //! sign convention is the motor's.
@@ -41,5 +42,6 @@ pub mod start;
 pub mod swarm;
 pub mod system;
 pub mod terms;
+pub mod track;
 pub mod transforms;
 pub mod uncertainty;
