@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .run import Swarm, diagnose, effects, identify
     from .simulation import Simulation, simulate
     from .systems import SystemFit, identify_system
+    from .tracking import Tracker, WindowEstimate, track
 
 _HOME = {
     "DataError": "_core",
@@ -48,7 +49,9 @@ _HOME = {
     "Simulation": "simulation",
     "Swarm": "run",
     "SystemFit": "systems",
+    "Tracker": "tracking",
     "UsageError": "_core",
+    "WindowEstimate": "tracking",
     "__version__": "_core",
     "diagnose": "run",
     "effects": "run",
@@ -56,6 +59,7 @@ _HOME = {
     "identify_system": "systems",
     "load": "loader",
     "simulate": "simulation",
+    "track": "tracking",
 }
 
 __all__ = [
@@ -71,7 +75,9 @@ __all__ = [
     "Simulation",
     "Swarm",
     "SystemFit",
+    "Tracker",
     "UsageError",
+    "WindowEstimate",
     "__version__",
     "diagnose",
     "effects",
@@ -79,6 +85,7 @@ __all__ = [
     "identify_system",
     "load",
     "simulate",
+    "track",
 ]
 
 

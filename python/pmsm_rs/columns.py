@@ -36,8 +36,11 @@ Rules = Mapping[str, Rule | None]
 """Rules by canonical name; None leaves the column out."""
 
 
-def assemble(source: Source, rules: Rules | None = None) -> dict[str, NDArray[np.float64]]:
+def assemble(
+    source: Source, rules: Rules | None = None, *, finite: bool = True
+) -> dict[str, NDArray[np.float64]]:
     """The canonical SI columns of `source` as contiguous float64 arrays, `n` already turned into `omega_m`.
+    Values that are not finite are let through where `finite` is False.
 
     Raises DataError on a missing, doubtful, empty or unreadable column and on an unknown unit.
     """
@@ -53,7 +56,8 @@ def assemble(source: Source, rules: Rules | None = None) -> dict[str, NDArray[np
             out[name] = np.arange(rows, dtype=np.float64) * rule.period
         elif rule.source is not None:
             values = _convert(raw[rule.source], name, rule, source)
-            _finite(values, raw[rule.source], name, rule.source, source)
+            if finite:
+                _finite(values, raw[rule.source], name, rule.source, source)
             out["omega_m" if name == "n" else name] = values
     if "n" in plan and "omega_m" in plan:
         raise refuse(

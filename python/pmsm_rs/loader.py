@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ._core import DataError, Machine
 from .checks import angle_against_speed
 from .columns import assemble
@@ -49,6 +52,20 @@ def load(
         raise _with_place(error, source) from error
     angle_against_speed(columns, known.n_p if known is not None else None, source.file)
     return recording
+
+
+def load_columns(
+    data: str | os.PathLike[str],
+    machine: MachineFile | Machine | None = None,
+    *,
+    max_bytes: int = DEFAULT_MAX_BYTES,
+) -> dict[str, NDArray[np.float64]]:
+    """The canonical SI columns of a file as arrays of shape (samples,), values that are not finite included.
+
+    Raises as `load`, but for what only a Recording refuses.
+    """
+    source = open_source(data, max_bytes)
+    return assemble(source, machine.columns if isinstance(machine, MachineFile) else None, finite=False)
 
 
 def _with_place(error: DataError, source: Source) -> DataError:

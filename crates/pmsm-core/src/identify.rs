@@ -10,7 +10,7 @@ mod plan;
 mod search;
 
 use crate::error::{Error, Result};
-use crate::least_squares::Status;
+use crate::least_squares::{self, Status};
 use crate::machine::{BaseParameter, Machine};
 use crate::model::Model;
 use crate::monitor::Monitor;
@@ -207,6 +207,8 @@ fn as_map<T: Serialize, S: Serializer>(
 /// The best point of a search and how it was reached.
 struct Found {
     values: Vec<f64>,
+    /// Initial values that least squares found along with them; none else.
+    starts: Vec<f64>,
     cost: f64,
     history: Vec<f64>,
     evaluations: usize,
@@ -236,7 +238,9 @@ pub fn identify(
     let objective = Objective::new(plan.drive, &model, &signals, &windows);
     let found = match request.method {
         Method::Swarm => by_swarm(&objective, &plan, request, false, monitor)?,
-        Method::LeastSquares => from_starts(&objective, &plan, &signals, machine, monitor)?,
+        Method::LeastSquares => {
+            from_starts(&objective, &plan, &signals, machine, &search::SETTINGS, monitor)?
+        }
         Method::Both => refined(&objective, &plan, request, monitor)?,
     };
     answer::assemble(&objective, &plan, &signals, machine, request, found)
@@ -276,7 +280,7 @@ pub fn identify_warm(
     let objective = Objective::new(wide.drive, &model, &signals, &windows);
     let mut widened = false;
     let found = if request.method == Method::LeastSquares {
-        from_starts(&objective, &wide, &signals, machine, monitor)?
+        from_starts(&objective, &wide, &signals, machine, &search::WARM, monitor)?
     } else {
         let mut first = by_swarm(&objective, &narrow, request, true, monitor)?;
         widened = !first.interrupted && narrow.on_edge(&first.values, &wide);
@@ -289,7 +293,7 @@ pub fn identify_warm(
             first = Found { evaluations: first.evaluations, history: first.history, ..again };
         }
         match request.method {
-            Method::Both if !first.interrupted => refine(&objective, &wide, first, monitor)?,
+            Method::Both if !first.interrupted => refine(&objective, &wide, first, &search::WARM, monitor)?,
             _ => first,
         }
     };
@@ -299,7 +303,7 @@ pub fn identify_warm(
 
 fn refined(objective: &Objective, plan: &Plan, request: &Request, monitor: &dyn Monitor) -> Result<Found> {
     let first = by_swarm(objective, plan, request, true, monitor)?;
-    if first.interrupted { Ok(first) } else { refine(objective, plan, first, monitor) }
+    if first.interrupted { Ok(first) } else { refine(objective, plan, first, &search::SETTINGS, monitor) }
 }
 
 fn by_swarm(
@@ -315,6 +319,7 @@ fn by_swarm(
     let rest = settled.is_some_and(|cost| cost - result.cost <= FLAT * result.cost);
     let mut found = Found {
         values: result.parameters,
+        starts: Vec::new(),
         cost: result.cost,
         history,
         evaluations: result.evaluations,
@@ -337,14 +342,21 @@ fn by_swarm(
     Ok(found)
 }
 
-fn refine(objective: &Objective, plan: &Plan, first: Found, monitor: &dyn Monitor) -> Result<Found> {
-    let descent = search::descend(objective, plan, &first.values, monitor)?;
+fn refine(
+    objective: &Objective,
+    plan: &Plan,
+    first: Found,
+    settings: &least_squares::Settings,
+    monitor: &dyn Monitor,
+) -> Result<Found> {
+    let descent = search::descend(objective, plan, &first.values, settings, monitor)?;
     let evaluations = first.evaluations + descent.evaluations;
     if !descent.fit.cost.is_finite() {
         return Ok(Found { evaluations, ..first });
     }
     Ok(Found {
         values: descent.fit.parameters,
+        starts: descent.starts,
         cost: descent.fit.cost,
         history: first.history.into_iter().chain(descent.history).collect(),
         evaluations,
@@ -359,6 +371,7 @@ fn from_starts(
     plan: &Plan,
     signals: &Signals,
     machine: &Machine,
+    settings: &least_squares::Settings,
     monitor: &dyn Monitor,
 ) -> Result<Found> {
     let mut starts = vec![plan.first()];
@@ -369,7 +382,7 @@ fn from_starts(
     }
     let mut best: Option<Found> = None;
     for start in starts {
-        let descent = search::descend(objective, plan, &start, monitor)?;
+        let descent = search::descend(objective, plan, &start, settings, monitor)?;
         let before = best.as_ref().map_or(0, |b| b.evaluations);
         let evaluations = before + descent.evaluations;
         match &mut best {
@@ -377,6 +390,7 @@ fn from_starts(
             _ => {
                 best = Some(Found {
                     values: descent.fit.parameters,
+                    starts: descent.starts,
                     cost: descent.fit.cost,
                     history: descent.history,
                     evaluations,

@@ -96,13 +96,20 @@ impl Settings {
             if self.fit[..k].iter().any(|(t, _)| t == target) {
                 return Err(Error::unusable(format!("{} is named twice", target.name()), "name it once"));
             }
-            if let Some((low, high)) = bounds.filter(|(low, high)| !(low < high && (high - low).is_finite())) {
+            if let Some((low, high)) = bounds.filter(|(low, high)| !(low < high && (high - low).is_finite()))
+            {
                 let at = if low.is_finite() { high } else { low };
                 let expected = "give two finite bounds, the lower one first";
-                return Err(Error::quantity(&format!("bound of {}", target.name()), at, target.unit(), expected));
+                return Err(Error::quantity(
+                    &format!("bound of {}", target.name()),
+                    at,
+                    target.unit(),
+                    expected,
+                ));
             }
         }
-        if let Some(Load::KnownConstant(value)) = self.load.filter(|l| matches!(l, Load::KnownConstant(x) if !x.is_finite()))
+        if let Some(Load::KnownConstant(value)) =
+            self.load.filter(|l| matches!(l, Load::KnownConstant(x) if !x.is_finite()))
         {
             return Err(Error::quantity("value of [load]", value, "N m", "give a finite torque"));
         }
@@ -217,4 +224,5 @@ impl Tracker {
     }
 }
 
-type Judge<'a> = dyn Fn(intake::Cut, &mut Vec<(Target, f64)>, &mut History, &dyn Monitor) -> Result<Window> + 'a;
+type Judge<'a> =
+    dyn Fn(intake::Cut, &mut Vec<(Target, f64)>, &mut History, &dyn Monitor) -> Result<Window> + 'a;

@@ -99,8 +99,17 @@ type Series = Vec<(f64, f64, f64, Option<f64>)>;
 #[derive(Debug, Clone, Copy)]
 enum Move {
     /// Change over the series, its first value, and its length in s.
-    Trend { change: f64, from: f64, time: f64, cooled: bool, current: bool },
-    Jump { change: f64, from: f64 },
+    Trend {
+        change: f64,
+        from: f64,
+        time: f64,
+        cooled: bool,
+        current: bool,
+    },
+    Jump {
+        change: f64,
+        from: f64,
+    },
 }
 
 impl History {
@@ -176,9 +185,8 @@ impl History {
     }
 
     fn series(past: &[Past], target: Target) -> Series {
-        let of = |p: &Past| {
-            p.values.iter().find(|(t, ..)| *t == target).map(|(_, x, s)| (p.t, *x, *s, p.heat))
-        };
+        let of =
+            |p: &Past| p.values.iter().find(|(t, ..)| *t == target).map(|(_, x, s)| (p.t, *x, *s, p.heat));
         past.iter().filter_map(of).collect()
     }
 
@@ -240,7 +248,8 @@ fn trend(series: &Series) -> Option<Move> {
         tx += weight * (t - middle) * (x - level);
     }
     let slope = tx / tt;
-    let scatter: f64 = series.iter().map(|(t, x, s, _)| ((x - level - slope * (t - middle)) / s).powi(2)).sum();
+    let scatter: f64 =
+        series.iter().map(|(t, x, s, _)| ((x - level - slope * (t - middle)) / s).powi(2)).sum();
     let widen = (scatter / (series.len() - 2) as f64).max(1.0).sqrt();
     let steady = series.windows(2).all(|pair| {
         let back = -(pair[1].1 - pair[0].1) * slope.signum();

@@ -102,7 +102,8 @@ impl Intake {
                 return refuse(name, "is given twice".into(), "keep one of the two");
             }
             if values.len() != batch[0].1.len() {
-                let problem = format!("has {} rows while {} has {}", values.len(), batch[0].0, batch[0].1.len());
+                let problem =
+                    format!("has {} rows while {} has {}", values.len(), batch[0].0, batch[0].1.len());
                 return refuse(name, problem, "give every column the same number of rows");
             }
         }
@@ -121,7 +122,8 @@ impl Intake {
                 None => return refuse(name, "was there before and is missing now".into(), SAME),
             }
         }
-        if let Some((name, _)) = batch.iter().find(|(name, _)| !self.names.iter().any(|known| known == name)) {
+        if let Some((name, _)) = batch.iter().find(|(name, _)| !self.names.iter().any(|known| known == name))
+        {
             return refuse(name, "was not there before".into(), SAME);
         }
         Ok(Batch { values })
@@ -297,7 +299,8 @@ impl Lost {
         let gap = "the model restarts behind the gap";
         if self.not_finite > 0 {
             let column = self.first_column.as_deref().unwrap_or("t");
-            let finding = format!("{} without a usable value, the first in column '{column}'", rows(self.not_finite));
+            let finding =
+                format!("{} without a usable value, the first in column '{column}'", rows(self.not_finite));
             notes.push(note(finding, gap, "repair the log or the sensor"));
         }
         if self.no_time > 0 {

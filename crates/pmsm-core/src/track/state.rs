@@ -62,7 +62,8 @@ pub fn write(tracker: &Tracker) -> Result<String> {
 /// # Errors
 /// [`Error::Unusable`].
 pub fn read(text: &str) -> Result<Tracker> {
-    let refuse = |problem: String| Err(Error::unusable(problem, "give the text that state() returned, unchanged"));
+    let refuse =
+        |problem: String| Err(Error::unusable(problem, "give the text that state() returned, unchanged"));
     if text.len() > LONGEST {
         return refuse(format!("the state of a tracker has {} bytes, more than any tracker's", text.len()));
     }

@@ -152,7 +152,9 @@ pub fn judge(
     let seed = settings.seed.wrapping_add(cut.number);
     let mut fit = settings.fit.clone();
     // A load that was fitted along is fitted from its last value.
-    fit.extend(warm.iter().filter(|(t, _)| !settings.fit.iter().any(|(f, _)| f == t)).map(|(t, _)| (*t, None)));
+    fit.extend(
+        warm.iter().filter(|(t, _)| !settings.fit.iter().any(|(f, _)| f == t)).map(|(t, _)| (*t, None)),
+    );
     let request = Request { fit, method: settings.method, swarm: settings.swarm, seed };
     let begin = Warm { values: warm, share: settings.search };
     let (found, widened) = match identify::identify_warm(signals, machine, &request, begin, monitor) {
@@ -186,10 +188,11 @@ pub fn judge(
     })
 }
 
-/// What this window has shown is where the next one begins.
+/// What this window has shown is where the next one begins, uncertain or not: the paper's swarm seldom comes to rest.
 fn remember(warm: &mut Vec<(Target, f64)>, found: &Identification) {
     for target in Target::ALL {
-        let Some((value, _)) = shown(found, target) else { continue };
+        let value = found.get(target.name()).and_then(|e| e.value).filter(|x| x.is_finite());
+        let Some(value) = value.filter(|_| !hidden(found, target)) else { continue };
         match warm.iter_mut().find(|(t, _)| *t == target) {
             Some((_, last)) => *last = value,
             None => warm.push((target, value)),
@@ -197,18 +200,25 @@ fn remember(warm: &mut Vec<(Target, f64)>, found: &Identification) {
     }
 }
 
+/// Whether the window does not show a parameter, or only along with others.
+fn hidden(found: &Identification, target: Target) -> bool {
+    found.cannot_show.iter().any(|x| x.parameters.iter().any(|name| name == target.name()))
+}
+
 /// Value and standard error of a parameter that the window shows.
 fn shown(found: &Identification, target: Target) -> Option<(f64, f64)> {
     let estimate = found.get(target.name())?;
-    let hidden = found.cannot_show.iter().any(|x| x.parameters.iter().any(|name| name == target.name()));
     let (value, stderr) = (estimate.value?, estimate.stderr?);
-    (!hidden && value.is_finite() && stderr.is_finite() && stderr > 0.0).then_some((value, stderr))
+    (!hidden(found, target) && value.is_finite() && stderr.is_finite() && stderr > 0.0)
+        .then_some((value, stderr))
 }
 
 fn past(cut: &Cut, found: &Identification, heat: Option<f64>) -> Past {
     let t = 0.5 * (cut.span[0] + cut.span[1]);
-    let values =
-        Target::ALL.into_iter().filter_map(|target| shown(found, target).map(|(x, s)| (target, x, s))).collect();
+    let values = Target::ALL
+        .into_iter()
+        .filter_map(|target| shown(found, target).map(|(x, s)| (target, x, s)))
+        .collect();
     Past { t, heat, values }
 }
 
