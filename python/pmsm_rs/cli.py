@@ -197,6 +197,52 @@ def identify(
 
 
 @cli.command()
+@click.argument("recording", type=click.Path(dir_okay=False, allow_dash=True), metavar="RECORDING|-")
+@_MACHINE
+@click.option("--window", type=float, default=0.033, show_default=True, metavar="S", help="Length of a window.")
+@click.option(
+    "--fit",
+    default="r_s,tau_load",
+    show_default=True,
+    metavar="r_s,tau_load,...",
+    help="Parameters to follow.",
+)
+@click.option(
+    "--method",
+    type=click.Choice(["lm", "pso", "pso+lm"]),
+    default="lm",
+    show_default=True,
+    help="Warm least squares, the paper's swarm, or both.",
+)
+@_JSON
+@_THREADS
+@_SEED
+def track(
+    recording: str,
+    machine_file: str,
+    window: float,
+    fit: str,
+    method: str,
+    json_file: str | None,
+    threads: int | None,
+    seed: int,
+) -> int:
+    """Follow parameters through RECORDING, window by window.
+
+    With - samples are read from standard input as they come, CSV with a header or one JSON object per line,
+    and each window is written to standard output as one JSON object as soon as it is complete.
+    """
+    from .live import Request, follow
+
+    names = [name.strip() for name in fit.split(",") if name.strip()]
+    request = Request(recording, machine_file, names, window, method, seed, threads, json_file)
+    try:
+        return NOT_SETTLED if follow(request) == 0 else 0
+    except KeyboardInterrupt:
+        _fail(INTERRUPTED, "interrupted; the windows that were complete are written")
+
+
+@cli.command()
 @click.argument("recordings", type=_FILE, nargs=-1, required=True, metavar="RECORDING...")
 @_MACHINE
 @click.option(
