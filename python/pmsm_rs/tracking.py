@@ -133,20 +133,17 @@ class Tracker:
         load_value: float | None = None,
         threads: int | None = None,
     ) -> None:
+        if not 0 <= seed < 2**63:
+            raise refuse(UsageError, f"the seed is {seed}", fix="give a whole number from 0 to 2⁶³ − 1")
         if method not in METHODS:
             raise refuse(UsageError, f"there is no method '{method}'", fix=did_you_mean(method, METHODS))
-        settings = swarm or PAPER
         self._threads = threads
         self._core = _core.Tracker(
             machine,
             fit=fit_bounds(fit),
             window=float(window),
             method=method,
-            particles=settings.particles,
-            iterations=settings.iterations,
-            inertia=settings.inertia,
-            cognitive=settings.cognitive,
-            social=settings.social,
+            swarm=(swarm or PAPER).settings(),
             search=float(search),
             seed=seed,
             load=load,

@@ -7,7 +7,6 @@ use numpy::PyReadonlyArray1;
 use pmsm_core::error::{Error, Result as CoreResult};
 use pmsm_core::monitor::Monitor;
 use pmsm_core::recording::Load;
-use pmsm_core::swarm::SwarmSettings;
 use pmsm_core::track::{Settings, Tracker, Window};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -22,33 +21,23 @@ pub struct PyTracker(Mutex<Tracker>);
 #[pymethods]
 impl PyTracker {
     #[new]
-    #[pyo3(signature = (machine, *, fit, window, method, particles, iterations, inertia, cognitive, social, search, seed, load, load_value))]
+    #[pyo3(signature = (machine, *, fit, window, method, swarm, search, seed, load, load_value))]
     fn new(
+        py: Python<'_>,
         machine: PyRef<'_, PyMachine>,
         fit: BTreeMap<String, Option<(f64, f64)>>,
         window: f64,
         method: &str,
-        particles: usize,
-        iterations: usize,
-        inertia: f64,
-        cognitive: f64,
-        social: f64,
+        swarm: &str,
         search: f64,
         seed: u64,
         load: Option<&str>,
         load_value: Option<f64>,
     ) -> PyResult<Self> {
+        let swarm = crate::run::settings(py, swarm)?;
         let build = || {
             let fit = fit.into_iter().map(|(name, bounds)| Ok((name.parse()?, bounds)));
             let fit = fit.collect::<CoreResult<_>>()?;
-            let swarm = SwarmSettings {
-                particles,
-                iterations,
-                inertia,
-                cognitive,
-                social,
-                ..SwarmSettings::default()
-            };
             let load = load.map(|kind| Load::parse(kind, load_value)).transpose()?;
             let settings = Settings { fit, window, method: method.parse()?, swarm, search, seed, load };
             Tracker::new(machine.0.clone(), settings)
