@@ -199,7 +199,9 @@ def identify(
 @cli.command()
 @click.argument("recording", type=click.Path(dir_okay=False, allow_dash=True), metavar="RECORDING|-")
 @_MACHINE
-@click.option("--window", type=float, default=0.033, show_default=True, metavar="S", help="Length of a window.")
+@click.option(
+    "--window", type=float, default=0.033, show_default=True, metavar="S", help="Length of a window."
+)
 @click.option(
     "--fit",
     default="r_s,tau_load",
@@ -291,6 +293,26 @@ def diagnose(
         answer.report(report_file, title=", ".join(Path(recording).name for recording in recordings))
     click.echo(answer)
     return INTERRUPTED if answer.interrupted else 0
+
+
+@cli.command()
+@click.argument("figures", nargs=-1, metavar="[fig5|fig6|fig7|fig8|all]...")
+@click.option(
+    "--out", "folder", type=click.Path(file_okay=False), required=True, metavar="DIR", help="Where it goes."
+)
+def reproduce(figures: tuple[str, ...], folder: str) -> int:
+    """Simulate and identify what Liu, Liu & Cartes (2008) show, and draw their figures anew.
+
+    Writes the figures as PNG and SVG, a table of the windows and a page with all results and choices.
+    """
+    from .paper.reproduce import reproduce as run
+    from .paper.tables import lines
+
+    outcome, files = run(figures or ("all",), folder, progress=_progress())
+    _clear()
+    click.echo(lines(outcome))
+    click.echo(f"\n{outcome.seconds:.1f} s; written: {', '.join(str(file) for file in files)}")
+    return 0
 
 
 @cli.command()

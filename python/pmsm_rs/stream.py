@@ -39,6 +39,7 @@ def batches(reader: Reader, rules: Rules | None) -> Iterator[Columns]:
     delivered before it is refused. Raises DataError naming the line, its column and the fix.
     """
     table: _Table | None = None
+    any_row = False
     for numbered in _lots(reader):
         good: list[tuple[int, list[float]]] = []
         trouble: DataError | None = None
@@ -55,13 +56,13 @@ def batches(reader: Reader, rules: Rules | None) -> Iterator[Columns]:
                 trouble = error
                 break
         if table is not None and good:
+            any_row = True
             yield _columns(table, good, rules)
         if trouble is not None:
             raise trouble
-    if table is None:
-        raise refuse(
-            DataError, "nothing came", file=NAME, fix="send CSV with a header, or one JSON object per line"
-        )
+    if not any_row:
+        came = "nothing came" if table is None else "no sample came behind the header"
+        raise refuse(DataError, came, file=NAME, fix="send CSV with a header, or one JSON object per line")
 
 
 def _lots(reader: Reader) -> Iterator[list[tuple[int, str]]]:
@@ -109,6 +110,8 @@ class _Text(_Table):
         fields = [name_and_unit(field) for field in split(header, self.separator)]
         self.names = tuple(name for name, _ in fields)
         self.units = {name: unit for name, unit in fields if unit}
+        if header.lstrip().startswith("["):
+            raise _bad("this is no JSON object", number, 'send objects such as {"t": 0.0, "i_d": 1.0}')
         if len(self.names) < 2 or all(is_number(name, False) for name in self.names):
             raise _bad("this is no header", number, "begin with the names of the columns, such as t,v_d,v_q")
         _once(self.names, number)
@@ -156,7 +159,9 @@ class _Objects(_Table):
             given = json.loads(line)
         except (ValueError, RecursionError) as error:
             raise _bad(
-                f"this is no JSON ({error})", number, "send one whole object per line; a stream cut short ends so"
+                f"this is no JSON ({error})",
+                number,
+                "send one whole object per line; a stream cut short ends so",
             ) from None
         if not isinstance(given, dict):
             raise _bad("this is no JSON object", number, 'send objects such as {"t": 0.0, "i_d": 1.0}')

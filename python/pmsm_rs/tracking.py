@@ -110,11 +110,11 @@ class Tracker:
     """Follows parameters through a stream of samples; memory does not grow with the stream.
 
     `fit` names the parameters, with bounds in SI units or None for a wide range around the nameplate; an
-    unknown load is fitted along with anything that acts on the speed. `window` is in s. `method` is "lm" (warm
-    least squares, fast), "pso" (the paper's swarm: each window starts from the last one's result and seeks
-    within the share `search` of it) or "pso+lm". `load` and `load_value` are what is known of the load torque,
-    as in Recording. Each estimate is the same for any number of `threads` and any way of cutting the stream
-    into batches.
+    unknown load is fitted along with anything that acts on the speed. `window` is in s. `method` is "lm"
+    (warm least squares, fast), "pso" (the paper's swarm: each window starts from the last one's result and
+    seeks within the share `search` of it) or "pso+lm". `load` and `load_value` are what is known of the load
+    torque, as in Recording. Each estimate is the same for any number of `threads` and any way of cutting the
+    stream into batches.
 
     Raises UsageError for settings that make no sense.
     """
@@ -134,7 +134,7 @@ class Tracker:
         threads: int | None = None,
     ) -> None:
         if not 0 <= seed < 2**63:
-            raise refuse(UsageError, f"the seed is {seed}", fix="give a whole number from 0 to 2⁶³ − 1")
+            raise refuse(UsageError, f"the seed is {seed}", fix="give a whole number from 0 on")
         if method not in METHODS:
             raise refuse(UsageError, f"there is no method '{method}'", fix=did_you_mean(method, METHODS))
         self._threads = threads
