@@ -121,11 +121,11 @@ impl Plan {
 
     /// Whether `values` lie on an edge of these bounds that is none of the plan's this one was drawn from.
     pub fn on_edge(&self, values: &[f64], wide: &Self) -> bool {
-        let edge = |((x, (low, high)), (least, most)): ((&f64, &(f64, f64)), &(f64, f64))| {
+        (0..values.len()).any(|k| {
+            let ((low, high), (least, most)) = (self.bounds[k], wide.bounds[k]);
             let margin = EDGE * (high - low);
-            (*low > *least && x - low <= margin) || (*high < *most && high - x <= margin)
-        };
-        values.iter().zip(&self.bounds).zip(&wide.bounds).any(edge)
+            (low > least && values[k] - low <= margin) || (high < most && high - values[k] <= margin)
+        })
     }
 
     /// Positions of the fitted parameters in the point.

@@ -216,26 +216,23 @@ pub(crate) fn join<T: Real, const E: usize, const M: usize, const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::EffectId;
+    use crate::effects::ALL;
     use crate::machine::Machine;
     use crate::recording::Recording;
 
     #[test]
     fn the_bare_machine_is_the_general_one_bit_for_bit() {
-        let n = 400;
-        let column = |f: fn(f64) -> f64| (0..n).map(|k| f(f64::from(k) * 1e-4)).collect::<Vec<f64>>();
-        let given: [(&str, fn(f64) -> f64); 6] = [
-            ("t", |t| t),
-            ("v_d", |t| -5.0 + 30.0 * (200.0 * t).sin()),
-            ("v_q", |t| 60.0 + 20.0 * (90.0 * t).cos()),
-            ("i_d", |_| -1.0),
-            ("i_q", |_| 4.0),
-            ("omega_e", |t| 310.0 + 40.0 * t),
-        ];
-        let given = given.map(|(name, f)| (name.to_owned(), column(f))).to_vec();
+        let mut given: Vec<(String, Vec<f64>)> =
+            ["t", "v_d", "v_q", "i_d", "i_q", "omega_e"].map(|name| (name.to_owned(), Vec::new())).into();
+        for t in (0..400).map(|k| f64::from(k) * 1e-4) {
+            let (v_d, v_q) = (-5.0 + 30.0 * (200.0 * t).sin(), 60.0 + 20.0 * (90.0 * t).cos());
+            for ((_, column), x) in given.iter_mut().zip([t, v_d, v_q, -1.0, 4.0, 310.0 + 40.0 * t]) {
+                column.push(x);
+            }
+        }
         let machine = Machine::liu_2008();
         let signals = Signals::new(&Recording::new(given, None).unwrap(), &machine).unwrap();
-        let effect: EffectId = "coulomb_friction".parse().unwrap();
+        let effect = *ALL.iter().find(|e| e.info().id == "coulomb_friction").unwrap();
         let (bare, general) = (Model::new(signals.context, &[]), Model::new(signals.context, &[effect]));
         let base = machine.base.map(|x| x.unwrap());
         let mut off = vec![0.0; general.parameter_count()];

@@ -277,11 +277,14 @@ fn explain(target: Target, moved: Move) -> (Cause, String) {
     let told = match moved {
         Move::Trend { change, from, time, .. } => {
             let way = if change > 0.0 { "rises" } else { "falls" };
-            format!("{name} {way} steadily, by {:.3e} {unit} from {from:.4e} in {time:.3} s", change.abs())
+            format!(
+                "{name} {way} steadily, from {} to {} {unit} in {time:.3} s",
+                figure(from),
+                figure(from + change)
+            )
         }
         Move::Jump { change, from } => {
-            let way = if change > 0.0 { "up" } else { "down" };
-            format!("{name} jumps {way} by {:.3e} {unit} from {from:.4e}", change.abs())
+            format!("{name} jumps from {} to {} {unit}", figure(from), figure(from + change))
         }
     };
     let (cause, why) = match (target, moved) {
@@ -314,6 +317,16 @@ fn explain(target: Target, moved: Move) -> (Cause, String) {
         _ => (Cause::Mismatch, ", though it is no quantity that should move by itself".to_owned()),
     };
     (cause, format!("{told}{why}."))
+}
+
+/// A number with four significant digits, written out where that is short.
+fn figure(x: f64) -> String {
+    let size = x.abs().log10().floor();
+    if (-4.0..5.0).contains(&size) {
+        format!("{x:.*}", (3.0 - size).max(0.0) as usize)
+    } else {
+        format!("{x:.3e}")
+    }
 }
 
 /// Says so if the residual of a channel is more than white noise.

@@ -8,7 +8,7 @@ use crate::identify::{self, Identification, Request, Target, Warm};
 use crate::machine::Machine;
 use crate::monitor::Monitor;
 use crate::noise::white_noise;
-use crate::recording::{FEWEST_SAMPLES, Recording};
+use crate::recording::{FEWEST_SAMPLES, Load, Recording};
 use crate::signals::{Finding, Signals};
 use crate::uncertainty::{Estimate, NotShown};
 use serde::{Serialize, Serializer};
@@ -142,7 +142,12 @@ pub fn judge(
             fix: "none needed at the end of a log".into(),
         });
     }
-    let recording = Recording::new(std::mem::take(&mut cut.columns), settings.load)?;
+    // Steps of the load are what windows are for: within one it is taken as constant.
+    let load = match settings.load {
+        Some(Load::UnknownPiecewise) => Some(Load::UnknownConstant),
+        other => other,
+    };
+    let recording = Recording::new(std::mem::take(&mut cut.columns), load)?;
     let signals = match Signals::new(&recording, machine) {
         Ok(signals) => signals,
         Err(error) => return Ok(Window::skipped(cut, samples, error.to_string())),
