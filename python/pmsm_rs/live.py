@@ -42,7 +42,7 @@ def follow(request: Request) -> int:
     machine = read_machine(request.machine_file)
     live = request.recording == "-"
     windows = _from_stream(request, machine) if live else _from_file(request, machine)
-    begin, last = time.perf_counter(), ""
+    begin, last = time.perf_counter(), None
     found = [0, 0]
     span = 0.0
     # Every window goes to a spool on disk, so that memory does not grow with the stream.
@@ -58,9 +58,11 @@ def follow(request: Request) -> int:
                     print(text, flush=True)
                     continue
                 print(window, flush=True)
-                if window.drift.sentence != last and window.drift.looks_like:
+                looks = window.drift.looks_like
+                # What lasts is said once; a load that moves again moves to somewhere else.
+                if looks and (looks != last or "load" in looks):
                     print(hung("             ", window.drift.sentence), flush=True)
-                last = window.drift.sentence
+                last = looks
         finally:
             if request.json_file:
                 _write(request.json_file, spool, request)

@@ -52,13 +52,14 @@ class Search:
 
 @dataclass(frozen=True)
 class Following:
-    """Figs. 6 to 8: the windows, the seconds that each took, and the true means of r_s (ohm) and disturbed
-    load torque (N·m) in them.
+    """Figs. 6 to 8: the windows, the seconds that each took by the clock and of all processors, and the true
+    means of r_s (ohm) and disturbed load torque (N·m) in them.
     """
 
     method: str
     windows: tuple[WindowEstimate, ...]
     seconds: tuple[float, ...]
+    processor: tuple[float, ...]
     truth: tuple[tuple[float, float], ...]
 
     def errors(self, name: str) -> Column:
@@ -67,10 +68,9 @@ class Following:
         found = [window.parameters[name].value or np.nan for window in self.windows]
         return np.array([x / true[at] - 1.0 for x, true in zip(found, self.truth, strict=True)])
 
-    @property
-    def real_time_factor(self) -> float:
-        """How many times faster than the drive ran."""
-        return setup.WINDOW * len(self.windows) / sum(self.seconds)
+    def real_time_factor(self, seconds: tuple[float, ...]) -> float:
+        """How many times faster than the drive ran, by `seconds` per window."""
+        return setup.WINDOW * len(self.windows) / sum(seconds)
 
 
 @dataclass(frozen=True)
@@ -116,19 +116,20 @@ def follow(data: Run, method: str) -> Following:
     """Figs. 6 to 8 by `method`."""
     tracker = _tracker(data, setup.SWARM, 1, method)
     windows: list[WindowEstimate] = []
-    seconds = []
+    seconds, processor = [], []
     first = 0
     for k in range(setup.WINDOWS):
         # A window is complete once the first sample behind it has come.
         last = (k + 1) * setup.SAMPLES + 1
         batch = {name: column[first:last] for name, column in data.columns.items()}
-        begin, first = time.perf_counter(), last
+        begin, used, first = time.perf_counter(), time.process_time(), last
         windows += tracker.update(batch)
         if k + 1 == setup.WINDOWS:
             windows += tracker.finish()
         seconds.append(time.perf_counter() - begin)
+        processor.append(time.process_time() - used)
     truth = tuple(data.truth(k) for k in range(setup.WINDOWS))
-    return Following(method, tuple(windows), tuple(seconds), truth)
+    return Following(method, tuple(windows), tuple(seconds), tuple(processor), truth)
 
 
 def seeds(data: Run, velocity_limit: float, progress: Progress | None = None) -> Seeds:

@@ -99,10 +99,11 @@ def summary(outcome: Outcome) -> list[tuple[str, str, str]]:
             counts = [_converged(window.history) for window in found.windows]
             text = f"{np.median(counts):.0f} (median), {max(counts)} at most"
             rows.append(("generations per window until within 1 % of its last cost", "about 10", text))
-        mean = sum(found.seconds) / len(found.seconds)
         slow = "minutes per window" if found.method == "pso" else "–"
-        text = f"{1e3 * mean:.1f} ms per window, real-time factor {found.real_time_factor:.2g}"
-        rows.append((f"wall time, {how}", slow, text))
+        for what, seconds in (("wall", found.seconds), ("processor", found.processor)):
+            mean, factor = 1e3 * sum(seconds) / len(seconds), found.real_time_factor(seconds)
+            text = f"{mean:.1f} ms per window, real-time factor {factor:.2g}"
+            rows.append((f"{what} time, {how}", slow, text))
     return rows
 
 
@@ -138,7 +139,7 @@ def markdown(outcome: Outcome, figures: list[str]) -> str:
 _HEADER = (
     *("window", "t_start_s", "t_end_s", "r_s_true_ohm", "r_s_ohm", "r_s_error_percent"),
     *("T_Ld_true_Nm", "T_Ld_Nm", "T_Ld_error_percent", "cost_first", "cost_last"),
-    *("generations_to_1_percent", "wall_ms", "real_time_factor"),
+    *("generations_to_1_percent", "wall_ms", "processor_ms", "real_time_factor"),
 )
 
 
@@ -154,7 +155,8 @@ def _rows(found: Following) -> list[list[str]]:
                 *(f"{true[1]:.4f}", f"{load:.4f}", f"{100 * (load / true[1] - 1):+.2f}"),
                 *(f"{x:.4g}" for x in (window.cost_first or 0.0, window.cost or 0.0)),
                 str(_converged(window.history)),
-                *(f"{1e3 * found.seconds[k]:.1f}", f"{setup.WINDOW / found.seconds[k]:.2f}"),
+                *(f"{1e3 * x[k]:.1f}" for x in (found.seconds, found.processor)),
+                f"{setup.WINDOW / found.seconds[k]:.2f}",
             ]
         )
     return rows

@@ -343,8 +343,8 @@ fn coloured(rms: &[(&'static str, f64)], noise: &[Noise], n: usize) -> Option<St
         })
         .max_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(format!(
-        "{} leaves {:.1} times its noise: the model leaves something out, which the estimates take up in part; diagnose says \
-         what.",
+        "{} leaves {:.1} times its noise: the model leaves something out, or the load or a parameter changed within the \
+         window; the estimates take it up in part.",
         worst.0, worst.1
     ))
 }

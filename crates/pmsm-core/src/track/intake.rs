@@ -210,7 +210,7 @@ impl Intake {
             && finite(&self.last)
             && self.index.max(self.number) < 1 << 53
             && self.steps.len() <= STEPS
-            && self.steps.iter().all(|step| finite(step) && *step > 0.0)
+            && self.steps.iter().all(|step| step.is_finite() && *step > 0.0)
     }
 
     fn begin_again(&mut self, t: f64) {
