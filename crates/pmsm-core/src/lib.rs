@@ -11,8 +11,8 @@
 //! - [`signals`] (a recording as it drives a model), [`simulate`] (free runs), [`start`] (first values).
 //! - [`drive`] (a closed-loop drive that makes recordings).
 //! - [`experiment`] (one recording seen through one model), [`noise`], [`load_steps`], [`objective`].
-//! - [`identify`]: which parameters. [`system`]: the same for a user's own equations. [`diagnose`]: what is left out.
-//! - [`identify`]: which parameters. [`track`]: the same, window by window. [`diagnose`]: what is left out.
+//! - [`identify`]: which parameters. [`track`]: the same, window by window. [`system`]: the same for a user's own
+//!   equations. [`diagnose`]: what is left out.
 //!
 //! Units are SI throughout, the Park transform is amplitude-invariant, the d axis lies on the magnet flux, and the
 //! sign convention is the motor's.

@@ -34,6 +34,7 @@ mod _core {
     use super::simulation::simulate;
     #[pymodule_export]
     use super::system::identify_system;
+    #[pymodule_export]
     use super::tracking::PyTracker;
     use super::{Bound, PyModule, PyModuleMethods, PyResult, supervise};
 

@@ -36,15 +36,10 @@ pub fn assemble(
     let on_bound = |k: usize| found.values[k] <= plan.bounds[k].0 || found.values[k] >= plan.bounds[k].1;
     let inside: Vec<usize> = (0..found.values.len()).filter(|k| !on_bound(*k)).collect();
     let linear = Linearisation { jacobian: whole.jacobian.select_columns(&inside), residual: whole.residual };
-    let spread = uncertainty::spread(&linear.jacobian, &linear.residual, signals.len());
-    let judge = uncertainty::Judge::new(&linear.jacobian, &linear.residual, spread);
     let spread = spread
         .filter(|_| inside.len() == found.values.len())
         .unwrap_or_else(|| uncertainty::spread(&linear.jacobian, &linear.residual, signals.len()));
-    let all = vec![true; inside.len()];
-    let inverse = least_squares::covariance(&linear.jacobian.tr_mul(&linear.jacobian), None, &all);
-    let off = linear.jacobian.tr_mul(&linear.residual);
-    let quantile = uncertainty::quantile(spread.blocks);
+    let judge = uncertainty::Judge::new(&linear.jacobian, &linear.residual, spread);
     let mut parameters = Vec::new();
     for (k, target) in plan.targets.iter().enumerate() {
         let (value, unit) = (found.values[k], target.unit());
