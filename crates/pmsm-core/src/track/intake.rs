@@ -1,9 +1,12 @@
 //! From rows as they come to windows: what a logger does to time (gaps, repeats, restarts) and to values (NaN) is met here
 //! and told with the window in which it happened.
 
+mod lost;
+
 use crate::error::{Error, Result};
 use crate::recording::{COLUMNS, LARGEST};
 use crate::signals::Finding;
+use lost::{Lost, note};
 use serde::{Deserialize, Serialize};
 
 /// Most samples of one window.
@@ -26,17 +29,6 @@ pub struct Cut {
     pub expected: f64,
     /// What happened.
     pub notes: Vec<Finding>,
-}
-
-/// Rows that were left out of the window under way.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Lost {
-    not_finite: u64,
-    first_column: Option<String>,
-    no_time: u64,
-    repeated: u64,
-    out_of_order: u64,
 }
 
 /// The window under way. Memory is one window of samples.
@@ -293,33 +285,4 @@ impl Intake {
     }
 }
 
-impl Lost {
-    fn tell(&self, notes: &mut Vec<Finding>) {
-        let rows = |n: u64| if n == 1 { "1 row".to_owned() } else { format!("{n} rows") };
-        let gap = "the model restarts behind the gap";
-        if self.not_finite > 0 {
-            let column = self.first_column.as_deref().unwrap_or("t");
-            let finding =
-                format!("{} without a usable value, the first in column '{column}'", rows(self.not_finite));
-            notes.push(note(finding, gap, "repair the log or the sensor"));
-        }
-        if self.no_time > 0 {
-            let finding = format!("{} without a usable time", rows(self.no_time));
-            notes.push(note(finding, gap, "repair the log"));
-        }
-        if self.repeated > 0 {
-            let finding = format!("{} with the time of the row before", rows(self.repeated));
-            notes.push(note(finding, "only the first of them counts", "log each sample once"));
-        }
-        if self.out_of_order > 0 {
-            let finding = format!("{} out of order in time", rows(self.out_of_order));
-            notes.push(note(finding, "they are left out", "sort the rows by time"));
-        }
-    }
-}
-
 const SAME: &str = "give every batch of a stream the same columns";
-
-fn note(finding: String, consequence: &str, fix: &str) -> Finding {
-    Finding { finding, consequence: consequence.into(), fix: fix.into() }
-}
