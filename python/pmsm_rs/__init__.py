@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from .run import Swarm, diagnose, effects, identify
     from .simulation import Simulation, simulate
     from .systems import SystemFit, identify_system
+    from .tracking import Tracker, WindowEstimate, track
 
 _HOME = {
     "DataError": "_core",
@@ -51,7 +52,9 @@ _HOME = {
     "Simulation": "simulation",
     "Swarm": "run",
     "SystemFit": "systems",
+    "Tracker": "tracking",
     "UsageError": "_core",
+    "WindowEstimate": "tracking",
     "__version__": "_core",
     "diagnose": "run",
     "diagnose_many": "fleet",
@@ -60,6 +63,7 @@ _HOME = {
     "identify_system": "systems",
     "load": "loader",
     "simulate": "simulation",
+    "track": "tracking",
 }
 
 __all__ = [
@@ -77,7 +81,9 @@ __all__ = [
     "Simulation",
     "Swarm",
     "SystemFit",
+    "Tracker",
     "UsageError",
+    "WindowEstimate",
     "__version__",
     "diagnose",
     "diagnose_many",
@@ -86,6 +92,7 @@ __all__ = [
     "identify_system",
     "load",
     "simulate",
+    "track",
 ]
 
 

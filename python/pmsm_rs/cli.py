@@ -197,6 +197,54 @@ def identify(
 
 
 @cli.command()
+@click.argument("recording", type=click.Path(dir_okay=False, allow_dash=True), metavar="RECORDING|-")
+@_MACHINE
+@click.option(
+    "--window", type=float, default=0.033, show_default=True, metavar="S", help="Length of a window."
+)
+@click.option(
+    "--fit",
+    default="r_s,tau_load",
+    show_default=True,
+    metavar="r_s,tau_load,...",
+    help="Parameters to follow.",
+)
+@click.option(
+    "--method",
+    type=click.Choice(["lm", "pso", "pso+lm"]),
+    default="lm",
+    show_default=True,
+    help="Warm least squares, the paper's swarm, or both.",
+)
+@_JSON
+@_THREADS
+@_SEED
+def track(
+    recording: str,
+    machine_file: str,
+    window: float,
+    fit: str,
+    method: str,
+    json_file: str | None,
+    threads: int | None,
+    seed: int,
+) -> int:
+    """Follow parameters through RECORDING, window by window.
+
+    With - samples are read from standard input as they come, CSV with a header or one JSON object per line,
+    and each window is written to standard output as one JSON object as soon as it is complete.
+    """
+    from .live import Request, follow
+
+    names = [name.strip() for name in fit.split(",") if name.strip()]
+    request = Request(recording, machine_file, names, window, method, seed, threads, json_file)
+    try:
+        return NOT_SETTLED if follow(request) == 0 else 0
+    except KeyboardInterrupt:
+        _fail(INTERRUPTED, "interrupted; the windows that were complete are written")
+
+
+@cli.command()
 @click.argument("recordings", type=_FILE, nargs=-1, required=True, metavar="RECORDING...")
 @_MACHINE
 @click.option(
@@ -292,6 +340,26 @@ def fleet(
     for failure in answers.failures:
         click.echo(f"pmsm-rs: {failure.message}", err=True)
     return REFUSED if answers.failures else 0
+
+
+@cli.command()
+@click.argument("figures", nargs=-1, metavar="[fig5|fig6|fig7|fig8|all]...")
+@click.option(
+    "--out", "folder", type=click.Path(file_okay=False), required=True, metavar="DIR", help="Where it goes."
+)
+def reproduce(figures: tuple[str, ...], folder: str) -> int:
+    """Simulate and identify what Liu, Liu & Cartes (2008) show, and draw their figures anew.
+
+    Writes the figures as PNG and SVG, a table of the windows and a page with all results and choices.
+    """
+    from .paper.reproduce import reproduce as run
+    from .paper.tables import lines
+
+    outcome, files = run(figures or ("all",), folder, progress=_progress())
+    _clear()
+    click.echo(lines(outcome))
+    click.echo(f"\n{outcome.seconds:.1f} s; written: {', '.join(str(file) for file in files)}")
+    return 0
 
 
 @cli.command()

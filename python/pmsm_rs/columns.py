@@ -40,9 +40,14 @@ Rules = Mapping[str, Rule | None]
 
 
 def assemble(
-    source: Source, rules: Rules | None = None, beside: Callable[[str], Source] | None = None
+    source: Source,
+    rules: Rules | None = None,
+    beside: Callable[[str], Source] | None = None,
+    *,
+    finite: bool = True,
 ) -> dict[str, NDArray[np.float64]]:
     """The canonical SI columns of `source` as contiguous float64 arrays, `n` already turned into `omega_m`.
+    Values that are not finite are let through where `finite` is False.
 
     `beside` opens another file by its name next to the recording. Raises DataError on a missing, doubtful,
     empty or unreadable column, on an unknown unit, and on a file beside with other sample times.
@@ -65,7 +70,8 @@ def assemble(
             out["omega_m" if name == "n" else name] = np.full(rows, value[0])
         elif rule.source is not None:
             values = _convert(raw[rule.source], name, rule, source)
-            _finite(values, raw[rule.source], name, rule.source, source)
+            if finite:
+                _finite(values, raw[rule.source], name, rule.source, source)
             out["omega_m" if name == "n" else name] = values
     for name, rule in foreign.items():
         out["omega_m" if name == "n" else name] = _from_beside(

@@ -7,6 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ._core import DataError, Machine
 from .checks import angle_against_speed
 from .columns import assemble
@@ -75,6 +78,21 @@ def _beside(data: str | os.PathLike[str], max_bytes: int) -> Callable[[str], Sou
     """Opens files by their name from the folder of the recording."""
     folder = Path(data).parent
     return lambda name: open_source(folder / name, max_bytes)
+
+
+def load_columns(
+    data: str | os.PathLike[str],
+    machine: MachineFile | Machine | None = None,
+    *,
+    max_bytes: int = DEFAULT_MAX_BYTES,
+) -> dict[str, NDArray[np.float64]]:
+    """The canonical SI columns of a file as arrays of shape (samples,), values that are not finite included.
+
+    Raises as `load`, but for what only a Recording refuses.
+    """
+    source = open_source(data, max_bytes)
+    rules = machine.columns if isinstance(machine, MachineFile) else None
+    return assemble(source, rules, _beside(data, max_bytes), finite=False)
 
 
 def _with_place(error: DataError, source: Source) -> DataError:

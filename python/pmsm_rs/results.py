@@ -43,7 +43,8 @@ class Estimate:
         )
 
 
-def _estimates(entries: Mapping[str, Any]) -> dict[str, Estimate]:
+def estimates(entries: Mapping[str, Any]) -> dict[str, Estimate]:
+    """Estimates by name from their JSON objects."""
     return {name: Estimate.of(entry) for name, entry in entries.items()}
 
 
@@ -73,7 +74,7 @@ class Identification:
         """From what `to_json` writes."""
         data = json.loads(text)
         return cls(
-            parameters=_estimates(data["parameters"]),
+            parameters=estimates(data["parameters"]),
             cost=data["cost"],
             history=tuple(data["history"]),
             method=data["method"],
@@ -165,7 +166,7 @@ class Diagnosis:
             located=tuple(_location(entry) for entry in data["located"]),
             ranking=tuple(_candidate(entry) for entry in data["ranking"]),
             effects=tuple(data["model"]["effects"]),
-            base=_estimates(data["model"]["base"]),
+            base=estimates(data["model"]["base"]),
             cannot_see=tuple(data["cannot_see"]),
             next_experiment=data["next_experiment"],
             noise_floor=data["noise_floor"],
@@ -261,7 +262,7 @@ def _candidate(entry: Mapping[str, Any]) -> Candidate:
         entry["probability"],
         entry["sentence"],
         entry["equation"],
-        _estimates(entry["parameters"]),
+        estimates(entry["parameters"]),
         tuple(entry["equivalent_to"]),
         entry.get("gain_held_out"),
     )

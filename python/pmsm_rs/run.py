@@ -122,7 +122,7 @@ def identify(
     answer = _core.identify(
         recording,
         machine,
-        fit=_bounds(fit),
+        fit=fit_bounds(fit),
         method=method,
         swarm=(swarm or Swarm()).settings(),
         seed=seed,
@@ -174,9 +174,10 @@ def effect(name: str) -> dict[str, Any]:
     return known[name]
 
 
-def _bounds(
+def fit_bounds(
     fit: Mapping[str, tuple[float, float] | None] | Iterable[str] | None,
 ) -> dict[str, tuple[float, float] | None]:
+    """Bounds by parameter name, checked; empty for None. Raises UsageError."""
     if fit is None:
         return {}
     given = dict(fit) if isinstance(fit, Mapping) else dict.fromkeys([fit] if isinstance(fit, str) else fit)

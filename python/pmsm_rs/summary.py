@@ -11,6 +11,7 @@ from .words import EQUATIONS, channel, estimate, listed, lower_first, number, pe
 
 if TYPE_CHECKING:
     from .fleet import Fleet
+    from .tracking import WindowEstimate
 
 WIDTH = 100
 """Columns of a line on a terminal."""
@@ -45,7 +46,7 @@ def _alternatives(answer: Diagnosis) -> list[str]:
     return [lower_first(title(effect)) for effect in dict.fromkeys([first.effect, *first.equivalent_to])]
 
 
-def _hung(head: str, text: str) -> str:
+def hung(head: str, text: str) -> str:
     """`text` behind `head`, wrapped to the width of a terminal with the later lines below the first."""
     return textwrap.fill(text, WIDTH, initial_indent=head, subsequent_indent=" " * len(head))
 
@@ -60,10 +61,10 @@ def diagnosis(answer: Diagnosis) -> str:
     for item in answer.data_quality:
         consequence = lower_first(item["consequence"]).rstrip(".")
         text = f"{item['finding'].rstrip('.')}: {consequence}; {lower_first(item['fix'])}"
-        lines.append(_hung("  ! ", text))
+        lines.append(hung("  ! ", text))
     if answer.located:
         lines += ["", "Where it sits"]
-        lines += [_hung(f"  {percent(place.share):>6}  ", place.sentence) for place in answer.located[:4]]
+        lines += [hung(f"  {percent(place.share):>6}  ", place.sentence) for place in answer.located[:4]]
     if answer.ranking:
         lines += ["", "Candidates"]
         for candidate in answer.ranking[:5]:
@@ -80,9 +81,9 @@ def diagnosis(answer: Diagnosis) -> str:
     lines += _fit(answer, run)
     if answer.cannot_see:
         lines += ["", "What this recording cannot see"]
-        lines += [_hung("  ", f"{listed(effects)}: {why}") for why, effects in _by_reason(answer)]
+        lines += [hung("  ", f"{listed(effects)}: {why}") for why, effects in _by_reason(answer)]
     if answer.next_experiment:
-        lines += ["", "Next", _hung("  ", answer.next_experiment)]
+        lines += ["", "Next", hung("  ", answer.next_experiment)]
     return "\n".join(lines)
 
 
@@ -165,5 +166,24 @@ def identification(answer: Identification) -> str:
         ]
     if answer.cannot_show:
         lines += ["", "What this recording cannot show"]
-        lines += [_hung("  ", f"{listed(item['parameters'])}: {item['why']}") for item in answer.cannot_show]
+        lines += [hung("  ", f"{listed(item['parameters'])}: {item['why']}") for item in answer.cannot_show]
+    return "\n".join(lines)
+
+
+def window(answer: WindowEstimate) -> str:
+    """One window of a tracker in one line, with further lines for what happened in it."""
+    span = f"{answer.t_start:9.4f} .. {answer.t_end:.4f} s"
+    if answer.status != "estimated":
+        lines = [f"{span}  skipped: {answer.why}"]
+    else:
+        cells = []
+        for name, entry in answer.parameters.items():
+            value, spread, sign = estimate(entry)
+            cells.append(f"{name} {value}{f' ± {spread}' if spread else ''} {sign}".rstrip())
+        if answer.disturbed_load_torque is not None and {"j", "b"} & set(answer.parameters):
+            cells.append(f"T_Ld {number(answer.disturbed_load_torque, 4)} N·m")
+        looks = ", ".join(answer.drift.looks_like or ()) or "steady"
+        rest = "" if answer.converged else "  (not at rest)"
+        lines = [f"{span}  {'  '.join(cells)}  {looks}{rest}"]
+    lines += [hung("             ", f"{note['finding']}: {note['consequence']}") for note in answer.notes]
     return "\n".join(lines)

@@ -12,7 +12,8 @@
 //! - [`drive`] (a closed-loop drive that makes recordings).
 //! - [`noise`], [`input_noise`] and [`whitening`] (what a log can tell), [`load_steps`].
 //! - [`experiment`] (one recording seen through one model), [`objective`].
-//! - [`identify`]: which parameters. [`system`]: the same for a user's own equations. [`diagnose`]: what is left out.
+//! - [`identify`]: which parameters. [`track`]: the same, window by window. [`system`]: the same for a user's own
+//!   equations. [`diagnose`]: what is left out.
 //!
 //! Units are SI throughout, the Park transform is amplitude-invariant, the d axis lies on the magnet flux, and the
 //! sign convention is the motor's.
@@ -43,6 +44,7 @@ pub mod start;
 pub mod swarm;
 pub mod system;
 pub mod terms;
+pub mod track;
 pub mod transforms;
 pub mod uncertainty;
 pub mod whitening;

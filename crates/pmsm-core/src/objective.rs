@@ -8,6 +8,8 @@
 //! which the largest flux linkage induces the largest voltage, so that a run near standstill has a weight, too.
 //! What a recording does not contain drops out of the sum; operating points compare voltages in place of currents.
 
+mod free_run;
+
 use crate::experiment::{Channel, Experiment, Linearisation};
 use crate::model::Model;
 use crate::real::{Dual, Real};
@@ -153,6 +155,19 @@ impl<'a> Objective<'a> {
         }
     }
 
+    /// [`Objective::linearise`] from initial values of the segments that are known to fit, three each.
+    pub fn linearise_from(&self, p: &[f64], free: &[usize], starts: &[f64]) -> Linearisation {
+        let starts: Vec<[f64; INITIAL]> = starts.chunks_exact(INITIAL).map(|s| [s[0], s[1], s[2]]).collect();
+        if self.drive != Drive::Coupled || starts.len() != self.experiment.signals.segments.len() {
+            return self.linearise(p, free);
+        }
+        match free.len() {
+            0..=2 => self.coupled_at::<5>(p, free, &starts),
+            3..=4 => self.coupled_at::<7>(p, free, &starts),
+            _ => self.coupled_at::<10>(p, free, &starts),
+        }
+    }
+
     /// Estimates the initial values of each segment, then takes derivatives there and projects out what the initial
     /// values can still do.
     fn coupled_linear<const L: usize>(&self, p: &[f64], free: &[usize]) -> Linearisation {
@@ -173,7 +188,17 @@ impl<'a> Objective<'a> {
                 }
             }
         }
-        let (mut linear, mut initial) = self.coupled_pass::<L>(p, free, &starts);
+        self.coupled_at::<L>(p, free, &starts)
+    }
+
+    fn coupled_at<const L: usize>(
+        &self,
+        p: &[f64],
+        free: &[usize],
+        starts: &[[f64; INITIAL]],
+    ) -> Linearisation {
+        let signals = self.experiment.signals;
+        let (mut linear, mut initial) = self.coupled_pass::<L>(p, free, starts);
         for segment in &signals.segments {
             project(&stacked(segment, signals.len()), &mut initial, &mut linear);
         }

@@ -60,8 +60,11 @@ pub fn spread(jacobian: &DMatrix<f64>, residual: &DVector<f64>, rows_per_channel
     // Row k of `influence` times a score is what that score moved parameter k.
     let influence = &whitener * whitener.transpose();
     let mut moves = DMatrix::zeros(dim, rows_per_channel);
+    let mut score = DVector::zeros(dim);
     for row in 0..rows {
-        let score = jacobian.row(row).transpose() * residual[row];
+        for k in 0..dim {
+            score[k] = jacobian[(row, k)] * residual[row];
+        }
         let mut column = moves.column_mut(row % rows_per_channel);
         column.gemv(1.0, &influence, &score, 1.0);
     }

@@ -9,6 +9,7 @@ mod run;
 mod simulation;
 mod supervise;
 mod system;
+mod tracking;
 
 use pyo3::prelude::*;
 
@@ -33,6 +34,8 @@ mod _core {
     use super::simulation::simulate;
     #[pymodule_export]
     use super::system::identify_system;
+    #[pymodule_export]
+    use super::tracking::PyTracker;
     use super::{Bound, PyModule, PyModuleMethods, PyResult, supervise};
 
     #[pymodule_init]

@@ -22,19 +22,23 @@ pub fn assemble(
     found: Found,
 ) -> Result<Identification> {
     let point = plan.point(&found.values);
-    let whole = objective.linearise(&point, &plan.free());
+    let whole = objective.linearise_from(&point, &plan.free(), &found.starts);
     let mut cannot_show = plan.refused.clone();
+    let mut spread = None;
     if whole.jacobian.iter().all(|x| x.is_finite()) {
         let names: Vec<&str> = plan.targets.iter().map(|t| t.name()).collect();
         let sizes: Vec<f64> =
             plan.targets.iter().zip(&found.values).map(|(t, x)| plan::size(*t, *x, signals)).collect();
-        let spread = uncertainty::spread(&whole.jacobian, &whole.residual, signals.len());
-        cannot_show.extend(uncertainty::not_shown(&names, &sizes, &whole.jacobian, &spread, plan::advice)?);
+        let of_all = uncertainty::spread(&whole.jacobian, &whole.residual, signals.len());
+        cannot_show.extend(uncertainty::not_shown(&names, &sizes, &whole.jacobian, &of_all, plan::advice)?);
+        spread = Some(of_all);
     }
     let on_bound = |k: usize| found.values[k] <= plan.bounds[k].0 || found.values[k] >= plan.bounds[k].1;
     let inside: Vec<usize> = (0..found.values.len()).filter(|k| !on_bound(*k)).collect();
     let linear = Linearisation { jacobian: whole.jacobian.select_columns(&inside), residual: whole.residual };
-    let spread = uncertainty::spread(&linear.jacobian, &linear.residual, signals.len());
+    let spread = spread
+        .filter(|_| inside.len() == found.values.len())
+        .unwrap_or_else(|| uncertainty::spread(&linear.jacobian, &linear.residual, signals.len()));
     let judge = uncertainty::Judge::new(&linear.jacobian, &linear.residual, spread);
     let mut parameters = Vec::new();
     for (k, target) in plan.targets.iter().enumerate() {
