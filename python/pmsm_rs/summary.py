@@ -111,7 +111,7 @@ def _parameters(entries: list[tuple[str, object]]) -> list[str]:
         lines.append(f"  {name:<{wide}}  {value}{tail} {sign}".rstrip())
         if why and not spread:
             reasons.setdefault(why, []).append(name)
-    lines += [_hung("  ", f"no uncertainty for {listed(names)}: {why}") for why, names in reasons.items()]
+    lines += [hung("  ", f"no uncertainty for {listed(names)}: {why}") for why, names in reasons.items()]
     return lines
 
 
@@ -142,9 +142,9 @@ def fleet(answers: Fleet) -> str:
         shown = name if len(name) <= wide else f"…{name[1 - wide :]}"
         if isinstance(result, Diagnosis):
             sure = f" ({percent(result.ranking[0].probability)})" if result.verdict == "named" else ""
-            lines.append(_hung(f"{shown:<{wide}}  ", f"{headline(result)}{sure}"))
+            lines.append(hung(f"{shown:<{wide}}  ", f"{headline(result)}{sure}"))
         else:
-            lines.append(_hung(f"{shown:<{wide}}  ", f"failed: {result.kind}"))
+            lines.append(hung(f"{shown:<{wide}}  ", f"failed: {result.kind}"))
     return "\n".join(lines)
 
 
