@@ -6,7 +6,7 @@
 //! neither physics that is smooth over 3·m samples nor, through the median, rare transients.
 
 use crate::machine::BaseParameter;
-use crate::signals::Signals;
+use crate::signals::{Finding, Signals};
 
 /// Lags over which the wandering is looked for, samples.
 const LAGS: [usize; 4] = [1, 2, 4, 8];
@@ -89,6 +89,38 @@ impl InputNoise {
         let square = wander.iter().map(|(square, error)| square * error.powi(-2)).sum::<f64>() / weight;
         let voltage = if square > SIGNIFICANT / weight.sqrt() { square.sqrt() } else { 0.0 };
         Self { voltage, hidden: hidden(signals) }
+    }
+}
+
+impl InputNoise {
+    /// What the user should know of it.
+    pub fn findings(&self, signals: &Signals) -> Vec<Finding> {
+        let mut out = Vec::new();
+        if self.voltage > 0.0 {
+            out.push(Finding {
+                finding: format!(
+                    "the logged voltage carries noise of {:.3} V per axis, {:.2} % of the link voltage",
+                    self.voltage,
+                    100.0 * self.voltage / signals.context.v_dc
+                ),
+                consequence:
+                    "simulated currents wander by themselves; weak effects in the voltage equations drown"
+                        .into(),
+                fix: "log the commanded voltage instead of a measured one, or measure it with less noise"
+                    .into(),
+            });
+        }
+        if let (false, Some(control)) = (self.hidden.is_empty(), signals.control_period) {
+            out.push(Finding {
+                finding: format!(
+                    "one row of the log stands for {:.1} control periods",
+                    signals.period / control
+                ),
+                consequence: "what the voltage did between the rows is unknown; transients count less".into(),
+                fix: "log every control period".into(),
+            });
+        }
+        out
     }
 }
 

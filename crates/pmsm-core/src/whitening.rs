@@ -140,3 +140,90 @@ fn product(a: &[f64; 4], b: &[f64; 4]) -> [f64; 4] {
         a[2] * b[1] + a[3] * b[3],
     ]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::machine::Machine;
+    use crate::random::normal_pair;
+    use crate::recording::Recording;
+
+    const P: [f64; 6] = [0.9, 9.6e-3, 21e-3, 0.19, 0.01, 0.001];
+    const H: f64 = 1e-4;
+
+    fn signals(n: usize) -> Signals {
+        let t: Vec<f64> = (0..n).map(|k| k as f64 * H).collect();
+        let omega: Vec<f64> = t.iter().map(|t| 400.0 * (9.0 * t).sin()).collect();
+        let theta = t.iter().map(|t| 400.0 / 9.0 * (1.0 - (9.0 * t).cos())).collect();
+        let level = |x: f64| vec![x; n];
+        let columns = vec![
+            ("t".into(), t),
+            ("omega_e".into(), omega),
+            ("theta_e".into(), theta),
+            ("v_d".into(), level(1.0)),
+            ("v_q".into(), level(2.0)),
+            ("i_d".into(), level(3.0)),
+            ("i_q".into(), level(4.0)),
+        ];
+        Signals::new(&Recording::new(columns, None).unwrap(), &Machine::new(3).unwrap()).unwrap()
+    }
+
+    /// What a correct model leaves in free run from a noisy start under a noisy voltage.
+    fn residual(signals: &Signals, sensor: f64, voltage: f64) -> [Vec<f64>; 2] {
+        let noise = |k: usize, what: u32| normal_pair(7, [k as u32, what, 0, 0]);
+        let mut x = [0.0; 2];
+        let mut out = [Vec::new(), Vec::new()];
+        for k in 0..signals.len() {
+            let n = noise(k, 0);
+            if k == 0 {
+                x = [-sensor * n.0, -sensor * n.1];
+            }
+            out[0].push(x[0] + sensor * n.0);
+            out[1].push(x[1] + sensor * n.1);
+            let m = transition(H, signals.omega_e[k], P[0], P[1], P[2]);
+            let w = noise(k, 1);
+            x = [
+                m[0] * x[0] + m[1] * x[1] + voltage * H / P[1] * w.0,
+                m[2] * x[0] + m[3] * x[1] + voltage * H / P[2] * w.1,
+            ];
+        }
+        out
+    }
+
+    #[test]
+    fn what_noise_alone_leaves_becomes_white_with_unit_variance() {
+        let signals = signals(30_000);
+        let (sensor, voltage) = (0.02, 1.5);
+        let [mut d, mut q] = residual(&signals, sensor, voltage);
+        let input = InputNoise { voltage, hidden: Vec::new() };
+        Whitening::new(&signals, &P, [sensor; 2], &input).apply(&mut d, &mut q);
+        for x in [&d, &q] {
+            let square = x.iter().map(|x| x * x).sum::<f64>() / x.len() as f64;
+            assert!((square - 1.0).abs() < 0.03, "{square}");
+            for lag in [1, 3, 20] {
+                let rho = x.windows(lag + 1).map(|w| w[0] * w[lag]).sum::<f64>() / x.len() as f64;
+                assert!(rho.abs() < 0.025, "{lag}: {rho}");
+            }
+        }
+        let cross = d.iter().zip(&q).map(|(a, b)| a * b).sum::<f64>() / d.len() as f64;
+        assert!(cross.abs() < 0.025, "{cross}");
+    }
+
+    #[test]
+    fn the_noise_is_found_in_such_a_residual() {
+        let signals = signals(30_000);
+        let (sensor, voltage) = (0.02, 1.5);
+        let [d, q] = residual(&signals, sensor, voltage);
+        let mut known = [sensor; 2];
+        let found = InputNoise::estimate(&signals, &P, [&d, &q], &mut known, true);
+        assert!((found.voltage / voltage - 1.0).abs() < 0.1, "{}", found.voltage);
+        assert!(found.hidden.is_empty());
+        // Smooth physics on top is none.
+        let bent = |x: &[f64]| -> Vec<f64> {
+            x.iter().zip(&signals.t).map(|(x, t)| x + 0.1 * (150.0 * t).sin()).collect()
+        };
+        let [quiet_d, quiet_q] = residual(&signals, sensor, 0.0).map(|x| bent(&x));
+        let found = InputNoise::estimate(&signals, &P, [&quiet_d, &quiet_q], &mut known, true);
+        assert_eq!(found.voltage, 0.0);
+    }
+}
