@@ -1,5 +1,5 @@
 # `make demo` and `make test` need Python >= 3.11, cargo and a C linker, and fetch the rest into .venv and target.
-# Other goals: readme, accuracy, wheel, format, doc, clean.
+# Other goals: readme, accuracy, wheel, format, docs, doc, clean.
 
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -11,13 +11,14 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 WHEELS := $(VENV)/wheels
 REPORT := out/demo.html
+MANUAL := out/docs
 CONCEALED ?= ../shared/concealed
 ANSWERS ?= out/accuracy
 
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md \
   $(shell find crates python -type f -not -name '*.so' -not -name '*.pyc' -not -path '*/target/*')
 
-.PHONY: help need demo test lint rustfmt clippy ruff mypy rust python readme readme-check accuracy wheel format doc clean
+.PHONY: help need demo test lint rustfmt clippy ruff mypy rust python readme readme-check accuracy wheel format docs doc clean
 
 help:
 	@echo 'make demo      install into $(VENV) and diagnose the recording that ships with the package'
@@ -26,6 +27,7 @@ help:
 	@echo 'make readme    put real output and the picture into README.md'
 	@echo 'make wheel     build the wheel only'
 	@echo 'make format    rustfmt and ruff format'
+	@echo 'make docs      the manual, with every example run'
 	@echo 'make doc       the manual of the Rust crate'
 	@echo 'make clean     remove $(VENV), target and out'
 
@@ -50,6 +52,10 @@ $(VENV)/.installed: $(VENV)/.wheel
 
 $(VENV)/.test: $(VENV)/.installed
 	@$(PIP) install "$$(echo $(WHEELS)/pmsm_rs-*.whl)[test,proof]"
+	@touch $@
+
+$(VENV)/.docs: $(VENV)/.installed
+	@$(PIP) install "$$(echo $(WHEELS)/pmsm_rs-*.whl)[docs]"
 	@touch $@
 
 wheel: $(VENV)/.wheel
@@ -103,8 +109,13 @@ format:
 	cargo fmt --all
 	$(BIN)/ruff format .
 
+# The manual, with every example run; a warning is an error.
+docs: $(VENV)/.docs
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs $(MANUAL)
+	@echo 'Open it in a browser: file://$(CURDIR)/$(MANUAL)/index.html'
+
 doc:
 	cargo doc --locked --no-deps
 
 clean:
-	rm -rf $(VENV) target out
+	rm -rf $(VENV) target out docs/generated docs/gallery docs/sg_execution_times.rst

@@ -81,11 +81,10 @@ def demo_answer() -> Diagnosis:
 def picture(path: Path) -> None:
     """Torque current where the plain model is worst, and its mismatch over the direct current."""
     answer = demo_answer()
-    trace = answer.traces["validation"]
     figure = Figure(figsize=(10, 3.2), layout="constrained", facecolor="white")
     left, right = figure.subplots(1, 2)
-    plot.trajectory(left, trace, "i_q")
-    plot.residual_over(right, trace, "i_q", "op_i_q", answer.noise_floor["i_q"])
+    plot.trajectory(answer, "i_q", ax=left)
+    plot.residual_over(answer, "i_q", "op_i_q", ax=right)
     left.legend(frameon=False, fontsize="small")
     right.legend(frameon=False, fontsize="small")
     figure.savefig(path, dpi=100, metadata={"Software": None})

@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use nalgebra::{DMatrix, DVector};
 use pmsm_core::least_squares::{self, Fit, Normal, Problem, Settings, Status, covariance};
 use pmsm_core::monitor::Silent;
-use pmsm_core::swarm::{self, SwarmSettings};
+use pmsm_core::swarm::{self, Inertia, Neighbourhood, SwarmSettings, Update};
 
 const FREE: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
 
@@ -47,6 +47,9 @@ const CONTRACTING: SwarmSettings = SwarmSettings {
     cognitive: 1.49618,
     social: 1.49618,
     velocity_limit: 0.5,
+    schedule: Inertia::Constant,
+    update: Update::Inertia,
+    neighbourhood: Neighbourhood::All,
 };
 
 /// How many of 20 seeds end below `target` (every optimum here is 0).
@@ -81,6 +84,28 @@ fn a_contracting_swarm_finds_known_optima() {
     ] {
         let found = successes(&CONTRACTING, cost, dims, reach, target);
         assert!(found >= least, "{name}: {found} of 20");
+    }
+}
+
+#[test]
+fn every_variant_that_contracts_finds_the_floor_of_one_basin() {
+    let paper = SwarmSettings { particles: 20, iterations: 200, ..SwarmSettings::default() };
+    let falling = SwarmSettings { inertia: 0.9, schedule: Inertia::Linear { last: 0.4 }, ..paper };
+    let constricted = SwarmSettings { update: Update::Constriction, cognitive: 2.05, social: 2.05, ..paper };
+    let informed = SwarmSettings { update: Update::FullyInformed, ..constricted };
+    let social = SwarmSettings { cognitive: 1.49, social: 1.49, inertia: 0.72, ..paper };
+    for (name, settings) in [
+        ("falling inertia", falling),
+        ("random inertia", SwarmSettings { schedule: Inertia::Random { last: 0.5 }, ..social }),
+        ("adaptive inertia", SwarmSettings { schedule: Inertia::Adaptive { last: 0.4 }, ..social }),
+        ("constriction", constricted),
+        ("constriction on a ring", SwarmSettings { neighbourhood: Neighbourhood::Ring, ..constricted }),
+        ("constriction on a grid", SwarmSettings { neighbourhood: Neighbourhood::VonNeumann, ..constricted }),
+        ("informed on a ring", SwarmSettings { neighbourhood: Neighbourhood::Ring, ..informed }),
+        ("informed on a grid", SwarmSettings { neighbourhood: Neighbourhood::VonNeumann, ..informed }),
+    ] {
+        let found = successes(&settings, sphere, 3, 10.0, 1e-6);
+        assert!(found >= 19, "{name}: {found} of 20");
     }
 }
 

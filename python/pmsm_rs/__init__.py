@@ -29,15 +29,21 @@ if TYPE_CHECKING:
         UsageError,
         __version__,
     )
+    from .fleet import Failure, Fleet, diagnose_many
     from .loader import load
     from .recording import Recording
     from .results import Diagnosis, Identification
     from .run import Swarm, diagnose, effects, identify
+    from .simulation import Simulation, simulate
+    from .systems import SystemFit, identify_system
+    from .tracking import Tracker, WindowEstimate, track
 
 _HOME = {
     "DataError": "_core",
     "Diagnosis": "results",
+    "Failure": "fleet",
     "Fitness": "_core",
+    "Fleet": "fleet",
     "Identification": "results",
     "InternalError": "_core",
     "Machine": "_core",
@@ -45,19 +51,29 @@ _HOME = {
     "NotIdentifiableError": "_core",
     "PmsmError": "_core",
     "Recording": "recording",
+    "Simulation": "simulation",
     "Swarm": "run",
+    "SystemFit": "systems",
+    "Tracker": "tracking",
     "UsageError": "_core",
+    "WindowEstimate": "tracking",
     "__version__": "_core",
     "diagnose": "run",
+    "diagnose_many": "fleet",
     "effects": "run",
     "identify": "run",
+    "identify_system": "systems",
     "load": "loader",
+    "simulate": "simulation",
+    "track": "tracking",
 }
 
 __all__ = [
     "DataError",
     "Diagnosis",
+    "Failure",
     "Fitness",
+    "Fleet",
     "Identification",
     "InternalError",
     "Machine",
@@ -65,13 +81,21 @@ __all__ = [
     "NotIdentifiableError",
     "PmsmError",
     "Recording",
+    "Simulation",
     "Swarm",
+    "SystemFit",
+    "Tracker",
     "UsageError",
+    "WindowEstimate",
     "__version__",
     "diagnose",
+    "diagnose_many",
     "effects",
     "identify",
+    "identify_system",
     "load",
+    "simulate",
+    "track",
 ]
 
 

@@ -104,11 +104,7 @@ def identify(
     *,
     fit: Mapping[str, tuple[float, float] | None],
     method: str,
-    particles: int,
-    iterations: int,
-    inertia: float,
-    cognitive: float,
-    social: float,
+    swarm: str,
     seed: int,
     threads: int | None,
     progress: Callable[[str, float], None] | None,
@@ -122,4 +118,55 @@ def diagnose(
     threads: int | None,
     progress: Callable[[str, float], None] | None,
 ) -> tuple[str, dict[str, dict[str, NDArray[np.float64]]]]: ...
+
+@final
+class Tracker:
+    """Follows parameters through a stream of samples, window by window."""
+
+    def __new__(
+        cls,
+        machine: Machine,
+        *,
+        fit: Mapping[str, tuple[float, float] | None],
+        window: float,
+        method: str,
+        swarm: str,
+        search: float,
+        seed: int,
+        load: str | None,
+        load_value: float | None,
+    ) -> Self: ...
+    def update(self, columns: dict[str, NDArray[np.float64]], *, threads: int | None) -> list[str]: ...
+    def finish(self, *, threads: int | None) -> list[str]: ...
+    def state(self) -> str: ...
+    @staticmethod
+    def restore(state: str) -> Tracker: ...
+    @property
+    def machine(self) -> Machine: ...
+    @property
+    def window(self) -> float: ...
+    @property
+    def fit(self) -> list[str]: ...
+
 def effects() -> str: ...
+def simulate(
+    machine: Machine,
+    nameplate: Machine,
+    settings: str,
+    *,
+    seed: int,
+    progress: Callable[[str, float], None] | None,
+) -> tuple[Recording, str, dict[str, NDArray[np.float64]]]: ...
+def identify_system(
+    errors: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    names: Sequence[str],
+    bounds: Sequence[tuple[float, float]],
+    *,
+    outputs: int,
+    samples: int,
+    start: Sequence[float] | None,
+    method: str,
+    swarm: str,
+    seed: int,
+    progress: Callable[[str, float], None] | None,
+) -> str: ...

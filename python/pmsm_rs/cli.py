@@ -100,6 +100,41 @@ def demo(report_file: str, json_file: str | None, threads: int | None, seed: int
 
 
 @cli.command()
+@click.argument("config", type=_FILE, metavar="CONFIG.toml")
+@click.option(
+    "-o",
+    "--output",
+    type=_FILE,
+    required=True,
+    metavar="RECORDING.parquet",
+    help="Where the recording goes (.parquet or .csv).",
+)
+@click.option("--truth", is_flag=True, help="Write RECORDING.truth.json and .truth.parquet beside it.")
+@click.option(
+    "--machine-file",
+    type=_FILE,
+    metavar="M.toml",
+    help="Write the machine file that goes with the recording.",
+)
+@click.option(
+    "--seed", type=click.IntRange(0, 2**53), metavar="N", help="Seed of the noise, in place of the file's."
+)
+def simulate(config: str, output: str, truth: bool, machine_file: str | None, seed: int | None) -> int:
+    """Make a recording: a closed-loop drive with any effects, as CONFIG.toml describes it."""
+    from .simulation import simulate as run
+
+    made = run(config, progress=_progress(), **({} if seed is None else {"seed": seed}))
+    _clear()
+    made.write(output)
+    if truth:
+        made.write_truth(output)
+    if machine_file:
+        made.write_machine(machine_file)
+    click.echo(f"{output}: {len(made.recording)} samples, {made.recording.duration:.6g} s")
+    return 0
+
+
+@cli.command()
 @click.argument("recording", type=_FILE)
 @_MACHINE
 @click.option(
@@ -114,6 +149,12 @@ def demo(report_file: str, json_file: str | None, threads: int | None, seed: int
     show_default=True,
     help="Particle swarm, least squares, or both.",
 )
+@click.option(
+    "--swarm",
+    metavar="NAME=VALUE,...",
+    help="Settings of the swarm: particles, iterations, inertia, cognitive, social, velocity_limit, "
+    "inertia_schedule, inertia_last, update, neighbourhood.",
+)
 @_JSON
 @_THREADS
 @_SEED
@@ -122,6 +163,7 @@ def identify(
     machine_file: str,
     fit: str | None,
     method: str,
+    swarm: str | None,
     json_file: str | None,
     threads: int | None,
     seed: int,
@@ -129,6 +171,7 @@ def identify(
     """Estimate the parameters of the dq-model from RECORDING."""
     from .config import read_machine
     from .loader import load
+    from .run import Swarm
     from .run import identify as run
 
     names = [name.strip() for name in fit.split(",") if name.strip()] if fit is not None else None
@@ -138,6 +181,7 @@ def identify(
         machine.machine,
         fit=names,
         method=method,
+        swarm=None if swarm is None else Swarm.parse(swarm),
         seed=seed,
         threads=threads,
         progress=_progress(),
@@ -150,6 +194,54 @@ def identify(
         return INTERRUPTED
     unsettled = not answer.converged or any(entry.value is None for entry in answer.parameters.values())
     return NOT_SETTLED if unsettled else 0
+
+
+@cli.command()
+@click.argument("recording", type=click.Path(dir_okay=False, allow_dash=True), metavar="RECORDING|-")
+@_MACHINE
+@click.option(
+    "--window", type=float, default=0.033, show_default=True, metavar="S", help="Length of a window."
+)
+@click.option(
+    "--fit",
+    default="r_s,tau_load",
+    show_default=True,
+    metavar="r_s,tau_load,...",
+    help="Parameters to follow.",
+)
+@click.option(
+    "--method",
+    type=click.Choice(["lm", "pso", "pso+lm"]),
+    default="lm",
+    show_default=True,
+    help="Warm least squares, the paper's swarm, or both.",
+)
+@_JSON
+@_THREADS
+@_SEED
+def track(
+    recording: str,
+    machine_file: str,
+    window: float,
+    fit: str,
+    method: str,
+    json_file: str | None,
+    threads: int | None,
+    seed: int,
+) -> int:
+    """Follow parameters through RECORDING, window by window.
+
+    With - samples are read from standard input as they come, CSV with a header or one JSON object per line,
+    and each window is written to standard output as one JSON object as soon as it is complete.
+    """
+    from .live import Request, follow
+
+    names = [name.strip() for name in fit.split(",") if name.strip()]
+    request = Request(recording, machine_file, names, window, method, seed, threads, json_file)
+    try:
+        return NOT_SETTLED if follow(request) == 0 else 0
+    except KeyboardInterrupt:
+        _fail(INTERRUPTED, "interrupted; the windows that were complete are written")
 
 
 @cli.command()
@@ -201,6 +293,73 @@ def diagnose(
         answer.report(report_file, title=", ".join(Path(recording).name for recording in recordings))
     click.echo(answer)
     return INTERRUPTED if answer.interrupted else 0
+
+
+@cli.command()
+@click.argument("recordings", type=_FILE, nargs=-1, required=True, metavar="RECORDING...")
+@_MACHINE
+@click.option(
+    "--ledger",
+    type=_FILE,
+    metavar="FILE",
+    help="Append every finished recording to FILE; run again with it, only the rest is computed.",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 1024),
+    metavar="N",
+    help="Recordings at a time; by default all processors.",
+)
+@_JSON
+@_SEED
+def fleet(
+    recordings: tuple[str, ...],
+    machine_file: str,
+    ledger: str | None,
+    jobs: int | None,
+    json_file: str | None,
+    seed: int,
+) -> int:
+    """Diagnose every RECORDING by itself; one that is refused does not stop the others."""
+    import json
+    import os
+    from concurrent.futures import ThreadPoolExecutor
+
+    from .fleet import diagnose_many
+
+    with ThreadPoolExecutor(jobs or os.cpu_count() or 1) as executor:
+        answers = diagnose_many(
+            recordings, machine_file, executor=executor, ledger=ledger, seed=seed, progress=_progress()
+        )
+    _clear()
+    if json_file:
+        _write(json_file, json.dumps(answers.to_list(), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    click.echo(answers)
+    if answers.interrupted:
+        return INTERRUPTED
+    for failure in answers.failures:
+        click.echo(f"pmsm-rs: {failure.message}", err=True)
+    return REFUSED if answers.failures else 0
+
+
+@cli.command()
+@click.argument("figures", nargs=-1, metavar="[fig5|fig6|fig7|fig8|all]...")
+@click.option(
+    "--out", "folder", type=click.Path(file_okay=False), required=True, metavar="DIR", help="Where it goes."
+)
+def reproduce(figures: tuple[str, ...], folder: str) -> int:
+    """Simulate and identify what Liu, Liu & Cartes (2008) show, and draw their figures anew.
+
+    Writes the figures as PNG and SVG, a table of the windows and a page with all results and choices.
+    """
+    from .paper.reproduce import reproduce as run
+    from .paper.tables import lines
+
+    outcome, files = run(figures or ("all",), folder, progress=_progress())
+    _clear()
+    click.echo(lines(outcome))
+    click.echo(f"\n{outcome.seconds:.1f} s; written: {', '.join(str(file) for file in files)}")
+    return 0
 
 
 @cli.command()

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +19,11 @@ _ROTOR_FRAME = frozenset({"i_d", "i_q", "v_d", "v_q"})
 
 @dataclass(frozen=True)
 class Rule:
-    """How one canonical column is made: SI value of (raw · scale + offset) in `unit`, or a time axis of
-    `period` s.
+    """How one canonical column is made: SI value of (raw · scale + offset) in `unit`, of the constant `value`
+    in `unit`, or a time axis of `period` s.
 
-    `unit` None means the unit that the file states, else the canonical one.
+    `unit` None means the unit that the file states, else the canonical one. `file` names another file, beside
+    the recording, that has the column.
     """
 
     source: str | None = None
@@ -30,18 +31,31 @@ class Rule:
     scale: float = 1.0
     offset: float = 0.0
     period: float | None = None
+    value: float | None = None
+    file: str | None = None
 
 
 Rules = Mapping[str, Rule | None]
 """Rules by canonical name; None leaves the column out."""
 
 
-def assemble(source: Source, rules: Rules | None = None) -> dict[str, NDArray[np.float64]]:
+def assemble(
+    source: Source,
+    rules: Rules | None = None,
+    beside: Callable[[str], Source] | None = None,
+    *,
+    finite: bool = True,
+) -> dict[str, NDArray[np.float64]]:
     """The canonical SI columns of `source` as contiguous float64 arrays, `n` already turned into `omega_m`.
+    Values that are not finite are let through where `finite` is False.
 
-    Raises DataError on a missing, doubtful, empty or unreadable column and on an unknown unit.
+    `beside` opens another file by its name next to the recording. Raises DataError on a missing, doubtful,
+    empty or unreadable column, on an unknown unit, and on a file beside with other sample times.
     """
-    plan = _complete(source, dict(rules or {}))
+    foreign = {
+        name: rule for name, rule in (rules or {}).items() if rule is not None and rule.file is not None
+    }
+    plan = _complete(source, dict(rules or {}), set(foreign))
     wanted = {rule.source for rule in plan.values() if rule.source is not None}
     raw = source.read(sorted(wanted))
     rows = max((len(values) for values in raw.values()), default=0)
@@ -51,11 +65,19 @@ def assemble(source: Source, rules: Rules | None = None) -> dict[str, NDArray[np
     for name, rule in plan.items():
         if rule.period is not None:
             out[name] = np.arange(rows, dtype=np.float64) * rule.period
+        elif rule.value is not None:
+            value = _convert(np.array([rule.value]), name, rule, source)
+            out["omega_m" if name == "n" else name] = np.full(rows, value[0])
         elif rule.source is not None:
             values = _convert(raw[rule.source], name, rule, source)
-            _finite(values, raw[rule.source], name, rule.source, source)
+            if finite:
+                _finite(values, raw[rule.source], name, rule.source, source)
             out["omega_m" if name == "n" else name] = values
-    if "n" in plan and "omega_m" in plan:
+    for name, rule in foreign.items():
+        out["omega_m" if name == "n" else name] = _from_beside(
+            name, rule, plan["t"], out["t"], beside, source
+        )
+    if "n" in {*plan, *foreign} and "omega_m" in {*plan, *foreign}:
         raise refuse(
             DataError,
             "both n and omega_m are there",
@@ -66,15 +88,54 @@ def assemble(source: Source, rules: Rules | None = None) -> dict[str, NDArray[np
     return out
 
 
-def _complete(source: Source, rules: dict[str, Rule | None]) -> dict[str, Rule]:
-    """The rule of every column that can be had, the given ones checked and the rest guessed."""
+def _from_beside(
+    name: str,
+    rule: Rule,
+    time: Rule,
+    t: NDArray[np.float64],
+    beside: Callable[[str], Source] | None,
+    source: Source,
+) -> NDArray[np.float64]:
+    """A column of another file, whose sample times must be those of the recording, `t`."""
+    assert rule.file is not None
+    assert rule.source is not None
+    if beside is None:
+        raise refuse(
+            DataError,
+            f"{name} is to come from '{rule.file}', and this recording is no file",
+            column=rule.source,
+            fix="give all columns together",
+        )
+    other = beside(rule.file)
+    column = other.find(rule.source, name)
+    chosen = {column, *({time.source} & set(other.names))} - {None}
+    raw = other.read(sorted(text for text in chosen if text is not None))
+    values = _convert(raw[column], name, replace(rule, source=column), other)
+    _finite(values, raw[column], name, column, other)
+    stamps = _convert(raw[time.source], "t", time, other) if time.source in raw else t
+    tolerance = 0.01 * float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    if len(values) != len(t) or not np.allclose(stamps, t, rtol=0.0, atol=tolerance):
+        raise refuse(
+            DataError,
+            f"it was not sampled together with {source.file}",
+            file=other.file,
+            column=column,
+            fix="record both together, or bring them to the same sample times",
+        )
+    return values
+
+
+def _complete(source: Source, rules: dict[str, Rule | None], foreign: set[str]) -> dict[str, Rule]:
+    """The rule of every column that can be had, the given ones checked and the rest guessed; `foreign` ones
+    are not in this file.
+    """
     plan: dict[str, Rule] = {}
     for name, rule in rules.items():
-        if rule is None:
+        if rule is None or name in foreign:
             continue
         if rule.source is not None:
-            rule = Rule(source.find(rule.source, name), rule.unit, rule.scale, rule.offset)
-            plan[name] = Rule(rule.source, _unit(name, rule, source), rule.scale, rule.offset)
+            rule = replace(rule, source=source.find(rule.source, name))
+            plan[name] = replace(rule, unit=_unit(name, rule, source))
         else:
             plan[name] = rule
     taken = {rule.source for rule in plan.values()}
@@ -185,7 +246,7 @@ def _settle(
     units = " or ".join(f'"{unit}"' for unit in list(UNITS[dimension])[:3])
     if len(meanings) > 1:
         problem = "it may be electrical or mechanical"
-        stated = source.units.get(column)
+        stated = source.unit(column)
         given = f', unit = "{stated}"' if stated else f", unit = {units}"
         fix = "say which in [columns]: " + " or ".join(
             f'{name} = {{ from = "{column}"{given} }}' for name in meanings
@@ -199,7 +260,7 @@ def _settle(
 def _unit(name: str, rule: Rule, source: Source) -> str:
     """The unit of a rule, checked against the dimension of its canonical column."""
     quantity = CANONICAL[name]
-    stated = source.units.get(rule.source or "")
+    stated = source.unit(rule.source or "")
     text = rule.unit
     if text is None:
         # A scale turns the raw numbers into something of the user's own, so the file's unit no longer speaks.
@@ -217,7 +278,7 @@ def _unit(name: str, rule: Rule, source: Source) -> str:
             f"{what} ({name} is a {quantity.dimension})",
             file=source.file,
             column=rule.source,
-            fix=f"{suggest(text, quantity.dimension)} Or convert with scale in [columns]",
+            fix=f"{suggest(text, quantity.dimension)}, or convert with scale in [columns]",
         )
     if unit in RMS and name not in _ROTOR_FRAME:
         raise refuse(

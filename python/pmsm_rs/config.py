@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from ._core import Machine, MachineError, UsageError
+from ._core import Machine, MachineError, PmsmError, UsageError
 from .columns import Rule, Rules
 from .errors import did_you_mean, refuse
 from .quantities import CANONICAL
@@ -22,11 +23,11 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
-class _Table(BaseModel):
+class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
-class _Machine(_Table):
+class _Machine(Table):
     n_p: Annotated[int, Field(ge=1)]
     r_s: Positive | None = None
     l_d: Positive | None = None
@@ -36,13 +37,13 @@ class _Machine(_Table):
     b: NotNegative | None = None
 
 
-class _Drive(_Table):
+class _Drive(Table):
     v_dc: Positive | None = None
     i_rated: Positive | None = None
     f_sample: Positive | None = None
 
 
-class _Load(_Table):
+class _Load(Table):
     kind: (
         Literal["none", "known_constant", "measured", "unknown_constant", "unknown_piecewise", "locked"]
         | None
@@ -58,23 +59,27 @@ class _Load(_Table):
         return self
 
 
-class _Column(_Table):
+class _Column(Table):
     source: Annotated[str | None, Field(alias="from")] = None
     unit: str | None = None
     scale: Number = 1.0
     offset: Number = 0.0
     period: Positive | None = None
+    value: Number | None = None
+    file: str | None = None
 
     @model_validator(mode="after")
     def _one_origin(self) -> _Column:
-        if (self.source is None) == (self.period is None):
-            raise ValueError("say either from = '...' or, for t only, period = ... in s")
+        if [self.source, self.period, self.value].count(None) != 2:
+            raise ValueError("say one of from = '...', value = ..., and, for t only, period = ... in s")
+        if self.file is not None and self.source is None:
+            raise ValueError("file goes with from = '...', the column in that file")
         if self.scale == 0.0:
             raise ValueError("scale = 0 would erase the column")
         return self
 
 
-_TABLES: dict[str, type[_Table]] = {"machine": _Machine, "drive": _Drive, "load": _Load}
+_TABLES: dict[str, type[Table]] = {"machine": _Machine, "drive": _Drive, "load": _Load}
 
 
 @dataclass(frozen=True)
@@ -94,9 +99,9 @@ def read_machine(path: str | os.PathLike[str]) -> MachineFile:
     Raises UsageError where there is no such file, and MachineError naming every wrong entry by its path.
     """
     name = str(path)
-    content = _parse(name)
+    content = read_toml(name)
     errors = [f"{table}: unknown table ({hint})" for table, hint in _misspelt(content)]
-    parts = {table: _table(model, table, content.get(table), errors) for table, model in _TABLES.items()}
+    parts = {table: validated(model, table, content.get(table), errors) for table, model in _TABLES.items()}
     columns = _columns(content.get("columns", {}), errors)
     if errors:
         raise refuse(MachineError, "; ".join(errors), file=name, fix="correct the machine file")
@@ -111,15 +116,16 @@ def read_machine(path: str | os.PathLike[str]) -> MachineFile:
     return MachineFile(name, machine, load.kind, load.value, columns)
 
 
-def _parse(name: str) -> dict[str, Any]:
+def read_toml(name: str, role: str = "machine file", kind: type[PmsmError] = MachineError) -> dict[str, Any]:
+    """The content of a TOML file that is to be a `role`. Raises UsageError where there is no such file, and
+    `kind` where it is none.
+    """
     file = Path(name)
     try:
         if file.is_dir():
-            raise refuse(UsageError, "this is a folder", file=name, fix="name the machine file in it")
+            raise refuse(UsageError, "this is a folder", file=name, fix=f"name the {role} in it")
         if file.stat().st_size > _LARGEST_FILE:
-            raise refuse(
-                MachineError, "it is far too large for a machine file", file=name, fix="name the TOML file"
-            )
+            raise refuse(kind, f"it is far too large for a {role}", file=name, fix="name the TOML file")
         return tomllib.loads(file.read_bytes().decode("utf-8"))
     except FileNotFoundError:
         raise refuse(
@@ -136,7 +142,7 @@ def _parse(name: str) -> dict[str, Any]:
             else str(error) or "nested too deeply"
         )
         raise refuse(
-            MachineError, f"this is no valid TOML ({what})", file=name, fix="correct it at that place"
+            kind, f"this is no valid TOML ({what})", file=name, fix="correct it at that place"
         ) from error
 
 
@@ -158,7 +164,8 @@ def _close(name: str, known: list[str]) -> bool:
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
-def _table(model: type[_Model], name: str, content: object, errors: list[str]) -> _Model | None:
+def validated(model: type[_Model], name: str, content: object, errors: list[str]) -> _Model | None:
+    """The table `name` as a `model`; None, with clauses added to `errors`, where it is none."""
     if content is None:
         if name == "machine":
             errors.append("machine: this table is missing; at least n_p is needed")
@@ -169,17 +176,19 @@ def _table(model: type[_Model], name: str, content: object, errors: list[str]) -
         return None
     try:
         # TOML tells 4 from 4.0; for a physical value both are the same number.
-        return model.model_validate({key: _number(key, value) for key, value in content.items()})
+        return model.model_validate({key: number(key, value) for key, value in content.items()})
     except ValidationError as error:
-        errors.extend(_words(name, model, error))
+        errors.extend(words(name, model, error))
         return None
 
 
-def _number(key: str, value: object) -> object:
+def number(key: str, value: object) -> object:
+    """A whole number of TOML as the physical value it stands for."""
     return float(value) if isinstance(value, int) and not isinstance(value, bool) and key != "n_p" else value
 
 
-def _words(name: str, model: type[BaseModel], error: ValidationError) -> list[str]:
+def words(name: str, model: type[BaseModel], error: ValidationError) -> list[str]:
+    """One clause per wrong entry of the table `name`, with the nearest right one."""
     out = []
     for item in error.errors(include_url=False):
         path = ".".join([name, *(str(part) for part in item["loc"])])
@@ -189,16 +198,14 @@ def _words(name: str, model: type[BaseModel], error: ValidationError) -> list[st
         elif item["type"] == "missing":
             text = "is missing"
         elif item["type"] == "literal_error":
-            text = f"'{item['input']}' is not known ({did_you_mean(str(item['input']), _LOADS)})"
+            choices = re.findall("'([^']*)'", item["ctx"]["expected"])
+            text = f"'{item['input']}' is not known ({did_you_mean(str(item['input']), choices)})"
         elif item["type"] == "value_error":
             text = str(item["ctx"]["error"])
         else:
             text = f"{item['msg'][0].lower()}{item['msg'][1:]}, not {item['input']!r}"
         out.append(f"{path}: {text}")
     return out
-
-
-_LOADS = ("none", "known_constant", "measured", "unknown_constant", "unknown_piecewise", "locked")
 
 
 def _columns(content: object, errors: list[str]) -> dict[str, Rule | None]:
@@ -215,15 +222,17 @@ def _columns(content: object, errors: list[str]) -> dict[str, Rule | None]:
         elif isinstance(entry, str):
             rules[name] = Rule(entry)
         else:
-            column = _table(_Column, path, entry if isinstance(entry, dict) else None or {}, errors)
+            column = validated(_Column, path, entry if isinstance(entry, dict) else None or {}, errors)
             if column is None:
                 continue
             if column.period is not None and name != "t":
                 errors.append(f"{path}.period: only t can have a period")
+            if name == "t" and (column.value is not None or column.file is not None):
+                errors.append(f"{path}: t comes from the recording itself, or has a period")
             if column.unit is not None and canonical(column.unit, CANONICAL[name].dimension) is None:
                 errors.append(
                     f"{path}.unit: '{column.unit}' is no unit of {CANONICAL[name].dimension} "
                     f"({suggest(column.unit, CANONICAL[name].dimension)})"
                 )
-            rules[name] = Rule(column.source, column.unit, column.scale, column.offset, column.period)
+            rules[name] = Rule(**column.model_dump())
     return rules

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from . import plot
+from . import plot, traces
 from .words import channel
 
 if TYPE_CHECKING:
@@ -26,8 +26,8 @@ _STYLE: dict[Any, Any] = {
     "axes.edgecolor": "#aab2ba",
     "axes.labelcolor": "#4a5560",
     "axes.linewidth": 0.7,
-    "xtick.color": "#6a7580",
-    "ytick.color": "#6a7580",
+    "xtick.color": "#5d6873",
+    "ytick.color": "#5d6873",
     "xtick.major.width": 0.7,
     "ytick.major.width": 0.7,
     "path.simplify": True,
@@ -46,13 +46,13 @@ class Picture:
     caption: str
 
 
-def draw(paint: Callable[[Axes], None], alternative: str) -> str:
+def draw(paint: Callable[..., Axes], alternative: str) -> str:
     """The SVG of one panel that `paint` draws; `alternative` says in words what it shows."""
     from matplotlib.figure import Figure
 
     with _style():
         figure = Figure(figsize=_SIZE, layout="constrained")
-        paint(figure.subplots())
+        paint(ax=figure.subplots())
         out = io.StringIO()
         figure.savefig(
             out, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None}
@@ -95,33 +95,33 @@ def located(answer: Diagnosis) -> list[Picture]:
     out = []
     for variable in [v for v in ("op_i_q", "op_omega_e", "op_i_d") if _varies(trace, v)][:2]:
         over = channel(variable.removeprefix("op_"))[0]
-        paint = partial(plot.residual_over, trace=trace, name=worst, variable=variable, noise=noise)
+        paint = partial(plot.residual_over, source=trace, name=worst, variable=variable, noise=noise)
         out.append(_picture(paint, f"{symbol}: mean mismatch over {over}, shaded by its scatter"))
     if _varies(trace, "op_omega_e") and _varies(trace, "op_i_q"):
-        paint = partial(plot.residual_map, trace=trace, name=worst)
+        paint = partial(plot.residual_map, source=trace, name=worst)
         out.append(_picture(paint, f"{symbol}: mean mismatch before, over speed and torque current"))
     angle = _telling_angle(answer, trace, worst)
     if angle is not None:
         kind = "mechanical" if angle == "op_theta_m" else "electrical"
-        paint = partial(plot.order_spectrum, trace=trace, name=worst, angle=angle)
+        paint = partial(plot.order_spectrum, source=trace, name=worst, angle=angle)
         out.append(_picture(paint, f"{symbol}: mismatch by order of the {kind} angle"))
     return out
 
 
-def _picture(paint: Callable[[Axes], None], caption: str) -> Picture:
+def _picture(paint: Callable[..., Axes], caption: str) -> Picture:
     return Picture(draw(paint, caption), caption)
 
 
-def _telling(answer: Diagnosis, trace: plot.Trace) -> str:
+def _telling(answer: Diagnosis, trace: traces.Trace) -> str:
     """The channel that shows the equation found first, else the one furthest above its noise."""
-    ranked = plot.rated(trace, answer.noise_floor)
+    ranked = traces.rated(trace, answer.noise_floor)
     direct = {"d": ("i_d", "v_d"), "q": ("i_q", "v_q"), "mechanical": ("omega_e",)}.get(
         answer.located[0].equation, ()
     )
     return next((name for name in direct if name in ranked), ranked[0])
 
 
-def _telling_angle(answer: Diagnosis, trace: plot.Trace, name: str) -> str | None:
+def _telling_angle(answer: Diagnosis, trace: traces.Trace, name: str) -> str | None:
     """The angle of which the mismatch is a function: the one that was located, else the one with the
     higher peak.
     """
@@ -133,8 +133,16 @@ def _telling_angle(answer: Diagnosis, trace: plot.Trace, name: str) -> str | Non
         return "op_theta_m"
     if first.order_electrical is not None:
         return turning[0]
-    before = plot.residual(trace, name, "before")
-    return max(turning, key=lambda angle: float(plot.amplitudes(trace[angle], before, plot.orders()).max()))
+    before = traces.residual(trace, name, "before")
+    return max(
+        turning, key=lambda angle: float(traces.amplitudes(trace[angle], before, traces.orders()).max())
+    )
+
+
+def residual(answer: Diagnosis, name: str) -> Picture:
+    """The residual of a channel over time, with the noise band."""
+    paint = partial(plot.residual_over_time, source=answer, name=name)
+    return _picture(paint, f"{channel(name)[0]}: measured minus model over the whole run")
 
 
 def before_after(answer: Diagnosis) -> list[Picture]:
@@ -143,18 +151,17 @@ def before_after(answer: Diagnosis) -> list[Picture]:
         return []
     trace = answer.traces[answer.shown]
     out = []
-    for name in plot.channels(trace):
+    for name in traces.channels(trace):
         symbol = channel(name)[0]
-        paint = partial(plot.residual_over_time, trace=trace, name=name, noise=answer.noise_floor.get(name))
-        out.append(_picture(paint, f"{symbol}: measured minus model over the whole run"))
-        stretch = partial(plot.trajectory, trace=trace, name=name)
+        out.append(residual(answer, name))
+        stretch = partial(plot.trajectory, source=trace, name=name)
         out.append(
             _picture(stretch, f"{symbol}: the stretch where the model without the effect is furthest off")
         )
     return out
 
 
-def _varies(trace: plot.Trace, variable: str) -> bool:
+def _varies(trace: traces.Trace, variable: str) -> bool:
     import numpy as np
 
     if variable not in trace:
@@ -163,7 +170,7 @@ def _varies(trace: plot.Trace, variable: str) -> bool:
     return bool(values.size) and float(np.ptp(values)) > 0.02 * max(float(np.max(np.abs(values))), 1e-12)
 
 
-def _turns(trace: plot.Trace, angle: str) -> float:
+def _turns(trace: traces.Trace, angle: str) -> float:
     import numpy as np
 
     if angle not in trace:

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ._core import DataError, Machine
 from .checks import angle_against_speed
@@ -21,7 +26,10 @@ def load(
     *,
     max_bytes: int = DEFAULT_MAX_BYTES,
 ) -> Recording:
-    """The recording in a file (CSV, Parquet, Feather, .mat of version 5, .npz) or a frame in memory.
+    """The recording in a file or a frame in memory.
+
+    Files are CSV, Parquet, Feather, .mat, .npz and JSON, and with the extras of the package MATLAB v7.3,
+    HDF5, NI TDMS and ASAM MDF.
 
     `machine` names the machine file whose [columns] and [load] tables say how to read it; with a Machine only
     its pole pairs are used, to tell electrical from mechanical angles. Nothing larger than `max_bytes` bytes
@@ -36,19 +44,55 @@ def load(
         else read_machine(machine)
     )
     known = described.machine if isinstance(described, MachineFile) else described
-    source = (
-        open_source(data, max_bytes) if isinstance(data, str | os.PathLike) else frame_source(data, max_bytes)
+    try:
+        return _read(data, described, known, max_bytes)
+    except MemoryError as error:
+        raise refuse(
+            DataError,
+            "there is not enough memory to read it",
+            file=str(data) if isinstance(data, str | os.PathLike) else None,
+            fix="cut the recording, or map fewer columns in [columns]",
+        ) from error
+
+
+def _read(
+    data: Any, described: MachineFile | Machine | None, known: Machine | None, max_bytes: int
+) -> Recording:
+    file = isinstance(data, str | os.PathLike)
+    source = open_source(data, max_bytes) if file else frame_source(data, max_bytes)
+    rules, kind, value = (
+        (described.columns, described.load, described.load_value)
+        if isinstance(described, MachineFile)
+        else (None, None, None)
     )
-    columns = assemble(source, described.columns if isinstance(described, MachineFile) else None)
-    kind, value = (
-        (described.load, described.load_value) if isinstance(described, MachineFile) else (None, None)
-    )
+    columns = assemble(source, rules, beside=_beside(data, max_bytes) if file else None)
     try:
         recording = Recording(columns, load=kind, load_value=value)
     except DataError as error:
         raise _with_place(error, source) from error
     angle_against_speed(columns, known.n_p if known is not None else None, source.file)
     return recording
+
+
+def _beside(data: str | os.PathLike[str], max_bytes: int) -> Callable[[str], Source]:
+    """Opens files by their name from the folder of the recording."""
+    folder = Path(data).parent
+    return lambda name: open_source(folder / name, max_bytes)
+
+
+def load_columns(
+    data: str | os.PathLike[str],
+    machine: MachineFile | Machine | None = None,
+    *,
+    max_bytes: int = DEFAULT_MAX_BYTES,
+) -> dict[str, NDArray[np.float64]]:
+    """The canonical SI columns of a file as arrays of shape (samples,), values that are not finite included.
+
+    Raises as `load`, but for what only a Recording refuses.
+    """
+    source = open_source(data, max_bytes)
+    rules = machine.columns if isinstance(machine, MachineFile) else None
+    return assemble(source, rules, _beside(data, max_bytes), finite=False)
 
 
 def _with_place(error: DataError, source: Source) -> DataError:

@@ -1,45 +1,41 @@
-"""Pictures of a diagnosis, drawn on axes that the caller gives.
+"""Pictures of a diagnosis and of an identification, on plain matplotlib axes.
 
-Residuals are measured minus model, in the channel's SI unit. Colours are those of Okabe and Ito, which people
-with colour-deficient sight tell apart.
+Every function draws on `ax`, or on axes of a new figure of pyplot, and returns the axes to be restyled. Where
+a `source` is asked for, it is a diagnosis, of which the run that is judged is drawn with its noise, or one of
+its `traces`. Residuals are measured minus model, in the channel's SI unit. Colours are those of Okabe and
+Ito, which people with colour-deficient sight tell apart.
 """
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
-from itertools import pairwise
+from functools import cache
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from . import traces
+from ._core import UsageError
+from .errors import did_you_mean, refuse
+from .traces import Array, Trace
 from .words import channel, subscripted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from .results import Diagnosis
+    from .results import Diagnosis, Identification
 
-Array = NDArray[np.float64]
-Trace = Mapping[str, Array]
+    Source = Diagnosis | Mapping[str, NDArray[np.float64]]
+
 
 MEASURED: Final = "#1b1f24"
 BEFORE: Final = "#d55e00"
 AFTER: Final = "#0072b2"
 NOISE: Final = "#8a939c"
-_BINS: Final = 420
 _FEW: Final = 400
-
-
-def channels(trace: Trace) -> list[str]:
-    """The channels of a trace, in its order."""
-    return [name.removesuffix("_measured") for name in trace if name.endswith("_measured")]
-
-
-def residual(trace: Trace, name: str, when: str) -> Array:
-    """Measured minus model of channel `name`, `when` being "before" or "after", shape (samples,)."""
-    return trace[f"{name}_measured"] - trace[f"{name}_{when}"]
 
 
 def symbol_of(name: str) -> tuple[str, str]:
@@ -48,107 +44,81 @@ def symbol_of(name: str) -> tuple[str, str]:
     return subscripted(symbol, "$_{\\mathrm{", "}}$"), unit
 
 
-def rms(values: Array) -> float:
-    """Root of the mean square of the finite values, 0 where there are none."""
-    finite = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(finite**2))) if finite.size else 0.0
-
-
-def envelope(x: Array, y: Array, bins: int = _BINS) -> tuple[Array, Array]:
-    """x and y thinned to the smallest and largest y of each of `bins` runs of samples, so that no peak is
-    lost.
-    """
-    if len(x) <= 2 * bins:
-        return x, y
-    edges = np.linspace(0, len(x), bins + 1).astype(int)
-    picks: list[int] = []
-    for start, stop in pairwise(edges):
-        part = y[start:stop]
-        if np.isfinite(part).any():
-            picks += sorted({start + int(np.nanargmin(part)), start + int(np.nanargmax(part))})
-    return x[picks], y[picks]
-
-
-def residual_over_time(ax: Axes, trace: Trace, name: str, noise: float | None = None) -> None:
+def residual_over_time(
+    source: Source, name: str, noise: float | None = None, *, ax: Axes | None = None
+) -> Axes:
     """Residual before and after over time, with a band of two noise standard deviations."""
+    trace, noise = _trace(source, name), _noise(source, name, noise)
+    ax = _axes(ax)
     symbol, unit = symbol_of(name)
     if noise:
         ax.axhspan(-2 * noise, 2 * noise, color=NOISE, alpha=0.25, lw=0, label="noise")
         for edge in (-2 * noise, 2 * noise):
             ax.axhline(edge, color=MEASURED, lw=0.7, ls=(0, (4, 3)), zorder=5)
     for when, colour in (("before", BEFORE), ("after", AFTER)):
-        t, values = envelope(trace["t"], residual(trace, name, when))
+        t, values = traces.envelope(trace["t"], traces.residual(trace, name, when))
         dots = {"ls": "none", "marker": "o", "ms": 2.0} if len(t) < _FEW else {"lw": 0.6}
         ax.plot(t, values, color=colour, label=when, **dots)
-    _label(ax, "t in s", f"{symbol} measured − model in {unit}")
+    return _label(ax, "t in s", f"{symbol} measured − model in {unit}")
 
 
-def trajectory(ax: Axes, trace: Trace, name: str, window: tuple[int, int] | None = None) -> None:
+def trajectory(
+    source: Source, name: str, window: tuple[int, int] | None = None, *, ax: Axes | None = None
+) -> Axes:
     """Measured, before and after over the samples in `window`, by default where before is worst."""
-    start, stop = window or worst_window(trace, name)
+    trace = _trace(source, name)
+    ax = _axes(ax)
+    start, stop = window or traces.worst_window(trace, name)
     symbol, unit = symbol_of(name)
     t = trace["t"][start:stop]
     for part, colour, width in (("measured", MEASURED, 0.9), ("before", BEFORE, 1.1), ("after", AFTER, 1.1)):
-        ax.plot(*envelope(t, trace[f"{name}_{part}"][start:stop], 250), color=colour, lw=width, label=part)
-    _label(ax, "t in s", f"{symbol} in {unit}")
-
-
-def worst_window(trace: Trace, name: str, share: float = 0.04, fewest: int = 200) -> tuple[int, int]:
-    """First and last sample of the stretch, a `share` of the whole, where the residual before is largest
-    in rms.
-    """
-    values = np.nan_to_num(residual(trace, name, "before")) ** 2
-    width = min(len(values), max(fewest, int(share * len(values))))
-    total = np.concatenate([[0.0], np.cumsum(values)])
-    start = int(np.argmax(total[width:] - total[:-width])) if len(total) > width else 0
-    return start, start + width
+        ax.plot(
+            *traces.envelope(t, trace[f"{name}_{part}"][start:stop], 250), color=colour, lw=width, label=part
+        )
+    return _label(ax, "t in s", f"{symbol} in {unit}")
 
 
 def residual_over(
-    ax: Axes, trace: Trace, name: str, variable: str, noise: float | None = None, bins: int = 24
-) -> None:
-    """Mean (line) and rms about it (bar) of the residual, before and after, in bins of an operating-point
-    variable.
+    source: Source,
+    name: str,
+    variable: str,
+    noise: float | None = None,
+    bins: int = 24,
+    *,
+    ax: Axes | None = None,
+) -> Axes:
+    """Mean (line) and rms about it (band) of the residual, before and after, in bins of an operating-point
+    variable such as `op_i_q`.
     """
+    trace, noise = _trace(source, name), _noise(source, name, noise)
+    ax = _axes(ax)
     symbol, unit = symbol_of(name)
     over, over_unit = symbol_of(variable)
     if noise:
         ax.axhspan(-noise, noise, color=NOISE, alpha=0.25, lw=0, label="noise")
     for when, colour in (("before", BEFORE), ("after", AFTER)):
-        centre, mean, spread = binned(trace[variable], residual(trace, name, when), bins)
+        centre, mean, spread = traces.binned(trace[variable], traces.residual(trace, name, when), bins)
         ax.fill_between(centre, mean - spread, mean + spread, color=colour, alpha=0.15, lw=0)
         ax.plot(centre, mean, color=colour, lw=1.4, marker="o", ms=2.2, label=when)
-    _label(ax, f"{over} in {over_unit}", f"{symbol} measured − model in {unit}")
-
-
-def binned(x: Array, y: Array, bins: int) -> tuple[Array, Array, Array]:
-    """Centres, means and rms about the mean of y in `bins` equal bins of x; NaN where a bin is all but
-    empty.
-    """
-    ok = np.isfinite(x) & np.isfinite(y)
-    x, y = x[ok], y[ok]
-    if not x.size:
-        return np.empty(0), np.empty(0), np.empty(0)
-    low, high = np.quantile(x, [0.002, 0.998])
-    index = np.clip(((x - low) / max(high - low, 1e-300) * bins).astype(int), 0, bins - 1)
-    count = np.bincount(index, minlength=bins)
-    keep = count >= min(4, max(1, x.size // bins))
-    size = np.maximum(count, 1)
-    mean = np.bincount(index, y, bins) / size
-    square = np.bincount(index, y**2, bins) / size
-    centre = low + (np.arange(bins) + 0.5) * (high - low) / bins
-    mean[~keep] = np.nan
-    return centre, mean, np.sqrt(np.maximum(square - mean**2, 0.0))
+    return _label(ax, f"{over} in {over_unit}", f"{symbol} measured − model in {unit}")
 
 
 def residual_map(
-    ax: Axes, trace: Trace, name: str, x: str = "op_omega_e", y: str = "op_i_q", when: str = "before"
-) -> None:
+    source: Source,
+    name: str,
+    x: str = "op_omega_e",
+    y: str = "op_i_q",
+    when: str = "before",
+    *,
+    ax: Axes | None = None,
+) -> Axes:
     """Mean residual over two operating-point variables; empty cells were not visited.
 
     Draws its own colour bar.
     """
-    values = residual(trace, name, when)
+    trace = _trace(source, name)
+    ax = _axes(ax)
+    values = traces.residual(trace, name, when)
     ok = np.isfinite(values) & np.isfinite(trace[x]) & np.isfinite(trace[y])
     grid = [np.linspace(*_span(trace[v][ok]), cells + 1) for v, cells in ((x, 22), (y, 16))]
     total, *_ = np.histogram2d(trace[x][ok], trace[y][ok], bins=grid, weights=values[ok])
@@ -161,7 +131,7 @@ def residual_map(
     bar.outline.set_visible(False)
     bar.ax.tick_params(length=0)
     bar.set_label(f"{symbol} measured − model in {unit}")
-    _label(ax, *(" in ".join(symbol_of(v)) for v in (x, y)))
+    return _label(ax, *(" in ".join(symbol_of(v)) for v in (x, y)))
 
 
 def _span(values: Array) -> tuple[float, float]:
@@ -169,74 +139,98 @@ def _span(values: Array) -> tuple[float, float]:
     return (low, high) if high > low else (low - 0.5, low + 0.5)
 
 
-def order_spectrum(ax: Axes, trace: Trace, name: str, angle: str = "op_theta_e") -> None:
+def order_spectrum(source: Source, name: str, angle: str = "op_theta_e", *, ax: Axes | None = None) -> Axes:
     """Amplitude of the residual, before and after, at whole orders of the electrical (or mechanical)
     angle.
     """
+    trace = _trace(source, name)
+    ax = _axes(ax)
     symbol, unit = symbol_of(name)
-    k = orders()
+    k = traces.orders()
     for when, colour, shift in (("before", BEFORE, -0.19), ("after", AFTER, 0.19)):
         ax.bar(
             k + shift,
-            amplitudes(trace[angle], residual(trace, name, when), k),
+            traces.amplitudes(trace[angle], traces.residual(trace, name, when), k),
             width=0.36,
             color=colour,
             label=when,
         )
     kind = "mechanical" if angle.endswith("_m") else "electrical"
     ax.set_xticks(k)
-    _label(ax, f"order of the {kind} angle", f"{symbol} amplitude in {unit}")
+    return _label(ax, f"order of the {kind} angle", f"{symbol} amplitude in {unit}")
 
 
-def orders() -> NDArray[np.int_]:
-    """The orders that a spectrum shows."""
-    return np.arange(1, 15)
-
-
-def amplitudes(angle: Array, values: Array, at: NDArray[np.int_]) -> Array:
-    """Amplitude of `values` at each order `at` of `angle` (rad), every angle weighing the same however fast
-    it was passed.
-    """
-    turn = np.abs(np.gradient(np.unwrap(angle))) if len(angle) > 1 else np.zeros(len(angle))
-    ok = np.isfinite(values) & np.isfinite(turn)
-    weight = np.where(ok, turn, 0.0)
-    total = float(weight.sum())
-    if total == 0.0:
-        return np.zeros(len(at))
-    weighted = weight * np.where(ok, values, 0.0)
-    mean = weighted.sum() / total
-    centred = weighted - mean * weight
-    return np.array([2.0 * abs(np.sum(centred * np.exp(-1j * order * angle))) / total for order in at])
-
-
-def rated(trace: Trace, noise: Mapping[str, float]) -> list[str]:
-    """Channels by how far the residual before stands above the noise, the worst first."""
-    return sorted(
-        channels(trace), key=lambda name: -rms(residual(trace, name, "before")) / (noise.get(name) or 1.0)
-    )
+def history(answer: Identification, *, ax: Axes | None = None) -> Axes:
+    """The best cost of each generation of an identification's swarm."""
+    ax = _axes(ax)
+    ax.semilogy(np.arange(1, len(answer.history) + 1), answer.history, color=AFTER, lw=1.4)
+    return _label(ax, "generation", "best cost")
 
 
 def overview(answer: Diagnosis) -> Figure:
-    """Per channel the residual over time and over the operating point. Raises ValueError without traces."""
-    from matplotlib.figure import Figure
-
-    if answer.shown is None:
-        raise ValueError("this answer was read back without its traces, so there is nothing to draw")
-    trace = answer.traces[answer.shown]
-    names = channels(trace)
-    figure = Figure(figsize=(10, 2.6 * len(names)), layout="constrained")
+    """Per channel the residual over time and over the operating point. Raises UsageError without traces."""
+    trace = _trace(answer)
+    names = traces.channels(trace)
+    figure = _shown_in_notebooks()(figsize=(10, 2.6 * len(names)), layout="constrained")
     axes = figure.subplots(len(names), 2, squeeze=False)
     variable = next((v for v in ("op_i_q", "op_omega_e", "op_i_d") if v in trace), None)
     for row, name in enumerate(names):
-        residual_over_time(axes[row, 0], trace, name, answer.noise_floor.get(name))
+        residual_over_time(answer, name, ax=axes[row, 0])
         if variable is not None:
-            residual_over(axes[row, 1], trace, name, variable, answer.noise_floor.get(name))
+            residual_over(answer, name, variable, ax=axes[row, 1])
     axes[0, 0].legend(frameon=False, ncols=3, fontsize="small")
     return figure
 
 
-def _label(ax: Axes, x: str, y: str) -> None:
+@cache
+def _shown_in_notebooks() -> type[Figure]:
+    """A figure that a notebook shows without pyplot, of which every other figure would have to be closed."""
+    from matplotlib.figure import Figure
+
+    class Shown(Figure):
+        def _repr_png_(self) -> bytes:
+            out = io.BytesIO()
+            self.savefig(out, format="png", dpi=110)
+            return out.getvalue()
+
+    return Shown
+
+
+def _trace(source: Source, name: str | None = None) -> Trace:
+    """The trace to draw. Raises UsageError where there is none, or none of channel `name`."""
+    trace = source if isinstance(source, Mapping) else _judged(source)
+    if name is not None and f"{name}_measured" not in trace:
+        raise refuse(
+            UsageError, f"there is no channel '{name}'", fix=did_you_mean(name, traces.channels(trace))
+        )
+    return trace
+
+
+def _judged(source: Diagnosis) -> Trace:
+    if source.shown is None:
+        raise refuse(
+            UsageError,
+            "this answer was read back without its traces, so there is nothing to draw",
+            fix="diagnose the recording again",
+        )
+    return source.traces[source.shown]
+
+
+def _noise(source: Source, name: str, given: float | None) -> float | None:
+    return given if given is not None or isinstance(source, Mapping) else source.noise_floor.get(name)
+
+
+def _axes(ax: Axes | None) -> Axes:
+    if ax is not None:
+        return ax
+    from matplotlib import pyplot
+
+    return pyplot.figure(layout="constrained").subplots()
+
+
+def _label(ax: Axes, x: str, y: str) -> Axes:
     ax.set_xlabel(x)
     ax.set_ylabel(y)
     ax.spines[["top", "right"]].set_visible(False)
     ax.margins(x=0.01)
+    return ax

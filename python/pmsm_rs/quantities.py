@@ -43,7 +43,7 @@ CANONICAL: Final[dict[str, Quantity]] = {
 # none is
 # stated: nobody logs i_d in mA without saying so, but angles, speeds and times come in every unit.
 _ALIASES: Final[dict[str, tuple[str, bool]]] = {
-    **{name: ("t", False) for name in ("t", "time", "x_axis", "timestamp", "zeit")},
+    **{name: ("t", False) for name in ("t", "time", "x_axis", "timestamp", "zeit", "source")},
     **{
         name: ("i_d", True)
         for name in ("id", "i_d", "isd", "i_sd", "d_axis_current", "current_d", "d_current")
@@ -109,6 +109,8 @@ LOGS: Final[dict[str, tuple[frozenset[str], dict[str, tuple[str, str]]]]] = {
             "d_a": ("i_d", "A"),
             "q_a": ("i_q", "A"),
             "velocity": ("omega_m", "Hz"),
+            "position": ("theta_m", "rev"),
+            "electrical_theta": ("theta_e", "rad"),
             "bus_v": ("v_dc", "V"),
             "motor_temp_c": ("temperature", "°C"),
         },

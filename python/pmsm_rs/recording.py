@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
 from . import _core
 from ._core import DataError
 from .columns import assemble, unknown_column
@@ -13,6 +16,8 @@ from .frames import frame_source
 from .quantities import CANONICAL
 
 DEFAULT_MAX_BYTES = 2 << 30
+# The core sorts the time steps, and keeps what it works with.
+_ROWS_TO_CHECK = 4
 
 
 class Recording(_core.Recording):
@@ -44,8 +49,9 @@ class Recording(_core.Recording):
                     column=name,
                     fix=unknown_column(name),
                 )
-        source = frame_source(given, DEFAULT_MAX_BYTES)
-        return super().__new__(cls, assemble(source), load=load, load_value=load_value)
+        checked = assemble(frame_source(given, DEFAULT_MAX_BYTES))
+        _make_room(checked)
+        return super().__new__(cls, checked, load=load, load_value=load_value)
 
     def __init__(self, *_: Any, **__: Any) -> None:
         """Nothing is left to do: __new__ has checked and stored everything."""
@@ -58,6 +64,20 @@ class Recording(_core.Recording):
         return (
             f"<Recording of {len(self)} samples, {self.duration:.6g} s, {self.kind}: {', '.join(self.names)}>"
         )
+
+
+def _make_room(columns: Mapping[str, NDArray[np.float64]]) -> None:
+    """Raises DataError where there is no memory for the core's copy of `columns`; there, running out of it
+    would end the process.
+    """
+    rows = max(values.nbytes for values in columns.values())
+    needed = sum(values.nbytes for values in columns.values()) + _ROWS_TO_CHECK * rows
+    try:
+        np.empty(needed, dtype=np.uint8)
+    except MemoryError:
+        raise refuse(
+            DataError, f"it needs {needed} bytes of memory, which are not free", fix="cut the recording"
+        ) from None
 
 
 def _restore(columns: dict[str, Any], load: str, load_value: float | None) -> Recording:

@@ -13,7 +13,7 @@ from .summary import headline
 if TYPE_CHECKING:
     from jinja2 import Template
 
-_VERDICTS = {
+VERDICTS = {
     "no_mismatch": ("Model complete", "good"),
     "named": ("Effect named", "found"),
     "ambiguous": ("Ambiguous", "doubt"),
@@ -52,23 +52,23 @@ class FitRow:
 
 def render(answer: Diagnosis, title: str | None = None) -> str:
     """The page as HTML text. The same answer and title give the same text."""
-    chip, tone = _VERDICTS.get(answer.verdict, (answer.verdict, "poor"))
+    chip, tone = VERDICTS.get(answer.verdict, (answer.verdict, "poor"))
     judged = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
-    return _template().render(
+    return template("report.html.j2").render(
         answer=answer,
         title=title or "Diagnosis",
         chip=chip,
         tone=tone,
         headline=headline(answer),
         leading=_leading(answer),
-        candidates=[(c, words.title(c.effect), _rows(c)) for c in answer.ranking[:8]],
+        candidates=[(c, words.title(c.effect), rows(c)) for c in answer.ranking[:8]],
         unlisted=max(0.0, 1.0 - sum(c.probability for c in answer.ranking)),
         effects=[
-            (words.title(c.effect), _rows(c))
+            (words.title(c.effect), rows(c))
             for c in answer.ranking
             if c.effect in answer.effects and c.parameters
         ],
-        base=[_row(name, entry, _BASE.get(name, "")) for name, entry in answer.base.items()],
+        base=[row(name, entry, MEANINGS.get(name, "")) for name, entry in answer.base.items()],
         judged=judged,
         fit=_fit(answer, judged),
         trained=_fit(answer, "recording") if judged == "validation" else [],
@@ -84,7 +84,7 @@ def render(answer: Diagnosis, title: str | None = None) -> str:
     )
 
 
-_BASE = {
+MEANINGS = {
     "r_s": "stator resistance",
     "l_d": "d-axis inductance",
     "l_q": "q-axis inductance",
@@ -96,7 +96,8 @@ _BASE = {
 
 
 @cache
-def _template() -> Template:
+def template(name: str) -> Template:
+    """A template of the package; whatever it fills in is escaped."""
     import jinja2
 
     environment = jinja2.Environment(
@@ -113,7 +114,7 @@ def _template() -> Template:
         probability=words.probability,
         typeset=_typeset,
     )
-    return environment.get_template("report.html.j2")
+    return environment.get_template(name)
 
 
 def _typeset(text: str) -> str:
@@ -128,9 +129,9 @@ def _leading(answer: Diagnosis) -> Candidate | None:
     return answer.ranking[0] if named else None
 
 
-def _rows(candidate: Candidate) -> list[ParameterRow]:
+def rows(candidate: Candidate) -> list[ParameterRow]:
     meanings = _meanings().get(candidate.effect, {})
-    return [_row(name, entry, meanings.get(name, "")) for name, entry in candidate.parameters.items()]
+    return [row(name, entry, meanings.get(name, "")) for name, entry in candidate.parameters.items()]
 
 
 @cache
@@ -140,7 +141,7 @@ def _meanings() -> dict[str, dict[str, str]]:
     return {entry["id"]: {p["name"]: p["meaning"] for p in entry["parameters"]} for entry in effects()}
 
 
-def _row(name: str, entry: Estimate, meaning: str) -> ParameterRow:
+def row(name: str, entry: Estimate, meaning: str) -> ParameterRow:
     value, spread, unit = words.estimate(entry)
     return ParameterRow(name, meaning, value, spread, unit, words.interval(entry), entry.why_none or "")
 

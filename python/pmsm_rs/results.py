@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import html
 import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Self
-
-from . import atomic
+from typing import TYPE_CHECKING, Any, Self, overload
 
 if TYPE_CHECKING:
     import numpy as np
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
+
+    from .notebook import Page
 
 Traces = Mapping[str, "Mapping[str, NDArray[np.float64]]"]
 
@@ -44,7 +43,8 @@ class Estimate:
         )
 
 
-def _estimates(entries: Mapping[str, Any]) -> dict[str, Estimate]:
+def estimates(entries: Mapping[str, Any]) -> dict[str, Estimate]:
+    """Estimates by name from their JSON objects."""
     return {name: Estimate.of(entry) for name, entry in entries.items()}
 
 
@@ -74,7 +74,7 @@ class Identification:
         """From what `to_json` writes."""
         data = json.loads(text)
         return cls(
-            parameters=_estimates(data["parameters"]),
+            parameters=estimates(data["parameters"]),
             cost=data["cost"],
             history=tuple(data["history"]),
             method=data["method"],
@@ -94,6 +94,11 @@ class Identification:
 
     def __str__(self) -> str:
         from .summary import identification
+
+        return identification(self)
+
+    def _repr_html_(self) -> str:
+        from .notebook import identification
 
         return identification(self)
 
@@ -161,7 +166,7 @@ class Diagnosis:
             located=tuple(_location(entry) for entry in data["located"]),
             ranking=tuple(_candidate(entry) for entry in data["ranking"]),
             effects=tuple(data["model"]["effects"]),
-            base=_estimates(data["model"]["base"]),
+            base=estimates(data["model"]["base"]),
             cannot_see=tuple(data["cannot_see"]),
             next_experiment=data["next_experiment"],
             noise_floor=data["noise_floor"],
@@ -191,14 +196,23 @@ class Diagnosis:
         """The whole answer as JSON text, schema pmsm-rs.diagnosis/1."""
         return json.dumps(self.data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
-    def report(self, path: str | os.PathLike[str], title: str | None = None) -> None:
-        """Writes one self-contained HTML page.
+    @overload
+    def report(self, path: str | os.PathLike[str], title: str | None = None) -> None: ...
+    @overload
+    def report(self, path: None = None, title: str | None = None) -> Page: ...
+    def report(self, path: str | os.PathLike[str] | None = None, title: str | None = None) -> Page | None:
+        """One self-contained HTML page: written to `path`, or returned for a notebook to show.
 
-        The same answer gives the same bytes. Raises UsageError if it cannot.
+        The same answer gives the same bytes. Raises UsageError if it cannot be written.
         """
+        from .notebook import Page
         from .report import render
 
-        atomic.write_text(path, render(self, title))
+        page = Page(render(self, title))
+        if path is None:
+            return page
+        page.save(path)
+        return None
 
     def trajectories(self, path: str | os.PathLike[str]) -> None:
         """Writes t and the measured, before and after values per channel as Parquet.
@@ -223,9 +237,9 @@ class Diagnosis:
         return diagnosis(self)
 
     def _repr_html_(self) -> str:
-        from .summary import headline
+        from .notebook import diagnosis
 
-        return f"<p><strong>{html.escape(headline(self))}</strong></p><pre>{html.escape(str(self))}</pre>"
+        return diagnosis(self)
 
 
 def _location(entry: Mapping[str, Any]) -> Location:
@@ -248,7 +262,7 @@ def _candidate(entry: Mapping[str, Any]) -> Candidate:
         entry["probability"],
         entry["sentence"],
         entry["equation"],
-        _estimates(entry["parameters"]),
+        estimates(entry["parameters"]),
         tuple(entry["equivalent_to"]),
         entry.get("gain_held_out"),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from . import _core
@@ -19,10 +19,17 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Swarm:
-    """Settings of the particle swarm, eq. (5) of Liu, Liu & Cartes (2008).
+    """Settings of the particle swarm, eq. (5) of Liu, Liu & Cartes (2008), and of its variants.
 
     `inertia` weighs a particle's own velocity, `cognitive` the way back to its own best, `social` the way to
-    the best of all; all three are pure numbers.
+    the best it hears of; all three are pure numbers. `velocity_limit` is the largest move as a share of each
+    parameter's range. With an `inertia_schedule` the inertia goes to `inertia_last`: "linear" over the
+    iterations, "random" anywhere between, "adaptive" by the share of particles that last got better. `update`
+    is "inertia" (the paper), "constriction" (Clerc & Kennedy 2002) or "fully_informed" (Mendes, Kennedy &
+    Neves 2004); the last two need cognitive + social > 4 and leave the inertia out. A particle listens to a
+    `neighbourhood`: "all", "ring" or "von_neumann".
+
+    Raises UsageError for a name that does not exist.
     """
 
     particles: int = 30
@@ -30,6 +37,62 @@ class Swarm:
     inertia: float = 0.72
     cognitive: float = 1.49
     social: float = 1.49
+    velocity_limit: float = 0.2
+    inertia_schedule: str = "constant"
+    inertia_last: float | None = None
+    update: str = "inertia"
+    neighbourhood: str = "all"
+
+    def __post_init__(self) -> None:
+        """Checks the names; the core checks the numbers."""
+        for field, known in _SWARM_NAMES.items():
+            value = getattr(self, field)
+            if value not in known:
+                raise refuse(
+                    UsageError, f"{field} '{value}' is not known", fix=did_you_mean(str(value), known)
+                )
+        if (self.inertia_schedule == "constant") != (self.inertia_last is None):
+            raise refuse(
+                UsageError,
+                f"inertia_last is {self.inertia_last} with inertia_schedule '{self.inertia_schedule}'",
+                fix="give it with a schedule that is not constant, and only then",
+            )
+
+    def settings(self) -> str:
+        """As the core reads it: JSON text."""
+        schedule: Any = self.inertia_schedule
+        if self.inertia_last is not None:
+            schedule = {schedule: {"last": self.inertia_last}}
+        plain = ("particles", "iterations", "inertia", "cognitive", "social", "velocity_limit")
+        return json.dumps(
+            {name: getattr(self, name) for name in (*plain, "update", "neighbourhood")}
+            | {"schedule": schedule}
+        )
+
+    @classmethod
+    def parse(cls, text: str) -> Swarm:
+        """From `name=value,name=value`, as on the command line. Raises UsageError naming what is wrong."""
+        kinds = {field.name: field.type for field in fields(cls)}
+        given: dict[str, Any] = {}
+        for part in filter(None, (part.strip() for part in text.split(","))):
+            name, mark, value = (piece.strip() for piece in part.partition("="))
+            if name not in kinds:
+                raise refuse(UsageError, f"a swarm has no '{name}'", fix=did_you_mean(name, kinds))
+            kind = str(kinds[name])
+            try:
+                given[name] = value if kind == "str" else (int(value) if kind == "int" else float(value))
+            except ValueError:
+                mark = ""
+            if not mark:
+                raise refuse(UsageError, f"'{part}' says no {kind} of the swarm", fix=f"write {name}=...")
+        return cls(**given)
+
+
+_SWARM_NAMES = {
+    "inertia_schedule": ("constant", "linear", "random", "adaptive"),
+    "update": ("inertia", "constriction", "fully_informed"),
+    "neighbourhood": ("all", "ring", "von_neumann"),
+}
 
 
 def identify(
@@ -56,17 +119,12 @@ def identify(
     """
     if method not in METHODS:
         raise refuse(UsageError, f"there is no method '{method}'", fix=did_you_mean(method, METHODS))
-    settings = swarm or Swarm()
     answer = _core.identify(
         recording,
         machine,
-        fit=_bounds(fit),
+        fit=fit_bounds(fit),
         method=method,
-        particles=settings.particles,
-        iterations=settings.iterations,
-        inertia=settings.inertia,
-        cognitive=settings.cognitive,
-        social=settings.social,
+        swarm=(swarm or Swarm()).settings(),
         seed=seed,
         threads=threads,
         progress=progress,
@@ -116,9 +174,10 @@ def effect(name: str) -> dict[str, Any]:
     return known[name]
 
 
-def _bounds(
+def fit_bounds(
     fit: Mapping[str, tuple[float, float] | None] | Iterable[str] | None,
 ) -> dict[str, tuple[float, float] | None]:
+    """Bounds by parameter name, checked; empty for None. Raises UsageError."""
     if fit is None:
         return {}
     given = dict(fit) if isinstance(fit, Mapping) else dict.fromkeys([fit] if isinstance(fit, str) else fit)

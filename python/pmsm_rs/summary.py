@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import textwrap
+from collections import Counter
+from typing import TYPE_CHECKING
 
 from .results import Diagnosis, Identification
 from .words import EQUATIONS, channel, estimate, listed, lower_first, number, percent, title
+
+if TYPE_CHECKING:
+    from .fleet import Fleet
+    from .tracking import WindowEstimate
 
 WIDTH = 100
 """Columns of a line on a terminal."""
@@ -40,7 +46,7 @@ def _alternatives(answer: Diagnosis) -> list[str]:
     return [lower_first(title(effect)) for effect in dict.fromkeys([first.effect, *first.equivalent_to])]
 
 
-def _hung(head: str, text: str) -> str:
+def hung(head: str, text: str) -> str:
     """`text` behind `head`, wrapped to the width of a terminal with the later lines below the first."""
     return textwrap.fill(text, WIDTH, initial_indent=head, subsequent_indent=" " * len(head))
 
@@ -55,10 +61,10 @@ def diagnosis(answer: Diagnosis) -> str:
     for item in answer.data_quality:
         consequence = lower_first(item["consequence"]).rstrip(".")
         text = f"{item['finding'].rstrip('.')}: {consequence}; {lower_first(item['fix'])}"
-        lines.append(_hung("  ! ", text))
+        lines.append(hung("  ! ", text))
     if answer.located:
         lines += ["", "Where it sits"]
-        lines += [_hung(f"  {percent(place.share):>6}  ", place.sentence) for place in answer.located[:4]]
+        lines += [hung(f"  {percent(place.share):>6}  ", place.sentence) for place in answer.located[:4]]
     if answer.ranking:
         lines += ["", "Candidates"]
         for candidate in answer.ranking[:5]:
@@ -75,9 +81,9 @@ def diagnosis(answer: Diagnosis) -> str:
     lines += _fit(answer, run)
     if answer.cannot_see:
         lines += ["", "What this recording cannot see"]
-        lines += [_hung("  ", f"{listed(effects)}: {why}") for why, effects in _by_reason(answer)]
+        lines += [hung("  ", f"{listed(effects)}: {why}") for why, effects in _by_reason(answer)]
     if answer.next_experiment:
-        lines += ["", "Next", _hung("  ", answer.next_experiment)]
+        lines += ["", "Next", hung("  ", answer.next_experiment)]
     return "\n".join(lines)
 
 
@@ -99,11 +105,13 @@ def _parameters(entries: list[tuple[str, object]]) -> list[str]:
         return []
     wide = max(len(row[0]) for row in rows)
     lines = ["", "Parameters"]
+    reasons: dict[str, list[str]] = {}
     for name, value, spread, sign, why in rows:
         tail = f" ± {spread}" if spread else ""
-        lines.append(
-            f"  {name:<{wide}}  {value}{tail} {sign}".rstrip() + (f"   ({why})" if why and not spread else "")
-        )
+        lines.append(f"  {name:<{wide}}  {value}{tail} {sign}".rstrip())
+        if why and not spread:
+            reasons.setdefault(why, []).append(name)
+    lines += [hung("  ", f"no uncertainty for {listed(names)}: {why}") for why, names in reasons.items()]
     return lines
 
 
@@ -120,6 +128,24 @@ def _fit(answer: Diagnosis, run: str) -> list[str]:
         cells = [number(value), number(after.get(name)), number(answer.noise_floor.get(name))]
         lines.append(f"  {name:<8} " + " ".join(f"{cell:>10}" for cell in cells) + f"  {channel(name)[1]}")
     return lines
+
+
+def fleet(answers: Fleet) -> str:
+    """Many diagnoses as text: how many there are of each verdict, and a line for each recording."""
+    verdicts = Counter(r.verdict if isinstance(r, Diagnosis) else "failed" for r in answers)
+    lines = [", ".join(f"{count} {verdict.replace('_', ' ')}" for verdict, count in verdicts.most_common())]
+    if answers.interrupted:
+        lines.append("Interrupted: run it again with the same ledger for the rest.")
+    lines.append("")
+    wide = min(max((len(name) for name in answers.names), default=0), WIDTH // 2)
+    for name, result in zip(answers.names, answers, strict=True):
+        shown = name if len(name) <= wide else f"…{name[1 - wide :]}"
+        if isinstance(result, Diagnosis):
+            sure = f" ({percent(result.ranking[0].probability)})" if result.verdict == "named" else ""
+            lines.append(hung(f"{shown:<{wide}}  ", f"{headline(result)}{sure}"))
+        else:
+            lines.append(hung(f"{shown:<{wide}}  ", f"failed: {result.kind}"))
+    return "\n".join(lines)
 
 
 def identification(answer: Identification) -> str:
@@ -140,5 +166,24 @@ def identification(answer: Identification) -> str:
         ]
     if answer.cannot_show:
         lines += ["", "What this recording cannot show"]
-        lines += [_hung("  ", f"{listed(item['parameters'])}: {item['why']}") for item in answer.cannot_show]
+        lines += [hung("  ", f"{listed(item['parameters'])}: {item['why']}") for item in answer.cannot_show]
+    return "\n".join(lines)
+
+
+def window(answer: WindowEstimate) -> str:
+    """One window of a tracker in one line, with further lines for what happened in it."""
+    span = f"{answer.t_start:9.4f} .. {answer.t_end:.4f} s"
+    if answer.status != "estimated":
+        lines = [f"{span}  skipped: {answer.why}"]
+    else:
+        cells = []
+        for name, entry in answer.parameters.items():
+            value, spread, sign = estimate(entry)
+            cells.append(f"{name} {value}{f' ± {spread}' if spread else ''} {sign}".rstrip())
+        if answer.disturbed_load_torque is not None and {"j", "b"} & set(answer.parameters):
+            cells.append(f"T_Ld {number(answer.disturbed_load_torque, 4)} N·m")
+        looks = ", ".join(answer.drift.looks_like or ()) or "steady"
+        rest = "" if answer.converged else "  (not at rest)"
+        lines = [f"{span}  {'  '.join(cells)}  {looks}{rest}"]
+    lines += [hung("             ", f"{note['finding']}: {note['consequence']}") for note in answer.notes]
     return "\n".join(lines)

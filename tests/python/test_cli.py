@@ -25,7 +25,7 @@ def recording(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("command", [[], ["demo"], ["identify"], ["diagnose"], ["effects"]])
+@pytest.mark.parametrize("command", [[], ["demo"], ["identify"], ["diagnose"], ["simulate"], ["effects"]])
 def test_help(command: list[str], run: Run) -> None:
     ran = run(*command, "--help")
     assert ran.code == 0

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import io
+import json
 import random
+import tempfile
 from pathlib import Path
 
+import asammdf
+import h5py
+import nptdms
 import numpy as np
 import pmsm_rs as pm
 import pyarrow as pa
@@ -13,7 +18,7 @@ import pyarrow.feather
 import pyarrow.parquet
 import pytest
 import scipy.io
-from conftest import csv_text, plausible
+from conftest import Columns, csv_text, plausible
 
 
 def whole_files() -> dict[str, bytes]:
@@ -34,7 +39,33 @@ def whole_files() -> dict[str, bytes]:
         buffer = io.BytesIO()
         write(buffer)
         out[name] = buffer.getvalue()
+    with tempfile.TemporaryDirectory() as folder:
+        for name, write_file in {"r.h5": write_hdf5, "r.tdms": write_tdms, "r.mf4": write_mdf}.items():
+            path = Path(folder) / name
+            write_file(path, columns)
+            out[name] = path.read_bytes()
+    lists = {name: values.tolist() for name, values in columns.items()}
+    out["r.json"] = json.dumps(lists).encode()
     return out
+
+
+def write_hdf5(path: Path, columns: Columns) -> None:
+    with h5py.File(path, "w") as file:
+        for k, (name, values) in enumerate(columns.items()):
+            file.create_dataset(name, data=values, compression="gzip" if k % 2 else None)
+
+
+def write_tdms(path: Path, columns: Columns) -> None:
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment([nptdms.ChannelObject("run", name, values) for name, values in columns.items()])
+
+
+def write_mdf(path: Path, columns: Columns) -> None:
+    mdf = asammdf.MDF(version="4.10")
+    rest = {name: values for name, values in columns.items() if name != "t"}
+    mdf.append([asammdf.Signal(values, columns["t"], name=name) for name, values in rest.items()])
+    mdf.save(path, overwrite=True, compression=1)
+    mdf.close()
 
 
 def damaged(whole: bytes, source: random.Random) -> bytes:
@@ -65,7 +96,7 @@ def test_damaged_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
     path.write_bytes(whole)
     assert len(pm.load(path)) == 60
     source = random.Random(name)
-    for _ in range(50):
+    for _ in range({"r.mf4": 10, "r.h5": 25, "r.tdms": 25}.get(name, 50)):
         path.write_bytes(damaged(whole, source))
         refusal = None
         try:

@@ -13,7 +13,7 @@ import pyarrow.feather
 import pyarrow.parquet
 import pytest
 import scipy.io
-from conftest import Columns, csv_text, plausible
+from conftest import ROOT, Columns, csv_text, plausible
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -151,6 +151,36 @@ def test_a_scope_preamble_is_skipped(columns: Columns, tmp_path: Path) -> None:
     check(pm.load(tmp_path / "r.csv"), columns)
 
 
+SCOPES = {
+    "R&S": ("in s,C1 in V,C2 in V\n", "{t:.7e},{a},{b}"),
+    "Tektronix": ("Model,MDO3024\n\nHorizontal Units,S,\n\nTIME,CH1,CH2\n", "{t:.7e},{a},{b}"),
+    "Keysight": ("x-axis,1,2\nsecond,Volt,Volt\n", "{t:+.7e},{a},{b}"),
+    "Siglent": ("Record Length,Analog:9\nSource,CH1,CH2\nSecond,Volt,Volt\n", "{t:.7e},{a},{b}"),
+    "PicoScope": ("Time,Channel A,Channel B\n(ms),(V),(V)\n\n", "{ms:.7e},{a},{b}"),
+    "Rigol": ("X,CH1,CH2,Start,Increment\nSequence,VOLT,VOLT,0.0e-04,1.0e-03\n", "{k},{a},{b},"),
+    "Rigol, new": ("Time(s),CH1V,CH2V,t0 = 0.0,tInc = 0.001,\n", "{t:.7e},{a},{b},,,"),
+}
+
+
+@pytest.mark.parametrize("brand", SCOPES)
+def test_oscilloscope_headers(brand: str, columns: Columns, tmp_path: Path, machine_file: Path) -> None:
+    head, row = SCOPES[brand]
+    rows = [
+        row.format(k=k, t=t, ms=1e3 * t, a=repr(float(a)), b=repr(float(b)))
+        for k, (t, a, b) in enumerate(zip(columns["t"], columns["i_d"], columns["i_q"], strict=True))
+    ]
+    (tmp_path / "r.csv").write_text(head + "\n".join(rows) + "\n")
+    first = {"Keysight": "1", "PicoScope": "Channel A", "R&S": "C1", "Rigol, new": "CH1V"}.get(brand, "CH1")
+    second = first[:-1] + chr(ord(first[-1]) + 1) if brand != "Rigol, new" else "CH2V"
+    machine_file.write_text(
+        f"[machine]\nn_p = 3\n[columns]\nomega_m = {{ value = 20.0 }}\n"
+        f"i_d = {{ from = '{first}', unit = 'A' }}\n"
+        f"i_q = {{ from = '{second}', unit = 'A' }}\n"
+    )
+    wanted = {name: columns[name] for name in ("t", "i_d", "i_q")}
+    check(pm.load(tmp_path / "r.csv", machine_file), {**wanted, "omega_m": np.full(400, 20.0)}, rtol=1e-6)
+
+
 def test_a_vesc_log(columns: Columns, tmp_path: Path) -> None:
     names = {
         "t": "ms_today",
@@ -166,15 +196,47 @@ def test_a_vesc_log(columns: Columns, tmp_path: Path) -> None:
     check(pm.load(tmp_path / "r.csv"), columns, rtol=1e-11)
 
 
+VESC_HEADER = (
+    "ms_today;input_voltage;temp_mos_max;temp_mos_1;temp_mos_2;temp_mos_3;temp_motor;current_motor;current_in;"
+    "d_axis_current;q_axis_current;erpm;duty_cycle;amp_hours_used;amp_hours_charged;watt_hours_used;"
+    "watt_hours_charged;tachometer;tachometer_abs;encoder_position;fault_code;vesc_id;d_axis_voltage;"
+    "q_axis_voltage;ms_today_setup;amp_hours_setup;amp_hours_charged_setup;watt_hours_setup;"
+    "watt_hours_charged_setup;battery_level;battery_wh_tot;current_in_setup;current_motor_setup;"
+    "speed_meters_per_sec;tacho_meters;tacho_abs_meters;num_vescs;ms_today_imu;roll;pitch;yaw;accX;accY;accZ;"
+    "gyroX;gyroY;gyroZ;gnss_posTime;gnss_lat;gnss_lon;gnss_alt;gnss_gVel;gnss_vVel;gnss_hAcc;gnss_vAcc;"
+)
+
+
+def test_a_whole_vesc_log(tmp_path: Path) -> None:
+    """With every column that VESC Tool writes, and its separator at the end of every line."""
+    names = VESC_HEADER.rstrip(";").split(";")
+    rows = []
+    for k in range(40):
+        row = dict.fromkeys(names, f"{0.5 * k:.3f}")
+        row |= {"ms_today": str(33_000_000 + 20 * k), "fault_code": "FAULT_CODE_NONE"}
+        row |= {"erpm": "6000", "input_voltage": "48.2", "temp_motor": "31.5"}
+        rows.append(";".join(row.values()) + ";")
+    (tmp_path / "log.csv").write_text("\n".join([VESC_HEADER, *rows]) + "\n")
+    recording = pm.load(tmp_path / "log.csv")
+    wanted = ["i_d", "i_q", "omega_e", "t", "temperature", "v_d", "v_dc", "v_q"]
+    assert sorted(recording.names) == wanted
+    np.testing.assert_allclose(recording.column("omega_e"), 6000.0 * 2.0 * np.pi / 60.0)
+    np.testing.assert_allclose(np.diff(recording.column("t")), 0.02)
+    np.testing.assert_array_equal(recording.column("temperature"), 31.5)
+
+
 def test_a_moteus_log(columns: Columns, tmp_path: Path) -> None:
-    del columns["theta_e"], columns["v_d"], columns["v_q"]
+    del columns["v_d"], columns["v_q"]
     columns["omega_m"] = columns.pop("omega_e") / 3.0
-    given = {**columns, "omega_m": columns["omega_m"] / (2.0 * np.pi)}
+    columns["theta_m"] = np.unwrap(columns.pop("theta_e")) / 3.0
+    given = {name: columns[name] / (2.0 * np.pi) for name in ("omega_m", "theta_m")}
+    given = {**columns, **given}
     names = {
         "t": "time [s]",
         "i_d": "servo_stats.d_A",
         "i_q": "servo_stats.q_A",
         "omega_m": "servo_stats.velocity",
+        "theta_m": "servo_stats.position",
     }
     (tmp_path / "r.csv").write_text(csv_text(given, names))
     check(pm.load(tmp_path / "r.csv"), columns, rtol=1e-11)
@@ -187,6 +249,16 @@ def test_frames_in_memory(columns: Columns) -> None:
     check(pm.Recording(**columns), columns)
     check(pm.Recording({name: list(values) for name, values in columns.items()}), columns)
     check(pm.Recording({name: values[::-1][::-1] for name, values in columns.items()}), columns)
+
+
+def test_arrays_that_are_not_aligned(columns: Columns) -> None:
+    packed = np.empty(400, dtype=np.dtype([("flag", "u1"), *((name, "<f8") for name in columns)]))
+    for name, values in columns.items():
+        packed[name] = values
+    assert not packed["i_q"].flags.aligned
+    check(pm.load(packed), columns)
+    shifted = np.frombuffer(b"\0" + columns["i_q"].tobytes(), "<f8", offset=1)
+    check(pm.Recording(**{**columns, "i_q": shifted}), columns)
 
 
 def test_quantities_with_units_by_duck_typing(columns: Columns) -> None:
@@ -275,7 +347,7 @@ def test_any_dialect_gives_the_same_numbers(
     check(pm.load(path), columns)
 
 
-RECORDINGS = Path(__file__).resolve().parents[3] / "shared" / "recordings"
+RECORDINGS = ROOT.parent / "shared" / "recordings"
 REAL = {
     "lea_traction/group_B.csv": (
         "t = { period = 5.0 }\nomega_m = { from = 'motor_speed', unit = 'rpm' }\ntau_m = 'torque'\n"
@@ -301,6 +373,22 @@ REAL = {
         "mechanical",
     ),
 }
+
+
+DESCRIBED = {
+    "back_emf_scope/1000rpm_CHAN1.csv": ("back_emf_scope.toml", 65000),
+    "moteus_inductance/ld_mj5208.json": ("moteus_mj5208.toml", 41),
+    "baldor_flux_map/baldor_400rpm_map.npz": ("baldor.toml", 567),
+}
+
+
+@pytest.mark.parametrize("name", DESCRIBED)
+def test_real_recordings_by_the_machine_files_of_the_documentation(name: str) -> None:
+    if not RECORDINGS.is_dir():
+        pytest.skip(f"the real recordings are not at {RECORDINGS}")
+    machine, rows = DESCRIBED[name]
+    recording = pm.load(RECORDINGS / name, ROOT / "docs" / "machines" / machine)
+    assert len(recording) == rows
 
 
 @pytest.mark.parametrize("name", REAL)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import copy
 import json
 import re
+from collections.abc import Callable
+from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -14,7 +16,9 @@ import pmsm_rs as pm
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.axes import Axes
 from pmsm_rs import plot, words
+from pmsm_rs import traces as reduced
 from pmsm_rs.results import Diagnosis, Estimate, Identification
 
 
@@ -78,6 +82,21 @@ ANSWER: dict[str, Any] = {
     "interrupted": False,
     "version": "1.2.3",
     "seed": 1,
+}
+
+
+IDENTIFICATION: dict[str, Any] = {
+    "parameters": {"r_s": estimate(0.77, 0.01, "ohm")},
+    "cost": 0.1,
+    "history": [1.0, 0.1],
+    "method": "pso",
+    "evaluations": 300,
+    "converged": False,
+    "interrupted": False,
+    "rms": {"i_d": 0.02},
+    "cannot_show": [{"parameters": ["j", "b"], "why": "the speed hardly changes"}],
+    "seed": 1,
+    "version": "1.2.3",
 }
 
 
@@ -251,13 +270,74 @@ def test_trajectories_hold_what_was_judged(tmp_path: Path) -> None:
 def test_a_figure_of_its_own() -> None:
     figure = diagnosis().plot()
     assert len(figure.axes) == 4
+    assert figure._repr_png_().startswith(b"\x89PNG")  # type: ignore[attr-defined]
+    with pytest.raises(pm.UsageError, match="without its traces"):
+        Diagnosis.from_json(json.dumps(ANSWER)).plot()
+
+
+PLOTS: list[Callable[..., Axes]] = [
+    partial(plot.residual_over_time, name="i_d"),
+    partial(plot.trajectory, name="i_d"),
+    partial(plot.residual_over, name="i_d", variable="op_i_q"),
+    partial(plot.residual_map, name="i_d"),
+    partial(plot.order_spectrum, name="i_d"),
+]
+
+
+@pytest.mark.parametrize("draw", PLOTS, ids=lambda draw: draw.func.__name__)
+def test_plots_draw_on_the_axes_they_are_given_and_on_their_own(draw: Callable[..., Axes]) -> None:
+    from matplotlib import pyplot
+
+    figure, ax = pyplot.subplots()
+    assert draw(diagnosis(), ax=ax) is ax
+    assert ax.get_xlabel()
+    ax.set_title("restyled")
+    pyplot.close(figure)
+    own = draw(traces()["recording"])
+    assert own.get_ylabel()
+    pyplot.close(own.figure)
+    with pytest.raises(pm.UsageError, match="did you mean 'i_d'"):
+        draw(diagnosis(), name="id")
+
+
+def test_the_history_of_a_swarm() -> None:
+    from matplotlib import pyplot
+
+    ax = plot.history(Identification.from_json(json.dumps(IDENTIFICATION)))
+    np.testing.assert_array_equal(ax.lines[0].get_ydata(), IDENTIFICATION["history"])
+    pyplot.close(ax.figure)
+
+
+def test_answers_in_a_notebook() -> None:
+    card = diagnosis()._repr_html_()
+    assert "The model leaves out inverter dead time." in card
+    assert card.count("<svg") == 1
+    assert len(card) < 100_000
+    assert "<svg" not in Diagnosis.from_json(json.dumps(ANSWER))._repr_html_()
+    fit = Identification.from_json(json.dumps(IDENTIFICATION))._repr_html_()
+    assert "Not converged" in fit
+    assert "the speed hardly changes" in fit
+    for html in (card, fit):
+        tags = Tags()
+        tags.feed(html)
+        assert (tags.problems, tags.open) == ([], [])
+
+
+def test_a_report_for_a_notebook_is_the_one_that_is_written(tmp_path: Path) -> None:
+    page = diagnosis().report()
+    diagnosis().report(tmp_path / "a.html")
+    page.save(tmp_path / "b.html")
+    assert (tmp_path / "a.html").read_text(encoding="utf-8") == str(page)
+    assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
+    assert page._repr_html_().startswith("<iframe srcdoc=")
+    assert "<" not in page._repr_html_()[20 : page._repr_html_().index('" title')]
 
 
 def test_the_order_spectrum_finds_the_order_that_was_put_in() -> None:
     trace = traces()["recording"]
     for angle, order in (("op_theta_e", 6), ("op_theta_m", 18)):
         orders = np.arange(1, 25)
-        found = plot.amplitudes(trace[angle], plot.residual(trace, "i_d", "before"), orders)
+        found = reduced.amplitudes(trace[angle], reduced.residual(trace, "i_d", "before"), orders)
         assert orders[np.argmax(found)] == order
         assert found.max() == pytest.approx(0.3, rel=0.02)
 
@@ -265,7 +345,7 @@ def test_the_order_spectrum_finds_the_order_that_was_put_in() -> None:
 @given(st.integers(1, 5000), st.integers(1, 300), st.integers(0, 2**31))
 def test_thinning_loses_no_peak(n: int, bins: int, seed: int) -> None:
     y = np.random.default_rng(seed).standard_normal(n)
-    x, thin = plot.envelope(np.arange(n, dtype=float), y, bins)
+    x, thin = reduced.envelope(np.arange(n, dtype=float), y, bins)
     assert len(thin) <= max(2 * bins, n if n <= 2 * bins else 0)
     assert (thin.min(), thin.max()) == (y.min(), y.max())
     assert np.all(np.diff(x) > 0)
@@ -309,19 +389,7 @@ def test_certainty_is_never_claimed() -> None:
 
 
 def test_an_identification_is_read_back() -> None:
-    data = {
-        "parameters": {"r_s": estimate(0.77, 0.01, "ohm")},
-        "cost": 0.1,
-        "history": [1.0, 0.1],
-        "method": "pso",
-        "evaluations": 300,
-        "converged": False,
-        "interrupted": False,
-        "rms": {"i_d": 0.02},
-        "cannot_show": [{"parameters": ["j", "b"], "why": "the speed hardly changes"}],
-        "seed": 1,
-        "version": "1.2.3",
-    }
+    data = IDENTIFICATION
     answer = Identification.from_json(json.dumps(data))
     assert answer.parameters["r_s"].ci95 is not None
     assert answer.history == (1.0, 0.1)

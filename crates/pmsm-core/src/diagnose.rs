@@ -368,6 +368,7 @@ fn other_points(data: &Data, rich: &str) -> String {
 
 fn quality(data: &Data, weak: &[String], found: &[Inseparable]) -> Vec<Finding> {
     let mut findings = data.signals.findings.clone();
+    findings.extend(data.input.findings(&data.signals));
     for tie in found {
         let (others, effect) = (tie.others.join(", "), tie.effect.id());
         findings.push(Finding {

@@ -95,7 +95,7 @@ pub struct Info {
 }
 
 /// Scales of one machine and recording, from which bounds and regularisations follow.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Context {
     /// Pole pairs.
     pub n_p: f64,

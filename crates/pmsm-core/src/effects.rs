@@ -85,7 +85,7 @@ macro_rules! dispatch {
 }
 
 #[cfg(test)]
-mod testing;
+pub(crate) mod testing;
 
 catalogue! {
     coulomb_friction::CoulombFriction,

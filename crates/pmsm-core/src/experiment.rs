@@ -18,6 +18,7 @@ use crate::real::Real;
 use crate::signals::Signals;
 use crate::simulate::mechanical::Nuisance;
 use crate::simulate::{electrical, quasi_static};
+use crate::whitening::Whitening;
 use nalgebra::{DMatrix, DVector};
 use std::borrow::Cow;
 use std::ops::Range;
@@ -55,6 +56,8 @@ impl Channel {
     }
 }
 
+/// Fewest blocks whose mean square is still sharp enough to be looked at.
+const LEAST_BLOCKS: usize = 500;
 /// Derivatives carried in one pass.
 const LANES: usize = 8;
 
@@ -76,6 +79,8 @@ pub struct Experiment<'a> {
     /// Electrical speed (rad/s) with which each window is simulated from; estimated where it is not given. What a better initial
     /// value would change is projected out, so that it need only be near.
     pub starts: Option<Cow<'a, [f64]>>,
+    /// Filter that whitens the currents' residual, and the floors (A) of i_d and i_q to which it refers; none leaves it as it is.
+    pub whitening: Option<(&'a Whitening, [f64; 2])>,
     /// Lag-one correlation by which the speed's residual is whitened within each window; zero leaves it as it is.
     pub colour: f64,
     /// Samples that do not count (held out), if any.
@@ -131,6 +136,7 @@ impl<'a> Experiment<'a> {
         let mut residual = DVector::zeros(self.channels.len() * self.samples());
         if self.has_electrical() {
             self.fill_electrical::<f64>(p, |row, value| residual[row] = value);
+            self.whiten_currents(residual.as_mut_slice());
         }
         if self.has_mechanical() {
             let torque = self.torque_at(p);
@@ -156,6 +162,10 @@ impl<'a> Experiment<'a> {
                     _ => self.electrical_pass::<LANES>(at, &mut residual, &mut jacobian),
                 }
             }
+            self.whiten_currents(residual.as_mut_slice());
+            for column in reaching {
+                self.whiten_currents(jacobian.column_mut(column).as_mut_slice());
+            }
         }
         if self.has_mechanical() {
             self.linearise_mechanical(p, free, &mut residual, &mut jacobian);
@@ -179,6 +189,27 @@ impl<'a> Experiment<'a> {
                 put(q + k, (now[1] - v[1][k]) * wq);
             });
         }
+    }
+
+    /// Passes the rows of the currents through the whitening filter.
+    fn whiten_currents(&self, rows: &mut [f64]) {
+        let (Some((filter, floors)), Some((d, wd)), Some((q, wq))) =
+            (self.whitening, self.row_of(Channel::ID), self.row_of(Channel::IQ))
+        else {
+            return;
+        };
+        let n = self.samples();
+        let (first, second) = rows.split_at_mut(d.max(q));
+        let (d, q) = if d < q {
+            (&mut first[d..d + n], &mut second[..n])
+        } else {
+            (&mut second[..n], &mut first[q..q + n])
+        };
+        d.iter_mut().for_each(|x| *x /= wd);
+        q.iter_mut().for_each(|x| *x /= wq);
+        filter.apply(d, q);
+        d.iter_mut().for_each(|x| *x *= floors[0] * wd);
+        q.iter_mut().for_each(|x| *x *= floors[1] * wq);
     }
 
     /// Electrical residuals and their derivatives for some `columns` of the parameters `free`.
@@ -244,6 +275,45 @@ impl<'a> Experiment<'a> {
             Channel::VQ => pair(&s.v, 1),
             Channel::OmegaE => &s.omega_e,
         }
+    }
+
+    /// Mean square of the weighted residual in each channel, over the samples that count, and the number of samples that share one
+    /// independent value. Whitened residuals are looked at in means over 1, 2, 4, … samples, in which white noise keeps the mean
+    /// square one and what lasts longer stands out; the scale at which most is left counts.
+    pub fn mean_squares(&self, residual: &DVector<f64>) -> Vec<(f64, usize)> {
+        let n = self.samples();
+        let plain = self.relative_rms(residual);
+        let at = |c: usize| {
+            let rows = &residual.as_slice()[c * n..(c + 1) * n];
+            let mut best = (plain[c] * plain[c], 1);
+            let wanders = self.whitening.is_some_and(|(filter, _)| filter.wanders());
+            if !wanders || !matches!(self.channels[c].0, Channel::ID | Channel::IQ) {
+                return best;
+            }
+            let mut size = 2;
+            while n / size >= LEAST_BLOCKS {
+                // Of two standard errors nothing is known for certain.
+                let certain = 1.0 - 2.0 * (2.0 * size as f64 / n as f64).sqrt();
+                let mean = self.block_square(rows, size) * certain;
+                if mean > best.0 {
+                    best = (mean, size);
+                }
+                size *= 2;
+            }
+            best
+        };
+        (0..self.channels.len()).map(at).collect()
+    }
+
+    /// Mean square of the sums over blocks of `size` samples that count, divided by `size`.
+    fn block_square(&self, rows: &[f64], size: usize) -> f64 {
+        let counts = |block: usize| {
+            let range = block * size..(block + 1) * size;
+            self.held_out.is_none_or(|h| h[range].iter().all(|x| !x))
+        };
+        let blocks: Vec<usize> = (0..rows.len() / size).filter(|b| counts(*b)).collect();
+        let sum = |b: &usize| rows[b * size..(b + 1) * size].iter().sum::<f64>().powi(2) / size as f64;
+        blocks.iter().map(sum).sum::<f64>() / blocks.len().max(1) as f64
     }
 
     /// Root mean square of the weighted residual in each channel, over the samples that count.

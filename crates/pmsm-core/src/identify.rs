@@ -9,9 +9,12 @@ mod answer;
 mod fitness;
 mod plan;
 mod search;
+mod warm;
+
+pub use warm::{Warm, identify_warm};
 
 use crate::error::{Error, Result};
-use crate::least_squares::Status;
+use crate::least_squares::{self, Status};
 use crate::machine::{BaseParameter, Machine};
 use crate::model::Model;
 use crate::monitor::Monitor;
@@ -19,18 +22,20 @@ use crate::objective::{Drive, Objective};
 use crate::recording::Recording;
 use crate::signals::Signals;
 use crate::simulate::mechanical;
+use crate::start;
 use crate::swarm::SwarmSettings;
 use crate::uncertainty::{Estimate, NotShown};
 pub use fitness::Fitness;
 use plan::Plan;
-use serde::{Serialize, Serializer};
+use serde::{Deserialize, Serialize, Serializer};
 use std::str::FromStr;
 
 /// A swarm has converged if its last quarter lowered the cost by no more than this share.
 const FLAT: f64 = 0.01;
 
-/// A parameter that can be fitted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// A parameter that can be fitted. It is written to files by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub enum Target {
     /// One of the machine.
     Base(BaseParameter),
@@ -75,11 +80,25 @@ impl Target {
     }
 
     /// Place in a point of [`Objective`].
-    fn index(self) -> usize {
+    pub(crate) fn index(self) -> usize {
         match self {
             Self::Base(p) => p.index(),
             Self::TauLoad => plan::LOAD,
         }
+    }
+}
+
+impl From<Target> for String {
+    fn from(target: Target) -> Self {
+        target.name().into()
+    }
+}
+
+impl TryFrom<String> for Target {
+    type Error = Error;
+
+    fn try_from(name: String) -> Result<Self> {
+        name.parse()
     }
 }
 
@@ -97,7 +116,7 @@ impl FromStr for Target {
 }
 
 /// How the minimum is sought.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Method {
     /// Particle swarm as in the paper.
     #[serde(rename = "pso")]
@@ -222,13 +241,17 @@ pub fn identify(
     let objective = Objective::new(plan.drive, &model, &signals, &windows);
     let found = match request.method {
         Method::Swarm => by_swarm(&objective, &plan, request, false, monitor)?,
-        Method::LeastSquares => from_starts(&objective, &plan, &signals, machine, monitor)?,
-        Method::Both => {
-            let first = by_swarm(&objective, &plan, request, true, monitor)?;
-            if first.interrupted { first } else { refine(&objective, &plan, first, monitor)? }
+        Method::LeastSquares => {
+            from_starts(&objective, &plan, &signals, machine, &search::SETTINGS, monitor)?
         }
+        Method::Both => refined(&objective, &plan, request, monitor)?,
     };
     answer::assemble(&objective, &plan, &signals, machine, request, found)
+}
+
+fn refined(objective: &Objective, plan: &Plan, request: &Request, monitor: &dyn Monitor) -> Result<Found> {
+    let first = by_swarm(objective, plan, request, true, monitor)?;
+    if first.interrupted { Ok(first) } else { refine(objective, plan, first, &search::SETTINGS, monitor) }
 }
 
 fn by_swarm(
@@ -266,8 +289,14 @@ fn by_swarm(
     Ok(found)
 }
 
-fn refine(objective: &Objective, plan: &Plan, first: Found, monitor: &dyn Monitor) -> Result<Found> {
-    let descent = search::descend(objective, plan, &first.values, monitor)?;
+fn refine(
+    objective: &Objective,
+    plan: &Plan,
+    first: Found,
+    settings: &least_squares::Settings,
+    monitor: &dyn Monitor,
+) -> Result<Found> {
+    let descent = search::descend(objective, plan, &first.values, settings, monitor)?;
     let evaluations = first.evaluations + descent.evaluations;
     if !descent.fit.cost.is_finite() {
         return Ok(Found { evaluations, ..first });
@@ -288,17 +317,18 @@ fn from_starts(
     plan: &Plan,
     signals: &Signals,
     machine: &Machine,
+    settings: &least_squares::Settings,
     monitor: &dyn Monitor,
 ) -> Result<Found> {
     let mut starts = vec![plan.first()];
     let blank = Machine { base: [None; 6], ..machine.clone() };
-    if let Ok(base) = crate::start::values(signals, &blank) {
+    if let Ok(base) = start::values(signals, &blank) {
         let value = |t: &Target| base.get(t.index()).copied().unwrap_or(0.0);
         starts.push(plan.targets.iter().map(value).collect());
     }
     let mut best: Option<Found> = None;
     for start in starts {
-        let descent = search::descend(objective, plan, &start, monitor)?;
+        let descent = search::descend(objective, plan, &start, settings, monitor)?;
         let before = best.as_ref().map_or(0, |b| b.evaluations);
         let evaluations = before + descent.evaluations;
         match &mut best {

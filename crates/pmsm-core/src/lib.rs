@@ -3,16 +3,18 @@
 //!
 //! Layers, each using only those above it in this list:
 //!
-//! - [`error`], [`monitor`], [`real`] (what a number is), [`lanes`] (vectors of
-//!   numbers), [`dual`] (numbers with derivatives), [`transforms`], [`rk4`], [`swarm`], [`least_squares`], [`uncertainty`]: know
+//! - [`error`], [`monitor`], [`real`] (what a number is), [`lanes`] (vectors of numbers), [`dual`] (numbers with
+//!   derivatives), [`random`], [`transforms`], [`rk4`], [`swarm`], [`least_squares`], [`uncertainty`]: know
 //!   no motor.
 //! - [`machine`] (nameplate), [`base`] (its parameters in the equations), [`recording`] (checked columns).
 //! - [`effect`] (what an omitted effect is), [`terms`] (what effects share), [`effects`] (the catalogue), [`model`] (machine
 //!   plus effects).
 //! - [`signals`] (a recording as it drives a model), [`simulate`] (free runs), [`start`] (first values).
-//! - [`experiment`] (one recording seen through one model), [`noise`], [`load_steps`], [`bare`] (kernels),
-//!   [`objective`].
-//! - [`identify`]: which parameters. [`diagnose`]: what is left out.
+//! - [`drive`] (a closed-loop drive that makes recordings).
+//! - [`noise`], [`input_noise`] and [`whitening`] (what a log can tell), [`load_steps`].
+//! - [`experiment`] (one recording seen through one model), [`bare`] (kernels), [`objective`].
+//! - [`identify`]: which parameters. [`track`]: the same, window by window. [`system`]: the same for a user's own
+//!   equations. [`diagnose`]: what is left out.
 //!
 //! Units are SI throughout, the Park transform is amplitude-invariant, the d axis lies on the magnet flux, and the
 //! sign convention is the motor's.
@@ -20,12 +22,14 @@
 pub mod bare;
 pub mod base;
 pub mod diagnose;
+pub mod drive;
 pub mod dual;
 pub mod effect;
 pub mod effects;
 pub mod error;
 pub mod experiment;
 pub mod identify;
+pub mod input_noise;
 pub mod lanes;
 pub mod least_squares;
 pub mod load_steps;
@@ -34,6 +38,7 @@ pub mod model;
 pub mod monitor;
 pub mod noise;
 pub mod objective;
+pub mod random;
 pub mod real;
 pub mod recording;
 pub mod rk4;
@@ -41,6 +46,9 @@ pub mod signals;
 pub mod simulate;
 pub mod start;
 pub mod swarm;
+pub mod system;
 pub mod terms;
+pub mod track;
 pub mod transforms;
 pub mod uncertainty;
+pub mod whitening;

@@ -8,11 +8,11 @@
 //! which the largest flux linkage induces the largest voltage, so that a run near standstill has a weight, too.
 //! What a recording does not contain drops out of the sum; operating points compare voltages in place of currents.
 
-use crate::dual::Dual;
 mod kernel;
 mod side_by_side;
 
 use crate::bare::Track;
+use crate::dual::Dual;
 use crate::experiment::{Channel, Experiment, Linearisation};
 use crate::model::Model;
 use crate::real::Real;
@@ -112,6 +112,7 @@ impl<'a> Objective<'a> {
             prior: &[],
             torque: None,
             starts: None,
+            whitening: None,
             colour: 0.0,
         };
         Self { drive, experiment, track }

@@ -1,7 +1,7 @@
 //! A recording as it came from the bench: named columns in SI units, checked once, and what is known of the load.
 
 use crate::error::{Error, Result};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -32,16 +32,16 @@ pub const COLUMNS: [(&str, &str); 20] = [
 /// Sample period from which a recording is a list of operating points rather than a waveform, s.
 const OPERATING_POINT_PERIOD: f64 = 0.05;
 /// Fewest samples from which anything can be said.
-const FEWEST_SAMPLES: usize = 16;
+pub const FEWEST_SAMPLES: usize = 16;
 /// A step in time longer than this many median periods is a gap: the models restart behind it. A voltage that was not
 /// logged cannot be made up; torque and speed in between can, for a few samples.
-const GAP: f64 = 1.5;
+pub const GAP: f64 = 1.5;
 const GAP_MECHANICAL: f64 = 6.0;
 /// Largest magnitude of any value; larger ones are overflow marks of a logger, not physics.
-const LARGEST: f64 = 1e12;
+pub const LARGEST: f64 = 1e12;
 
 /// What is known of the load torque, which opposes positive speed.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Load {
     /// No load but the machine's own losses.

@@ -1,6 +1,9 @@
 //! A recording in the form in which the models are driven by it: rotor-frame voltages and currents, unwrapped angles,
 //! electrical speed, and the scales of the run.
 
+mod clock;
+mod lag;
+
 use crate::effect::Context;
 use crate::error::{Error, Result};
 use crate::machine::{BaseParameter, Machine};
@@ -33,6 +36,8 @@ pub struct Signals {
     pub segments: Vec<Range<usize>>,
     /// Median sample period, s.
     pub period: f64,
+    /// Period of the drive's control, s, where the machine file tells it.
+    pub control_period: Option<f64>,
     /// Rotor-frame voltage acting from each sample to the next, V.
     pub v: Option<[Vec<f64>; 2]>,
     /// Rotor-frame current in the logged frame, A.
@@ -83,7 +88,7 @@ impl Signals {
         let n_p = f64::from(machine.n_p);
         let n = recording.len();
         let start = recording.t()[0];
-        let t: Vec<f64> = recording.t().iter().map(|x| x - start).collect();
+        let mut t: Vec<f64> = recording.t().iter().map(|x| x - start).collect();
         let segments = recording.segments().to_vec();
         let scaled = |name: &str, factor: f64| {
             recording.column(name).map(|x| x.iter().map(|v| v * factor).collect::<Vec<f64>>())
@@ -95,7 +100,7 @@ impl Signals {
             .map(unwrap)
             .or_else(|| mechanical.as_ref().map(|m| m.iter().map(|x| x * n_p).collect()));
         let (angle_known, speed_known) = (logged_angle.is_some(), logged_speed.is_some());
-        let omega_e = match (&logged_speed, &logged_angle) {
+        let mut omega_e = match (&logged_speed, &logged_angle) {
             (Some(speed), _) => speed.clone(),
             (None, Some(angle)) => differentiate(&t, angle, &segments),
             (None, None) => {
@@ -110,6 +115,9 @@ impl Signals {
         let theta_m = mechanical.unwrap_or_else(|| theta_e.iter().map(|x| x / n_p).collect());
 
         let mut findings = Vec::new();
+        if angle_known && speed_known && !operating_points {
+            findings.extend(mend(&mut t, &mut omega_e, &theta_e, &segments));
+        }
         let (phases, three_currents) = phase_currents(recording, &theta_e, &mut findings);
         let i = match (recording.column("i_d"), recording.column("i_q")) {
             (Some(d), Some(q)) => Some([d.to_vec(), q.to_vec()]),
@@ -134,6 +142,7 @@ impl Signals {
             t,
             segments,
             period: recording.period(),
+            control_period: machine.f_sample.map(|f| 1.0 / f),
             v,
             i,
             phases,
@@ -210,13 +219,47 @@ impl Signals {
 }
 
 /// r_s/l of the faster axis; where the nameplate is silent, that of a small servo motor.
-fn electrical_rate(machine: &Machine) -> f64 {
+pub(crate) fn electrical_rate(machine: &Machine) -> f64 {
     let r_s = machine.get(BaseParameter::RS);
     let l = [BaseParameter::LD, BaseParameter::LQ].iter().filter_map(|p| machine.get(*p)).reduce(f64::min);
     match (r_s, l) {
         (Some(r_s), Some(l)) => r_s / l,
         _ => 1000.0,
     }
+}
+
+/// Evens out time stamps and undoes a lag of the speed, where the angle shows them.
+fn mend(t: &mut Vec<f64>, omega: &mut Vec<f64>, theta: &[f64], segments: &[Range<usize>]) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    if let Some((even, jitter)) = clock::even(t, segments, theta, omega) {
+        *t = even;
+        findings.push(Finding {
+            finding: format!(
+                "the time stamps jitter by {:.1} % of the sample period, but the rotor turns evenly",
+                100.0 * jitter
+            ),
+            consequence: "evenly spaced samples are assumed".into(),
+            fix: "stamp the samples when they are taken".into(),
+        });
+    }
+    if let Some((prompt, lag)) = lag::undo(t, theta, omega, segments) {
+        *omega = prompt;
+        let (what, fix) = match lag {
+            lag::Lag::Filter(tau) => (
+                format!("is low-pass filtered at {:.0} Hz", 1.0 / (TAU * tau)),
+                "log the speed before its filter, or the angle alone",
+            ),
+            lag::Lag::Delay(tau) => {
+                (format!("is {:.2} ms late", 1e3 * tau), "log speed and angle at the same instant")
+            }
+        };
+        findings.push(Finding {
+            finding: format!("the logged speed {what}, as the angle shows"),
+            consequence: "the lag is undone, which raises the noise of the speed".into(),
+            fix: fix.into(),
+        });
+    }
+    findings
 }
 
 /// Removes the jumps of a wrapped angle.

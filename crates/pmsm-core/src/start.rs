@@ -1,17 +1,22 @@
 //! First values of the base parameters: the nameplate's, and for what the nameplate leaves open a linear regression
-//! of the equations integrated over short stretches.
+//! of the equations integrated over short stretches. First values of a free run: the measured ones, or better.
 
 use crate::base::BASE;
 use crate::error::{Error, Result};
 use crate::machine::{BaseParameter, Machine};
+use crate::model::Model;
 use crate::recording::Kind;
 use crate::signals::Signals;
+use crate::simulate::coupled;
 use nalgebra::{DMatrix, DVector};
 
 /// Samples integrated over in the electrical regression.
 const ELECTRICAL_STRETCH: usize = 8;
 /// Stretch of the mechanical regression, s.
 const MECHANICAL_STRETCH: f64 = 0.02;
+/// Share of a segment from which its first values are estimated, and the fewest samples worth it.
+const OPENING: f64 = 0.04;
+const FEWEST_OPENING: usize = 6;
 
 /// Base parameters to start from, in the order of [`BaseParameter::ALL`].
 ///
@@ -120,6 +125,37 @@ fn mechanical(signals: &Signals, psi: Option<f64>) -> Option<[f64; 2]> {
         }
     }
     solve(&rows).map(|[j, b, _]| [j, b])
+}
+
+/// Replaces the first currents and speed of each gap-free segment by an estimate with less noise: a free run of the
+/// coupled model at the point `p` (base parameters and load torque) is compared with the opening of the segment, and
+/// the straight line through what it leaves, taken back to the first sample, is the first sample's error. The slope of
+/// the line takes up what a wrong parameter does in so short a time. The variance of a first value falls to 4/m of the
+/// sensor's, m being the samples of the opening.
+pub fn settle(signals: &mut Signals, model: &Model, p: &[f64]) {
+    for segment in signals.segments.clone() {
+        let m = (OPENING * segment.len() as f64) as usize;
+        let Some(measured) = signals.i.as_ref().filter(|_| m >= FEWEST_OPENING) else { continue };
+        let (mut sum, mut moment) = ([0.0; 3], [0.0; 3]);
+        let first = segment.start;
+        let own = model.parameter_count();
+        coupled::run(model, signals, first..first + m, &p[..own], p[own], |k, now| {
+            let seen = [measured[0][k], measured[1][k], signals.omega_e[k]];
+            for c in 0..3 {
+                sum[c] += seen[c] - now[c];
+                moment[c] += (seen[c] - now[c]) * (k - first) as f64;
+            }
+            true
+        });
+        let m = m as f64;
+        // Intercept of the regression on 0, 1, ..., m - 1.
+        let error = [0, 1, 2].map(|c| (2.0 * (2.0 * m - 1.0) * sum[c] - 6.0 * moment[c]) / (m * (m + 1.0)));
+        if let Some([d, q]) = signals.i.as_mut().filter(|_| error.iter().all(|e| e.is_finite())) {
+            d[first] += error[0];
+            q[first] += error[1];
+            signals.omega_e[first] += error[2];
+        }
+    }
 }
 
 fn solve<const N: usize>(rows: &[([f64; N], f64)]) -> Option<[f64; N]> {

@@ -9,20 +9,29 @@
 //! to their limits after (5a) and (5b). The swarm advances one generation at a time: the caller evaluates
 //! [`Swarm::positions`] in any order and hands the costs to [`Swarm::tell`]. A random number is a function of (seed,
 //! generation, particle, dimension), so a run depends on neither evaluation order nor thread count.
+//!
+//! The variants that the paper cites are options ([`Inertia`], [`Update`], [`Neighbourhood`]); they are off by default.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
+mod advance;
+mod minimise;
+mod variants;
 
-use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use advance::uniform_pair;
 
 use crate::error::{Error, Result};
-use crate::monitor::Monitor;
+
+pub use minimise::{SwarmResult, minimise};
+pub use variants::{Inertia, Neighbourhood, Update};
 
 /// Largest accepted number of particles and of iterations: memory is reserved for them in advance.
 const MAX_COUNT: usize = 1_000_000;
 
 /// Settings of the swarm. The default is the paper's: 10 particles, 30 iterations, w = 0.8, c₁ = c₂ = 2; the paper
 /// leaves the velocity limit open, here it is 0.2 of each range.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct SwarmSettings {
     /// Number of particles, at least 1.
     pub particles: usize,
@@ -36,11 +45,27 @@ pub struct SwarmSettings {
     pub social: f64,
     /// Largest move per generation and dimension as a share of that dimension's range, in (0, 1].
     pub velocity_limit: f64,
+    /// How w goes over the iterations.
+    pub schedule: Inertia,
+    /// How a velocity is made.
+    pub update: Update,
+    /// Whom a particle listens to.
+    pub neighbourhood: Neighbourhood,
 }
 
 impl Default for SwarmSettings {
     fn default() -> Self {
-        Self { particles: 10, iterations: 30, inertia: 0.8, cognitive: 2.0, social: 2.0, velocity_limit: 0.2 }
+        Self {
+            particles: 10,
+            iterations: 30,
+            inertia: 0.8,
+            cognitive: 2.0,
+            social: 2.0,
+            velocity_limit: 0.2,
+            schedule: Inertia::Constant,
+            update: Update::Inertia,
+            neighbourhood: Neighbourhood::All,
+        }
     }
 }
 
@@ -55,9 +80,16 @@ impl SwarmSettings {
                 return Err(Error::quantity(name, count as f64, "", "it must be between 1 and 1000000"));
             }
         }
-        for (name, weight) in
-            [("inertia", self.inertia), ("cognitive", self.cognitive), ("social", self.social)]
-        {
+        let last = match self.schedule {
+            Inertia::Constant => self.inertia,
+            Inertia::Linear { last } | Inertia::Random { last } | Inertia::Adaptive { last } => last,
+        };
+        for (name, weight) in [
+            ("inertia", self.inertia),
+            ("last inertia", last),
+            ("cognitive", self.cognitive),
+            ("social", self.social),
+        ] {
             if !(weight.is_finite() && weight >= 0.0) {
                 return Err(Error::quantity(name, weight, "", "it must be finite and not negative"));
             }
@@ -65,6 +97,11 @@ impl SwarmSettings {
         if !(self.velocity_limit > 0.0 && self.velocity_limit <= 1.0) {
             let expected = "it must be above 0 and at most 1 (a share of each range)";
             return Err(Error::quantity("velocity_limit", self.velocity_limit, "", expected));
+        }
+        let phi = self.cognitive + self.social;
+        if self.update != Update::Inertia && phi <= 4.0 {
+            let expected = "a constricted swarm needs more than 4, such as 2.05 + 2.05";
+            return Err(Error::quantity("cognitive + social", phi, "", expected));
         }
         Ok(())
     }
@@ -82,6 +119,12 @@ pub struct Swarm {
     personal_costs: Vec<f64>,
     best: Vec<f64>,
     best_cost: f64,
+    /// Neighbours of each particle where it does not simply listen to the best of all.
+    neighbours: Vec<Vec<usize>>,
+    /// Share of particles that the last costs bettered.
+    bettered: f64,
+    /// Room for the point that a particle hears of.
+    heard: Vec<f64>,
     history: Vec<f64>,
 }
 
@@ -115,6 +158,9 @@ impl Swarm {
             personal_costs: vec![f64::INFINITY; n],
             best: vec![0.0; dims],
             best_cost: f64::INFINITY,
+            neighbours: Vec::new(),
+            bettered: 0.0,
+            heard: vec![0.0; dims],
             history: Vec::with_capacity(settings.iterations + 1),
         };
         for i in 0..n {
@@ -123,6 +169,9 @@ impl Swarm {
                 swarm.positions[i * dims + k] = (low + r1 * (high - low)).clamp(low, high);
                 swarm.velocities[i * dims + k] = (2.0 * r2 - 1.0) * settings.velocity_limit * (high - low);
             }
+        }
+        if settings.neighbourhood != Neighbourhood::All || settings.update == Update::FullyInformed {
+            swarm.neighbours = (0..n).map(|i| settings.neighbourhood.of(i, n)).collect();
         }
         swarm.personal.copy_from_slice(&swarm.positions);
         swarm.best.copy_from_slice(&swarm.positions[..dims]);
@@ -179,10 +228,12 @@ impl Swarm {
             return Err(Error::unusable("the swarm has made all its iterations", "build a new one"));
         }
         let dims = self.bounds.len();
+        let mut bettered = 0usize;
         for (i, &cost) in costs.iter().enumerate() {
             let row = i * dims..(i + 1) * dims;
             // Comparisons with NaN are false: it never becomes a best.
             if cost < self.personal_costs[i] {
+                bettered += 1;
                 self.personal_costs[i] = cost;
                 self.personal[row.clone()].copy_from_slice(&self.positions[row.clone()]);
             }
@@ -191,32 +242,12 @@ impl Swarm {
                 self.best.copy_from_slice(&self.positions[row]);
             }
         }
+        self.bettered = bettered as f64 / costs.len() as f64;
         self.history.push(self.best_cost);
         if !self.done() {
             self.advance();
         }
         Ok(())
-    }
-
-    /// Eq. (5) with both clamps.
-    fn advance(&mut self) {
-        let SwarmSettings { inertia, cognitive, social, velocity_limit, .. } = self.settings;
-        let (generation, dims) = (self.generation(), self.bounds.len());
-        let social = if self.best_cost < f64::INFINITY { social } else { 0.0 };
-        for i in 0..self.settings.particles {
-            let cognitive = if self.personal_costs[i] < f64::INFINITY { cognitive } else { 0.0 };
-            for (k, &(low, high)) in self.bounds.iter().enumerate() {
-                let (r1, r2) = uniform_pair(self.seed, generation, i, k);
-                let at = i * dims + k;
-                let x = self.positions[at];
-                let limit = velocity_limit * (high - low);
-                let v = inertia * self.velocities[at]
-                    + cognitive * r1 * (self.personal[at] - x)
-                    + social * r2 * (self.best[k] - x);
-                self.velocities[at] = v.clamp(-limit, limit);
-                self.positions[at] = (x + self.velocities[at]).clamp(low, high);
-            }
-        }
     }
 
     /// Best point so far and its cost. While no cost was below infinity: particle 0's first position and infinity.
@@ -241,100 +272,10 @@ impl Swarm {
     }
 }
 
-/// Outcome of [`minimise`].
-#[derive(Debug, Clone, PartialEq)]
-pub struct SwarmResult {
-    /// Best point found.
-    pub parameters: Vec<f64>,
-    /// Its cost; infinite if no evaluated point had a cost below infinity.
-    pub cost: f64,
-    /// Best cost after each generation, an interrupted one included.
-    pub history: Vec<f64>,
-    /// Number of cost evaluations.
-    pub evaluations: usize,
-    /// True if the monitor stopped the run before its last evaluation.
-    pub interrupted: bool,
-}
-
-/// Runs a whole swarm, evaluating the particles of a generation in parallel in the caller's rayon pool. The result has
-/// the same bits for any number of threads. `start` places one particle (see [`Swarm::with_start`]). The monitor is
-/// asked before every generation and every evaluation; once it says stop, the best point so far is returned.
-///
-/// # Errors
-/// Those of [`Swarm::new`] and [`Swarm::with_start`].
-pub fn minimise(
-    settings: &SwarmSettings,
-    bounds: &[(f64, f64)],
-    seed: u64,
-    start: Option<&[f64]>,
-    cost: &(dyn Fn(&[f64]) -> f64 + Sync),
-    monitor: &dyn Monitor,
-) -> Result<SwarmResult> {
-    let mut swarm = Swarm::new(settings, bounds, seed)?;
-    if let Some(point) = start {
-        swarm.with_start(point)?;
-    }
-    let mut costs = vec![f64::INFINITY; settings.particles];
-    let evaluations = AtomicUsize::new(0);
-    let mut interrupted = false;
-    while !swarm.done() && !interrupted {
-        if monitor.cancelled() {
-            interrupted = true;
-            break;
-        }
-        let before = evaluations.load(Ordering::Relaxed);
-        swarm.positions().par_chunks(bounds.len()).zip(costs.par_iter_mut()).for_each(|(point, slot)| {
-            *slot = f64::INFINITY;
-            if !monitor.cancelled() {
-                *slot = cost(point);
-                evaluations.fetch_add(1, Ordering::Relaxed);
-            }
-        });
-        let evaluated = evaluations.load(Ordering::Relaxed) - before;
-        interrupted = evaluated < settings.particles;
-        if evaluated > 0 {
-            swarm.tell(&costs)?;
-        }
-        monitor.report("particle swarm", swarm.generation() as f64 / (settings.iterations + 1) as f64);
-    }
-    let (parameters, cost) = swarm.best();
-    Ok(SwarmResult {
-        parameters: parameters.to_vec(),
-        cost,
-        history: swarm.history().to_vec(),
-        evaluations: evaluations.into_inner(),
-        interrupted,
-    })
-}
-
-/// Two numbers in [0, 1) with 53 bits each, belonging to this place in the run and no other.
-fn uniform_pair(seed: u64, generation: usize, particle: usize, dimension: usize) -> (f64, f64) {
-    let word =
-        philox([generation as u32, particle as u32, dimension as u32, 0], [seed as u32, (seed >> 32) as u32]);
-    let unit =
-        |high: u32, low: u32| ((u64::from(high) << 32 | u64::from(low)) >> 11) as f64 * (0.5 * f64::EPSILON);
-    (unit(word[0], word[1]), unit(word[2], word[3]))
-}
-
-/// Philox4x32-10: counter-based generator of Salmon, Moraes, Dror & Shaw, "Parallel random numbers: as easy as 1, 2,
-/// 3", SC11.
-fn philox(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
-    for _ in 0..10 {
-        let a = u64::from(counter[0]) * 0xD251_1F53;
-        let b = u64::from(counter[2]) * 0xCD9E_8D57;
-        counter = [
-            (b >> 32) as u32 ^ counter[1] ^ key[0],
-            b as u32,
-            (a >> 32) as u32 ^ counter[3] ^ key[1],
-            a as u32,
-        ];
-        key = [key[0].wrapping_add(0x9E37_79B9), key[1].wrapping_add(0xBB67_AE85)];
-    }
-    counter
-}
-
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
     use proptest::prelude::*;
 
     use super::*;
@@ -342,45 +283,6 @@ mod tests {
 
     fn sphere(x: &[f64]) -> f64 {
         x.iter().map(|v| v * v).sum()
-    }
-
-    #[test]
-    fn philox_gives_its_published_answers() {
-        assert_eq!(philox([0; 4], [0; 2]), [0x6627_e8d5, 0xe169_c58d, 0xbc57_ac4c, 0x9b00_dbd8]);
-        assert_eq!(
-            philox([u32::MAX; 4], [u32::MAX; 2]),
-            [0x408f_276d, 0x41c8_3b0e, 0xa20b_c7c6, 0x6d54_51fd]
-        );
-        let pi = [0x243f_6a88, 0x85a3_08d3, 0x1319_8a2e, 0x0370_7344];
-        assert_eq!(
-            philox(pi, [0xa409_3822, 0x299f_31d0]),
-            [0xd16c_fe09, 0x94fd_cceb, 0x5001_e420, 0x2412_6ea1]
-        );
-    }
-
-    #[test]
-    fn numbers_are_uniform_and_differ_by_every_index() {
-        let n = 20_000;
-        let (mut sum, mut square, mut product) = (0.0, 0.0, 0.0);
-        for i in 0..n {
-            let (a, b) = uniform_pair(5, i, 3, 1);
-            assert!((0.0..1.0).contains(&a) && (0.0..1.0).contains(&b));
-            sum += a;
-            square += a * a;
-            product += (a - 0.5) * (b - 0.5);
-        }
-        let n = n as f64;
-        assert!((sum / n - 0.5).abs() < 0.01 && (square / n - 1.0 / 3.0).abs() < 0.01);
-        assert!((product / n).abs() < 0.003);
-        let here = uniform_pair(1, 2, 3, 4);
-        for other in [
-            uniform_pair(1 << 32 | 1, 2, 3, 4),
-            uniform_pair(1, 3, 3, 4),
-            uniform_pair(1, 2, 4, 4),
-            uniform_pair(1, 2, 3, 5),
-        ] {
-            assert_ne!(here, other);
-        }
     }
 
     #[test]
@@ -510,6 +412,7 @@ mod tests {
             let bounds: Vec<(f64, f64)> = box_.iter().map(|&(low, width)| (low, low + width)).collect();
             let settings = SwarmSettings {
                 particles: 7, iterations: 5, inertia, cognitive: pull, social: pull, velocity_limit: limit,
+                ..SwarmSettings::default()
             };
             let mut swarm = Swarm::new(&settings, &bounds, seed).unwrap();
             for told in costs.chunks(7) {

@@ -7,6 +7,10 @@
 //! errors for linear regression with multi-stage samples", Survey Methodology 28 (2002)); intervals are those of
 //! Student's t with one degree of freedom less than there are blocks.
 
+mod judge;
+
+pub use judge::Judge;
+
 use crate::error::Result;
 use crate::least_squares::{self, weak_directions};
 use nalgebra::{DMatrix, DVector, SymmetricEigen};

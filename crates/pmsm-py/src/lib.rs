@@ -7,7 +7,10 @@ mod fitness;
 mod machine;
 mod recording;
 mod run;
+mod simulation;
 mod supervise;
+mod system;
+mod tracking;
 
 use pyo3::prelude::*;
 
@@ -30,6 +33,12 @@ mod _core {
     use super::recording::PyRecording;
     #[pymodule_export]
     use super::run::identify;
+    #[pymodule_export]
+    use super::simulation::simulate;
+    #[pymodule_export]
+    use super::system::identify_system;
+    #[pymodule_export]
+    use super::tracking::PyTracker;
     use super::{Bound, PyModule, PyModuleMethods, PyResult, supervise};
 
     #[pymodule_init]

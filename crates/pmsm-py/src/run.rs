@@ -1,9 +1,10 @@
 //! Identification for Python.
 
-use crate::errors::{InternalError, to_python};
+use crate::errors::{InternalError, UsageError, to_python};
 use crate::machine::PyMachine;
 use crate::recording::PyRecording;
 use crate::supervise;
+use pmsm_core::error::Error;
 use pmsm_core::identify as core;
 use pmsm_core::swarm::SwarmSettings;
 use pyo3::prelude::*;
@@ -11,21 +12,29 @@ use serde_json::json;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+/// Settings of a swarm from their JSON text.
+pub fn settings(py: Python<'_>, text: &str) -> PyResult<SwarmSettings> {
+    let swarm: SwarmSettings = serde_json::from_str(text).map_err(|error| {
+        UsageError::new_err(format!("these settings of the swarm cannot be used: {error}"))
+    })?;
+    swarm.validate().map_err(|error| match error {
+        Error::Quantity { .. } => UsageError::new_err(error.to_string()),
+        other => to_python(py, &other),
+    })?;
+    Ok(swarm)
+}
+
 /// Estimates parameters; the answer is JSON text. `fit` maps names to bounds in SI units, or to None for a wide range
-/// around the nameplate; empty means whatever the recording can show.
+/// around the nameplate; empty means whatever the recording can show. `swarm` is JSON text.
 #[pyfunction]
-#[pyo3(signature = (recording, machine, *, fit, method, particles, iterations, inertia, cognitive, social, seed, threads, progress))]
+#[pyo3(signature = (recording, machine, *, fit, method, swarm, seed, threads, progress))]
 pub fn identify(
     py: Python<'_>,
     recording: PyRef<'_, PyRecording>,
     machine: PyRef<'_, PyMachine>,
     fit: BTreeMap<String, Option<(f64, f64)>>,
     method: &str,
-    particles: usize,
-    iterations: usize,
-    inertia: f64,
-    cognitive: f64,
-    social: f64,
+    swarm: &str,
     seed: u64,
     threads: Option<usize>,
     progress: Option<Bound<'_, PyAny>>,
@@ -37,8 +46,7 @@ pub fn identify(
         .map(|(name, bounds)| name.parse().map(|target| (target, bounds)))
         .collect::<Result<_, _>>()
         .map_err(refused)?;
-    let swarm =
-        SwarmSettings { particles, iterations, inertia, cognitive, social, ..SwarmSettings::default() };
+    let swarm = settings(py, swarm)?;
     let request = core::Request { fit, method: method.parse().map_err(refused)?, swarm, seed };
     let (answer, interrupted) = supervise::run(py, threads, progress.as_ref(), |monitor| {
         core::identify(&run, &machine, &request, monitor)

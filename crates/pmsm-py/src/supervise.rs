@@ -123,3 +123,8 @@ fn internal(payload: &(dyn Any + Send)) -> PyErr {
     let place = lock(&LAST_PANIC).take().map(|place| format!(" at {place}")).unwrap_or_default();
     InternalError::new_err(format!("{what}{place}; please report it with the recording"))
 }
+
+/// Runs `job` here and now; a panic becomes an exception.
+pub fn guarded<T>(job: impl FnOnce() -> T) -> PyResult<T> {
+    catch_unwind(AssertUnwindSafe(job)).map_err(|payload| internal(payload.as_ref()))
+}

@@ -6,6 +6,7 @@ Each turns a file into a Source; which one is chosen by content, not by name alo
 from __future__ import annotations
 
 import os
+import re
 from importlib import import_module
 from pathlib import Path
 
@@ -18,17 +19,14 @@ _MAGIC = (
     (b"ARROW1", "feather"),
     (b"PK\x03\x04", "npz"),
     (b"MATLAB 5.0", "mat"),
+    (b"MATLAB 7.3", "hdf5"),
+    (b"\x89HDF", "hdf5"),
+    (b"MDF ", "mdf"),
+    (b"UnFinMF ", "mdf"),
+    (b"TDSm", "tdms"),
     (b"\xff\xff\xff\xff", "feather"),
 )
 _STRANGERS = (
-    (
-        b"\x89HDF",
-        "an HDF5 or MATLAB v7.3 file",
-        "save it from MATLAB with save(..., '-v7'), or export it as Parquet or CSV",
-    ),
-    (b"MATLAB 7.3", "a MATLAB v7.3 file", "save it from MATLAB with save(..., '-v7')"),
-    (b"MDF ", "an ASAM MDF file", "export the channels you need as Parquet or CSV"),
-    (b"TDSm", "an NI TDMS file", "export the channels you need as CSV"),
     (b"FEA1", "a Feather file of version 1", "save it again as Feather version 2 or Parquet"),
     (
         b"\x93NUMPY",
@@ -41,7 +39,21 @@ _STRANGERS = (
     (b"\x89PNG", "a picture", "name the recording itself"),
     (b"\x7fELF", "a program", "name the recording itself"),
 )
-_SUFFIX = {".parquet": "parquet", ".feather": "feather", ".arrow": "feather", ".npz": "npz", ".mat": "mat"}
+# A header such as "[s], [A]" starts with a bracket too.
+_BRACKET = re.compile(rb"\xef?\xbb?\xbf?\s*(\{|\[\s*[\[{])")
+_SUFFIX = {
+    ".parquet": "parquet",
+    ".feather": "feather",
+    ".arrow": "feather",
+    ".npz": "npz",
+    ".mat": "mat",
+    ".h5": "HDF5",
+    ".hdf5": "HDF5",
+    ".tdms": "TDMS",
+    ".mf4": "MDF",
+    ".mdf": "MDF",
+    ".json": "json",
+}
 
 
 def open_source(path: str | os.PathLike[str], max_bytes: int) -> Source:
@@ -79,6 +91,8 @@ def open_source(path: str | os.PathLike[str], max_bytes: int) -> Source:
         if head.startswith(magic):
             raise refuse(DataError, f"this is {what}, which is not read here", file=name, fix=fix)
     kind = next((kind for magic, kind in _MAGIC if head.startswith(magic)), "csv")
+    if kind == "csv" and _BRACKET.match(head):
+        kind = "json"
     claimed = _SUFFIX.get(file.suffix.lower())
     if kind == "csv" and claimed is not None:
         raise refuse(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from .._core import DataError
 from ..errors import refuse
+from . import scope
 from .sniff import SAMPLE_LINES, Layout, is_number, skipped, sniff, split
 from .source import MISSING_FIX, Source
 
@@ -23,9 +24,9 @@ _NUMBER_BYTES = 8
 def open_file(file: Path, max_bytes: int) -> Source:
     """The columns of a text file. Raises DataError where it is no text or has no table."""
     name = str(file)
-    text = _text(file.read_bytes(), name)
+    text, axis = scope.uncounted(_text(file.read_bytes(), name))
     head = text[: 1 << 20].split("\n", SAMPLE_LINES)[:SAMPLE_LINES]
-    layout = sniff(head, name)
+    layout = scope.seconds(sniff(head, name))
     lines = text.count("\n") + 1
     if lines * _NUMBER_BYTES > max_bytes:
         raise refuse(
@@ -50,7 +51,8 @@ def open_file(file: Path, max_bytes: int) -> Source:
         line = _line_of(text, layout, row)
         return line, f"line {line}"
 
-    return Source(name, layout.names, read, units=layout.units, place=place)
+    source = Source(name, layout.names, read, units=layout.units, place=place)
+    return source if axis is None else scope.timed(source, axis)
 
 
 def _text(data: bytes, file: str) -> str:

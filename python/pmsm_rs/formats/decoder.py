@@ -1,98 +1,77 @@
-"""Decodes a Parquet or Arrow file in a process of its own; run by `isolated`, never imported.
+"""Decodes one binary file in a process of its own; run by `isolated`, never imported.
 
-A damaged file can make the decoder panic where Rust can only abort, or ask for any amount of memory. Here
-that ends this process and not the user's. On standard output come messages, each a length (4 bytes, little
+A damaged file can make a decoder panic where it can only abort, or ask for any amount of memory. Here that
+ends this process and not the user's. On standard output come messages, each a length (4 bytes, little
 endian) and JSON; standard input carries one line with the columns wanted.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import sys
+from importlib import import_module
 from typing import Any
-
-_BATCH_ROWS = 65_536
-_NUMBER_BYTES = 8
 
 
 def say(message: dict[str, Any]) -> None:
     """Sends one message."""
     text = json.dumps(message).encode()
-    sys.stdout.buffer.write(len(text).to_bytes(4, "little") + text)
-    sys.stdout.buffer.flush()
+    os.write(ANSWERS, len(text).to_bytes(4, "little") + text)
 
 
-def limit(memory: int) -> None:
-    """Caps the address space of this process, where the system can."""
+def limit(memory: int, seconds: int) -> None:
+    """Caps the address space and the processor time of this process, where the system can."""
     try:
         import resource
     except ImportError:
         return
-    _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(
-        resource.RLIMIT_AS, (memory if hard == resource.RLIM_INFINITY else min(memory, hard), hard)
-    )
+    # A damaged file can ask for any amount of memory, or send a reader round in circles.
+    for kind, wanted in ((resource.RLIMIT_AS, memory), (resource.RLIMIT_CPU, seconds)):
+        _, hard = resource.getrlimit(kind)
+        allowed = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+        # Some systems know a limit by name only, and refuse to set it.
+        with contextlib.suppress(ValueError, OSError):
+            resource.setrlimit(kind, (allowed, hard))
 
 
-def open_reader(file: str, kind: str) -> Any:
-    """The file as a stream of record batches."""
-    import arro3.io
-
-    if kind == "parquet":
-        return arro3.io.read_parquet(file, batch_size=_BATCH_ROWS)
-    return (arro3.io.read_ipc if kind == "file" else arro3.io.read_ipc_stream)(file)
-
-
-def plain(kind: Any) -> bool:
-    """Whether a column of this Arrow type holds real numbers."""
-    types = type(kind)
-    return bool(types.is_floating(kind) or types.is_integer(kind) or types.is_boolean(kind))
-
-
-def send(file: str, kind: str, wanted: list[str], max_bytes: int) -> None:
-    """Sends the columns wanted as float64, or the place of the first missing value."""
-    import numpy as np
-
-    parts: dict[str, list[Any]] = {name: [] for name in wanted}
-    rows = 0
-    for batch in open_reader(file, kind):
-        for name in wanted:
-            column = batch.column(name)
-            if column.null_count:
-                gap = next(row for row, value in enumerate(iter(column)) if value.as_py() is None)
-                say({"missing": name, "row": rows + gap})
-                return
-            parts[name].append(np.ascontiguousarray(column.to_numpy(), dtype="<f8"))
-        rows += batch.num_rows
-        if rows * _NUMBER_BYTES * len(wanted) > max_bytes:
-            say({"too_large": True})
-            return
-    say({"rows": rows})
-    for name in wanted:
-        for part in parts[name]:
-            sys.stdout.buffer.write(part.data)
-    sys.stdout.buffer.flush()
+def send(parts: dict[str, list[Any]]) -> None:
+    """Sends the length of every column, then their values as float64 in that order."""
+    say({"rows": {name: sum(len(part) for part in column) for name, column in parts.items()}})
+    for column in parts.values():
+        for part in column:
+            left = memoryview(part).cast("B")
+            while left:
+                left = left[os.write(ANSWERS, left) :]
 
 
 def main() -> None:
-    """Answers one file: its schema, then the columns wanted."""
+    """Answers one file: its columns, then the values of those wanted."""
     task = json.loads(sys.argv[1])
     sys.path[:] = task["path"]
-    limit(task["memory"])
+    limit(task["memory"], task["seconds"])
+    refused: type[BaseException] = KeyboardInterrupt
     try:
-        schema = open_reader(task["file"], task["kind"]).schema
-        fields = [schema.field(i) for i in range(len(schema.names))]
-        say(
-            {"names": [str(field.name) for field in fields], "plain": [plain(field.type) for field in fields]}
-        )
+        reader = import_module(f"pmsm_rs.formats.decoders.{task['decoder']}")
+        refused = import_module("pmsm_rs.formats.decoders").Refused
+        table = reader.Table(task["file"], task["max_bytes"])
+        say({"columns": table.columns})
         wanted = json.loads(sys.stdin.readline() or "[]")
         if wanted:
-            send(task["file"], task["kind"], wanted, task["max_bytes"])
+            send(table.read(wanted))
+    except refused as error:
+        say({"refused": vars(error)})
+    except MemoryError:
+        say({"damaged": "it asks for more memory than is allowed"})
     except BaseException as error:
-        # A panic of the Arrow library is no Exception; whatever it was, the file is at fault.
+        # A panic of a native library is no Exception; whatever it was, the file is at fault.
         lines = str(error).strip().splitlines()
         say({"damaged": lines[0][:120] if lines else type(error).__name__})
 
 
 if __name__ == "__main__":
+    # Libraries that print would garble the answers, so those go through a pipe of their own.
+    ANSWERS = os.dup(1)
+    os.dup2(2, 1)
     main()

@@ -10,6 +10,4 @@ from .source import Source
 
 def open_file(file: Path, max_bytes: int) -> Source:
     """The columns of a Feather or Arrow IPC file. Raises DataError on damage and on more than `max_bytes`."""
-    with file.open("rb") as handle:
-        whole = handle.read(6) == b"ARROW1"
-    return open_isolated(file, "file" if whole else "stream", "Arrow", max_bytes)
+    return open_isolated(file, "arrow", "Arrow", max_bytes)

@@ -58,4 +58,4 @@ def open_file(file: Path, max_bytes: int) -> Source:
             file=name,
             fix="cut the recording, or raise max_bytes",
         )
-    return open_isolated(file, "parquet", "Parquet", max_bytes)
+    return open_isolated(file, "arrow", "Parquet", max_bytes)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Mapping
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,14 +11,30 @@ from numpy.typing import NDArray
 
 from .._core import DataError
 from ..errors import did_you_mean, refuse
+from .selection import Selection
 
 MISSING_FIX = "fill the gap, cut the rows, or leave the column out (NAME = false in [columns])"
+PLAIN_FIX = "store one real number per row"
 
-_SLICE = re.compile(r"^(?P<name>.+?)\[\s*:\s*,\s*(?P<column>\d+)\s*\]$")
+
+def complex_fix(column: str) -> str:
+    """How to use a column of complex numbers."""
+    return f'take a part of it, as in from = "{column}.real"'
+
+
+def matrix_fix(column: str) -> str:
+    """How to use a matrix."""
+    return f'pick one column of it, as in from = "{column}[:,0]", or all its values, "{column}[:]"'
 
 
 def _row_from_zero(row: int) -> tuple[int, str]:
     return row, f"row {row} (counting from 0)"
+
+
+def short_names(paths: Collection[str]) -> dict[str, str]:
+    """Path -> its last part where no other path ends alike, else the path itself."""
+    ends = Counter(path.rsplit("/", 1)[-1] for path in paths)
+    return {path: end if ends[end := path.rsplit("/", 1)[-1]] == 1 else path for path in paths}
 
 
 @dataclass(frozen=True)
@@ -35,6 +51,10 @@ class Source:
     units: Mapping[str, str] = field(default_factory=dict)
     place: Callable[[int], tuple[int, str]] = _row_from_zero
     resolve: Callable[[str], str | None] = lambda _name: None
+
+    def unit(self, column: str) -> str | None:
+        """The unit that the file states for `column` or for the array of which it is a part."""
+        return self.units.get(column, self.units.get(Selection.of(column).name))
 
     def find(self, wanted: str, canonical: str) -> str:
         """The column called `wanted` here. Raises DataError naming what there is."""
@@ -53,7 +73,7 @@ class Source:
 
 
 def numbers(values: object, *, file: str | None, column: str) -> NDArray[np.float64]:
-    """`values` as a contiguous 1-D float64 array.
+    """`values` as a contiguous and aligned 1-D float64 array.
 
     Raises DataError on text, objects, complex values, other shapes.
     """
@@ -62,7 +82,13 @@ def numbers(values: object, *, file: str | None, column: str) -> NDArray[np.floa
         what = {"c": "complex numbers", "M": "dates", "m": "time spans"}.get(
             array.dtype.kind, "no plain numbers"
         )
-        fix = "give seconds as numbers" if array.dtype.kind in "Mm" else "store one real number per row"
+        fix = (
+            "give seconds as numbers"
+            if array.dtype.kind in "Mm"
+            else complex_fix(column)
+            if array.dtype.kind == "c"
+            else PLAIN_FIX
+        )
         raise refuse(DataError, f"it holds {what}", file=file, column=column, fix=fix)
     if array.ndim == 2 and 1 in array.shape:
         array = array.reshape(-1)
@@ -72,15 +98,16 @@ def numbers(values: object, *, file: str | None, column: str) -> NDArray[np.floa
             f"it has {array.ndim} dimensions {array.shape}",
             file=file,
             column=column,
-            fix=f'pick one column of it, as in from = "{column}[:,0]"',
+            fix=matrix_fix(column),
         )
-    return np.ascontiguousarray(array, dtype=np.float64)
+    # Arrays out of network buffers and packed records need not lie where a float64 must.
+    return np.require(array, dtype=np.float64, requirements=["C_CONTIGUOUS", "ALIGNED"])
 
 
 def from_arrays(
     file: str | None, arrays: Mapping[str, object], shapes: Mapping[str, tuple[int, ...]] | None = None
 ) -> Source:
-    """A source over arrays by name; `NAME[:,3]` picks column 3 (from 0) of a two-dimensional one.
+    """A source over arrays by name, or by what `Selection` reads as part of one.
 
     `shapes` gives the shapes where `arrays` loads lazily.
     """
@@ -89,14 +116,13 @@ def from_arrays(
     )
 
     def resolve(name: str) -> str | None:
-        part = _SLICE.match(name)
-        if part is None or part["name"] not in arrays:
+        part = Selection.of(name)
+        if part.name not in known:
             return None
-        shape = known[part["name"]]
-        if len(shape) != 2 or int(part["column"]) >= shape[1]:
+        if not part.fits(known[part.name]):
             raise refuse(
                 DataError,
-                f"'{part['name']}' has shape {shape}, so it has no column {part['column']}",
+                f"'{part.name}' has shape {known[part.name]}, so it has no column {part.column}",
                 file=file,
                 column=name,
                 fix="columns count from 0",
@@ -106,11 +132,8 @@ def from_arrays(
     def read(names: Iterable[str]) -> dict[str, NDArray[np.float64]]:
         out = {}
         for name in names:
-            part = _SLICE.match(name) if name not in arrays else None
-            values = (
-                arrays[name] if part is None else np.asarray(arrays[part["name"]])[:, int(part["column"])]
-            )
-            out[name] = numbers(values, file=file, column=name)
+            part = Selection(name) if name in known else Selection.of(name)
+            out[name] = numbers(part.pick(np.asarray(arrays[part.name])), file=file, column=name)
         return out
 
     return Source(file, tuple(arrays), read, resolve=resolve)

@@ -65,7 +65,7 @@ impl Track {
             let (start, end) = (range.start, range.end);
             let t = &signals.t[range.clone()];
             let h = if t.len() > 1 { (t[t.len() - 1] - t[0]) / (t.len() - 1) as f64 } else { signals.period };
-            if t.windows(2).any(|pair| !((pair[1] - pair[0] - h).abs() <= UNIFORM * h)) {
+            if !t.windows(2).all(|pair| (pair[1] - pair[0] - h).abs() <= UNIFORM * h) {
                 return None;
             }
             let pieces = coupled::pieces(coupled::fastest_rate(signals, range), h);

@@ -3,6 +3,7 @@
 use crate::base::BASE;
 use crate::error::Result;
 use crate::experiment::{Channel, Experiment};
+use crate::input_noise::InputNoise;
 use crate::least_squares::Settings;
 use crate::machine::{BaseParameter, Machine};
 use crate::model::Model;
@@ -11,6 +12,7 @@ use crate::recording::Kind;
 use crate::signals::Signals;
 use crate::simulate::mechanical::{self, Nuisance};
 use crate::start;
+use crate::whitening::Whitening;
 use std::ops::Range;
 
 /// Standard deviation of a nameplate value, share of the value.
@@ -25,6 +27,10 @@ pub struct Data {
     pub windows: Vec<Range<usize>>,
     /// Noise floors of its channels.
     pub floors: Vec<Floor>,
+    /// Noise of its voltages.
+    pub input: InputNoise,
+    /// Filter that whitens its currents' residuals, where they are not white by themselves.
+    pub whitening: Option<Whitening>,
     /// Base parameters to start from.
     pub start: [f64; BASE],
     /// What the nameplate says of them: index, value, standard deviation.
@@ -68,7 +74,8 @@ impl Data {
                 Floor { channel, sensor, driven: 0.0 }
             })
             .collect();
-        Ok(Self { signals, windows, floors, start, prior, held_out: None })
+        let (input, whitening) = (InputNoise::default(), None);
+        Ok(Self { signals, windows, floors, input, whitening, start, prior, held_out: None })
     }
 
     /// The same recording with some samples held out.
@@ -96,10 +103,17 @@ impl Data {
             channels,
             torque: None,
             starts: None,
+            whitening: self.whitening.as_ref().zip(self.current_floors()),
             colour: 0.0,
             held_out: self.held_out.as_deref(),
             prior: &self.prior,
         }
+    }
+
+    /// Floors of i_d and i_q, A.
+    fn current_floors(&self) -> Option<[f64; 2]> {
+        let floor = |c: Channel| self.floors.iter().find(|f| f.channel == c).map(Floor::total);
+        Some([floor(Channel::ID)?, floor(Channel::IQ)?])
     }
 
     /// Channels with the floors as weights.

@@ -13,13 +13,22 @@ use crate::monitor::Monitor;
 use crate::noise::{self};
 use crate::simulate::mechanical::Nuisance;
 use crate::start;
+use crate::whitening::Whitening;
 
 impl Data {
-    /// Measures the floors with the help of a fitted hypothesis.
+    /// Measures the floors and the voltages' noise with the help of a fitted hypothesis.
     pub fn settle_floors(&mut self, hypothesis: &Hypothesis) {
         let channels = self.floors.iter().map(|f| (f.channel, f.sensor)).collect();
         let experiment = self.experiment(&hypothesis.model, hypothesis.nuisance, channels);
-        self.floors = noise::floors(&experiment, &hypothesis.parameters);
+        let (floors, input) = noise::floors(&experiment, &hypothesis.parameters);
+        let sensor = |channel| floors.iter().find(|f| f.channel == channel).map(|f| f.sensor);
+        self.whitening = match (sensor(Channel::ID), sensor(Channel::IQ)) {
+            (Some(d), Some(q)) if !input.is_none() || self.signals.segments.len() > 1 => {
+                Some(Whitening::new(&self.signals, hypothesis.own(), [d, q], &input))
+            }
+            _ => None,
+        };
+        (self.floors, self.input) = (floors, input);
     }
 
     /// All channels with the floors as weights, seen through a hypothesis.
@@ -103,7 +112,8 @@ pub fn fit(
         let fitted = motion::fit(data, model, &parameters, &rotor, monitor)?;
         (parameters, nuisance) = (fitted.parameters, fitted.nuisance);
         free.extend(fitted.free);
-        if !sensors.is_empty() && data.has(true) {
+        // A sensor shows in both; and where the voltage is noisy, the torque tells more of the flux than the currents do.
+        if data.has(true) && (!sensors.is_empty() || data.input.voltage > 0.0) {
             let channels = data.channels(true, true);
             let experiment = data.experiment(model, nuisance, channels);
             let rms = experiment.relative_rms(&experiment.residual(&parameters));
@@ -179,10 +189,14 @@ fn finish(
     let mut out = Hypothesis { model, parameters, free, nuisance, squares: Vec::new(), samples: Vec::new() };
     let experiment = data.whole(&out);
     let residual = experiment.residual(&out.parameters);
-    let rms = experiment.relative_rms(&residual);
+    let squares = experiment.mean_squares(&residual);
     let n = data.signals.len();
-    let samples = (0..rms.len()).map(|c| energy_samples(&residual.as_slice()[c * n..(c + 1) * n])).collect();
-    let squares = experiment.channels.iter().zip(rms).map(|((c, _), r)| (*c, r * r)).collect();
+    let samples = squares
+        .iter()
+        .enumerate()
+        .map(|(c, (_, size))| energy_samples(&residual.as_slice()[c * n..(c + 1) * n]) / *size as f64)
+        .collect();
+    let squares = experiment.channels.iter().zip(squares).map(|((c, _), (s, _))| (*c, s)).collect();
     (out.squares, out.samples) = (squares, samples);
     out
 }

@@ -41,7 +41,7 @@ impl Experiment<'_> {
         let mut start = start.to_vec();
         let mut round = 0;
         loop {
-            let seen = self.from_estimated_starts(&start);
+            let seen = self.with_estimated_starts(&start);
             let problem = Fitting { experiment: &seen, start: &start, free };
             let at: Vec<f64> = free.iter().map(|k| start[*k]).collect();
             let fit = least_squares::minimise(&problem, &at, &bounds, settings, monitor)?;
@@ -49,7 +49,7 @@ impl Experiment<'_> {
             round += 1;
             // Initial speeds that were estimated at the start may be too far off for the solution.
             let stale = seen.starts.is_some() && round < STARTS && !monitor.cancelled() && {
-                let again = self.from_estimated_starts(&parameters);
+                let again = self.with_estimated_starts(&parameters);
                 let cost = Fitting { experiment: &again, start: &parameters, free }.cost(&fit.parameters);
                 (cost - fit.cost).abs() > STALE * fit.cost
             };
@@ -61,7 +61,7 @@ impl Experiment<'_> {
     }
 
     /// The same with the initial speeds of the windows estimated once and for all at `p`.
-    fn from_estimated_starts(&self, p: &[f64]) -> Self {
+    fn with_estimated_starts(&self, p: &[f64]) -> Self {
         Self { starts: self.estimated_starts(p).map(Cow::Owned), ..self.clone() }
     }
 }

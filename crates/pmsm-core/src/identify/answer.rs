@@ -3,14 +3,10 @@
 use super::plan::{self, Plan};
 use super::{Found, Identification, Request, Target};
 use crate::error::Result;
-use crate::least_squares;
 use crate::machine::{BaseParameter, Machine};
 use crate::objective::Objective;
 use crate::signals::Signals;
 use crate::uncertainty::{self, Estimate};
-
-/// A swarm's estimate farther than this many standard errors from the minimum has no standard error.
-const STOPPED_SHORT: f64 = 10.0;
 
 /// The answer at the best point of a search.
 ///
@@ -27,8 +23,6 @@ pub fn assemble(
     let point = plan.point(&found.values);
     let whole = objective.linearise(&point, &plan.free());
     let mut cannot_show = plan.refused.clone();
-    let on_bound = |k: usize| found.values[k] <= plan.bounds[k].0 || found.values[k] >= plan.bounds[k].1;
-    let inside: Vec<usize> = (0..found.values.len()).filter(|k| !on_bound(*k)).collect();
     let mut spread = uncertainty::spread(&whole.jacobian, &whole.residual, signals.len());
     if whole.jacobian.iter().all(|x| x.is_finite()) {
         let names: Vec<&str> = plan.targets.iter().map(|t| t.name()).collect();
@@ -36,47 +30,23 @@ pub fn assemble(
             plan.targets.iter().zip(&found.values).map(|(t, x)| plan::size(*t, *x, signals)).collect();
         cannot_show.extend(uncertainty::not_shown(&names, &sizes, &whole.jacobian, &spread, plan::advice)?);
     }
+    let on_bound = |k: usize| found.values[k] <= plan.bounds[k].0 || found.values[k] >= plan.bounds[k].1;
+    let inside: Vec<usize> = (0..found.values.len()).filter(|k| !on_bound(*k)).collect();
     let mut linear = whole;
     if inside.len() < found.values.len() {
         linear.jacobian = linear.jacobian.select_columns(&inside);
         spread = uncertainty::spread(&linear.jacobian, &linear.residual, signals.len());
     }
-    let all = vec![true; inside.len()];
-    let inverse = least_squares::covariance(&linear.jacobian.tr_mul(&linear.jacobian), None, &all);
-    let off = linear.jacobian.tr_mul(&linear.residual);
-    let quantile = uncertainty::quantile(spread.blocks);
+    let judge = uncertainty::Judge::new(&linear.jacobian, &linear.residual, spread);
     let mut parameters = Vec::new();
     for (k, target) in plan.targets.iter().enumerate() {
         let (value, unit) = (found.values[k], target.unit());
         let estimate = match inside.iter().position(|x| *x == k) {
-            None if cannot_show.iter().any(|x| x.parameters == [target.name()]) => {
-                Estimate::bare(None, unit, "the recording does not show it")
+            None => {
+                let hidden = cannot_show.iter().any(|x| x.parameters == [target.name()]);
+                Estimate::on_bound(value, unit, !hidden)
             }
-            None => Estimate::bare(
-                Some(value),
-                unit,
-                format!("the best value lies on its bound, {value} {unit}; give wider bounds"),
-            ),
-            Some(at) if !spread.covariance[(at, at)].is_finite() => {
-                Estimate::bare(None, unit, "the recording does not show it")
-            }
-            Some(_) if !spread.settled => Estimate::bare(
-                Some(value),
-                unit,
-                "what the model leaves over swings so slowly that the recording is only a few independent looks; record \
-                 longer, or find what the model leaves out",
-            ),
-            Some(at) => {
-                let own = spread.covariance[(at, at)].sqrt();
-                let short = (inverse.row(at) * &off)[0];
-                if short.abs() > STOPPED_SHORT * own {
-                    let why =
-                        "the search stopped short of the minimum; give it more iterations or use pso+lm";
-                    Estimate::bare(Some(value), unit, why)
-                } else {
-                    Estimate::known(value, own.hypot(short), quantile, unit)
-                }
-            }
+            Some(at) => judge.estimate(at, value, unit),
         };
         parameters.push((target.name(), estimate));
     }

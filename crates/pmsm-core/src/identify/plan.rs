@@ -1,6 +1,6 @@
 //! What a recording lets one fit: what drives the model, which parameters, from where and within which bounds.
 
-use super::Target;
+use super::{Target, Warm};
 use crate::base::BASE;
 use crate::error::{Error, Result};
 use crate::machine::{BaseParameter, Machine};
@@ -14,6 +14,8 @@ use crate::uncertainty::NotShown;
 const REACH: f64 = 5.0;
 /// Default bounds of the load torque, in rated torques to either side.
 const RATED_TORQUES: f64 = 3.0;
+/// A best point this close to the edge of its range, as a share of the range, lies on it.
+const EDGE: f64 = 0.01;
 /// Share of the largest torque below which a load, or the friction at the highest speed, hardly matters.
 const MATTERS: f64 = 0.05;
 
@@ -93,6 +95,37 @@ impl Plan {
             });
         }
         Ok(plan)
+    }
+
+    /// Starts from these values, as far as they are fitted and within their bounds.
+    pub fn begin(&mut self, values: &[(Target, f64)]) {
+        for (target, value) in values {
+            if let Some(k) = self.targets.iter().position(|t| t == target) {
+                self.start[target.index()] = value.clamp(self.bounds[k].0, self.bounds[k].1);
+            }
+        }
+    }
+
+    /// The same plan with the bounds of what `warm` knows drawn in around its start.
+    pub fn narrowed(&self, warm: Warm, signals: &Signals) -> Self {
+        let mut narrow = self.clone();
+        for (target, (low, high)) in self.targets.iter().zip(&mut narrow.bounds) {
+            if warm.values.iter().any(|(t, _)| t == target) {
+                let first = self.start[target.index()];
+                let reach = warm.share * size(*target, first, signals);
+                (*low, *high) = (low.max(first - reach), high.min(first + reach));
+            }
+        }
+        narrow
+    }
+
+    /// Whether `values` lie on an edge of these bounds that is none of the plan's this one was drawn from.
+    pub fn on_edge(&self, values: &[f64], wide: &Self) -> bool {
+        (0..values.len()).any(|k| {
+            let ((low, high), (least, most)) = (self.bounds[k], wide.bounds[k]);
+            let margin = EDGE * (high - low);
+            (low > least && values[k] - low <= margin) || (high < most && high - values[k] <= margin)
+        })
     }
 
     /// Positions of the fitted parameters in the point.

@@ -9,8 +9,11 @@ use crate::swarm::{Swarm, SwarmResult, SwarmSettings};
 use std::sync::{Mutex, PoisonError};
 
 /// When least squares has converged: a thousandth of a standard error or better.
-const SETTINGS: Settings =
+pub const SETTINGS: Settings =
     Settings { max_iterations: 100, cost_tolerance: 1e-12, step_tolerance: 1e-9, initial_damping: 1e-3 };
+/// The same for a start that is nearly right: undamped at first, and done within a hundredth of a standard error.
+pub const WARM: Settings =
+    Settings { max_iterations: 30, cost_tolerance: 1e-8, step_tolerance: 1e-9, initial_damping: 0.0 };
 
 /// Most times that initial values are settled anew at a minimum. They hardly move.
 const ROUNDS: usize = 4;
@@ -79,11 +82,17 @@ pub struct Descent {
 ///
 /// # Errors
 /// Those of [`least_squares::minimise`].
-pub fn descend(objective: &Objective, plan: &Plan, values: &[f64], monitor: &dyn Monitor) -> Result<Descent> {
+pub fn descend(
+    objective: &Objective,
+    plan: &Plan,
+    values: &[f64],
+    settings: &Settings,
+    monitor: &dyn Monitor,
+) -> Result<Descent> {
     let starts = objective.has_kernels().then(|| objective.measured_starts());
     let mut problem =
         Descending { objective, plan, free: plan.free(), monitor, starts, kept: Mutex::default() };
-    let mut fit = least_squares::minimise(&problem, values, &plan.bounds, &SETTINGS, monitor)?;
+    let mut fit = least_squares::minimise(&problem, values, &plan.bounds, settings, monitor)?;
     for _ in 0..ROUNDS {
         let Some(starts) = problem.starts.take() else { break };
         if fit.status == Status::Interrupted || !fit.cost.is_finite() {
@@ -94,7 +103,7 @@ pub fn descend(objective: &Objective, plan: &Plan, values: &[f64], monitor: &dyn
             break;
         }
         problem.starts = next;
-        fit = least_squares::minimise(&problem, &fit.parameters, &plan.bounds, &SETTINGS, monitor)?;
+        fit = least_squares::minimise(&problem, &fit.parameters, &plan.bounds, settings, monitor)?;
     }
     let kept = problem.kept.into_inner().unwrap_or_else(PoisonError::into_inner);
     Ok(Descent { fit, history: kept.history, evaluations: kept.evaluations })

@@ -15,7 +15,7 @@ use crate::signals::Signals;
 use std::ops::Range;
 
 /// Largest product of step and fastest rate; longer sample periods are divided.
-const STEP_LIMIT: f64 = 0.15;
+pub(crate) const STEP_LIMIT: f64 = 0.15;
 
 /// Simulates samples `range` and hands to `sink` the sample number and i_d, i_q (A), ω_e (rad/s). Each gap-free
 /// segment starts from its first measured values; `tau_load` (N·m) is constant and comes on top of a load known from
@@ -202,13 +202,15 @@ pub fn known_load(signals: &Signals, k: usize, end: usize) -> f64 {
 
 /// The surroundings of `env` at the speed and angle of the state.
 #[inline(always)]
-fn at<T: Real, const N: usize>(env: &Env<T>, state: &[T; N], n_p: f64, turn: T) -> Env<T> {
+pub(crate) fn at<T: Real, const N: usize>(env: &Env<T>, state: &[T; N], n_p: f64, turn: T) -> Env<T> {
     let theta_e = state[3];
     Env { omega_e: state[2] * n_p, theta_e, theta_m: theta_e * (1.0 / n_p) + turn, ..*env }
 }
 
 #[inline(always)]
-fn parts<T: Real, const E: usize, const M: usize, const N: usize>(state: &[T; N]) -> ([T; E], [T; M]) {
+pub(crate) fn parts<T: Real, const E: usize, const M: usize, const N: usize>(
+    state: &[T; N],
+) -> ([T; E], [T; M]) {
     let (mut electrical, mut mechanical) = ([T::zero(); E], [T::zero(); M]);
     electrical[..2].copy_from_slice(&state[..2]);
     electrical[2..].copy_from_slice(&state[4..E + 2]);
@@ -218,7 +220,7 @@ fn parts<T: Real, const E: usize, const M: usize, const N: usize>(state: &[T; N]
 }
 
 #[inline(always)]
-fn join<T: Real, const E: usize, const M: usize, const N: usize>(
+pub(crate) fn join<T: Real, const E: usize, const M: usize, const N: usize>(
     electrical: &[T; E],
     angle: T,
     mechanical: &[T; M],

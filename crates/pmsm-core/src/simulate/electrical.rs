@@ -114,7 +114,7 @@ fn run_sized<T: Real, W: Carries<T>, const N: usize>(
                     middle: between(&env, &next_env, (piece + 0.5) / pieces),
                     end: between(&env, &next_env, (piece + 1.0) / pieces),
                 };
-                state = rk4::advance(h / pieces as f64, &state, &rhs);
+                state = rk4::advance(h / pieces, &state, &rhs);
             }
             (measured, sensor, env) = (next_measured, next_sensor, next_env);
         }

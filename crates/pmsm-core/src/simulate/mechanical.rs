@@ -236,11 +236,15 @@ fn run_sized<T: Real, W: Carries<T>, const N: usize>(
             if k + 1 == signals.len() {
                 break;
             }
-            let (half, half_scale) = environment(model, signals, p, if span == 2 { k + 1 } else { k });
             let end = environment(model, signals, p, k + span).0;
+            let (half, half_scale) = if span == 2 {
+                environment(model, signals, p, k + 1)
+            } else {
+                (mix(0.5, (scale, env), (scale, end)).1, scale)
+            };
+            let torque = if span == 2 { W::carry(tau_e[k + 1]) } else { halfway(tau_e, k, window) };
             let way = Way {
-                span,
-                torque: [W::carry(tau_e[k]), W::carry(tau_e[k + span - 1]), W::carry(tau_e[k + span])],
+                torque: [W::carry(tau_e[k]), torque, W::carry(tau_e[k + span])],
                 env: [env, half, end],
             };
             let mut pieces = (h * ringing / RINGING).ceil().clamp(1.0, 64.0) as usize;
@@ -282,23 +286,18 @@ fn environment<T: Real>(model: &Model, signals: &Signals, p: &[T], k: usize) -> 
     }
 }
 
-/// Signals along a step over `span` samples, straight from sample to sample.
+/// Signals at the beginning, in the middle and at the end of a step.
 struct Way<T> {
-    span: usize,
     torque: [T; 3],
     env: [Env<T>; 3],
 }
 
 impl<T: Real> Way<T> {
-    /// Torque and environment at fraction `c` of the step.
+    /// Torque and environment at fraction `c` of the step, straight from one to the next.
     #[inline(always)]
     fn at(&self, c: f64) -> (T, Env<T>) {
-        let (from, to, c) = match self.span {
-            2 if c < 0.5 => (0, 1, 2.0 * c),
-            2 => (1, 2, 2.0 * c - 1.0),
-            _ => (0, 2, c),
-        };
-        mix(c, (self.torque[from], self.env[from]), (self.torque[to], self.env[to]))
+        let (from, c) = if c < 0.5 { (0, 2.0 * c) } else { (1, 2.0 * c - 1.0) };
+        mix(c, (self.torque[from], self.env[from]), (self.torque[from + 1], self.env[from + 1]))
     }
 }
 
@@ -317,6 +316,17 @@ impl<T: Real, const N: usize> Slope<T, N> for Rhs<'_, T> {
         let (tau_e, env) = &self.at[(2.0 * c) as usize];
         self.model.mechanical_rhs(self.p, self.base, state, *tau_e, self.tau_load, env)
     }
+}
+
+/// Torque halfway from sample `k` to the next, by the cubic through its neighbours within the window.
+#[inline(always)]
+fn halfway<T: Real, W: Carries<T>>(tau: &[T], k: usize, window: &Range<usize>) -> W {
+    let at = |k: usize| W::carry(tau[k]);
+    let straight = (at(k) + at(k + 1)) * 0.5;
+    if k == window.start || k + 2 >= window.end {
+        return straight;
+    }
+    straight * 1.125 - (at(k - 1) + at(k + 2)) * 0.0625
 }
 
 /// Torque and environment at fraction `c` between two samples.

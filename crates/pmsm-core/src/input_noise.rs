@@ -1,0 +1,156 @@
+//! How far the logged voltage is from the one that acted: noise of a voltage measurement, and what an average over several
+//! control periods hides.
+//!
+//! Voltage noise σ_v makes the current of a free run wander by s = σ_v·h/l per sample. Third differences over a lag of m samples have
+//! the variance 20·σ_i² + 6·m·s² then: they see the sensors' white noise σ_i, which the log tells by itself, and the wandering, but
+//! neither physics that is smooth over 3·m samples nor, through the median, rare transients.
+
+use crate::machine::BaseParameter;
+use crate::signals::{Finding, Signals};
+
+/// Lags over which the wandering is looked for, samples.
+const LAGS: [usize; 4] = [1, 2, 4, 8];
+/// A longer lag that shows more than this factor of what a shorter one did sees physics.
+const GROWTH: f64 = 2.0;
+/// Standard errors from which noise counts as found.
+const SIGNIFICANT: f64 = 4.0;
+/// Log periods over control periods from which a voltage counts as averaged.
+const AVERAGED: f64 = 1.5;
+/// Relative standard error of such a variance of white noise, times the root of the number of samples: the median is 1.65 times as
+/// uncertain as the mean, and third differences are correlated.
+const UNCERTAIN: f64 = 3.6;
+/// Median of the square of a standard normal number.
+const MEDIAN: f64 = 0.454_936;
+
+/// Noise that enters the voltage equations, beside that of the current sensors.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct InputNoise {
+    /// Standard deviation of white noise on the logged voltage, V per axis.
+    pub voltage: f64,
+    /// Change of the voltage within a sample of the log, V per sample, where it was averaged over several control periods; empty
+    /// where each sample is one period.
+    pub hidden: Vec<f64>,
+}
+
+impl InputNoise {
+    /// Whether there is none.
+    pub fn is_none(&self) -> bool {
+        self.voltage == 0.0 && self.hidden.is_empty()
+    }
+
+    /// Standard deviation of the voltage's error in the interval that begins at sample `k`, V. A step Δ at an unknown place of an
+    /// interval whose mean voltage is known acts like an error Δ·h·a·√(1/120), with a the fastest rate of the dynamics.
+    pub fn at(&self, k: usize, turn: f64) -> f64 {
+        let hidden = self.hidden.get(k).map_or(0.0, |step| step * turn / 120f64.sqrt());
+        self.voltage.hypot(hidden)
+    }
+}
+
+impl InputNoise {
+    /// Reads it from the current residuals `rest` (A, d and q) of a fitted free run with base parameters `p`, and the sensors'
+    /// noise in each axis, A; `known` says that this was measured without any model. Otherwise it is corrected in place.
+    pub fn estimate(
+        signals: &Signals,
+        p: &[f64],
+        rest: [&[f64]; 2],
+        sensor: &mut [f64; 2],
+        known: bool,
+    ) -> Self {
+        let h = signals.period;
+        let l = [BaseParameter::LD, BaseParameter::LQ].map(|b| p[b.index()]);
+        let mut wander = [(0.0, 0.0); 2];
+        let count = (signals.len() as f64).sqrt();
+        for axis in 0..2 {
+            let spread: Vec<f64> = LAGS.iter().map(|m| third_differences(signals, rest[axis], *m)).collect();
+            if !known {
+                // From lags of one and four.
+                let step = (spread[2] - spread[0]) / 18.0;
+                let noise = (spread[0] - 6.0 * step.max(0.0)) / 20.0;
+                let certain = 18.0 * step > SIGNIFICANT * 2.0 * UNCERTAIN * spread[2] / count;
+                sensor[axis] = if certain { noise } else { spread[0] / 20.0 }.max(0.0).sqrt();
+            }
+            let white = 20.0 * sensor[axis] * sensor[axis];
+            let mut found: Option<(f64, f64)> = None;
+            for (m, variance) in LAGS.iter().zip(&spread) {
+                let m = *m as f64;
+                let scale = 6.0 * m * (h / l[axis]).powi(2);
+                let rest = variance - white;
+                let square = rest / scale;
+                let error = UNCERTAIN * (white + rest.abs() * m.sqrt()) / (count * scale);
+                match found {
+                    Some((before, doubt)) if square > GROWTH * before.max(0.0) + 2.0 * doubt => break,
+                    _ => found = Some((square, error)),
+                }
+            }
+            wander[axis] = found.unwrap_or((0.0, f64::INFINITY));
+        }
+        // Both axes see the same noise; the one that sees it better counts more.
+        let weight: f64 = wander.iter().map(|(_, error)| error.powi(-2)).sum();
+        let square = wander.iter().map(|(square, error)| square * error.powi(-2)).sum::<f64>() / weight;
+        let voltage = if square > SIGNIFICANT / weight.sqrt() { square.sqrt() } else { 0.0 };
+        Self { voltage, hidden: hidden(signals) }
+    }
+}
+
+impl InputNoise {
+    /// What the user should know of it.
+    pub fn findings(&self, signals: &Signals) -> Vec<Finding> {
+        let mut out = Vec::new();
+        if self.voltage > 0.0 {
+            out.push(Finding {
+                finding: format!(
+                    "the logged voltage carries noise of {:.3} V per axis, {:.2} % of the link voltage",
+                    self.voltage,
+                    100.0 * self.voltage / signals.context.v_dc
+                ),
+                consequence:
+                    "simulated currents wander by themselves; weak effects in the voltage equations drown"
+                        .into(),
+                fix: "log the commanded voltage instead of a measured one, or measure it with less noise"
+                    .into(),
+            });
+        }
+        if let (false, Some(control)) = (self.hidden.is_empty(), signals.control_period) {
+            out.push(Finding {
+                finding: format!(
+                    "one row of the log stands for {:.1} control periods",
+                    signals.period / control
+                ),
+                consequence: "what the voltage did between the rows is unknown; transients count less".into(),
+                fix: "log every control period".into(),
+            });
+        }
+        out
+    }
+}
+
+/// Variance of third differences over `lag` samples, by the median.
+fn third_differences(signals: &Signals, x: &[f64], lag: usize) -> f64 {
+    let mut squares: Vec<f64> = Vec::with_capacity(x.len());
+    for segment in &signals.segments {
+        for k in segment.start..segment.end.saturating_sub(3 * lag) {
+            let difference = x[k + 3 * lag] - 3.0 * (x[k + 2 * lag] - x[k + lag]) - x[k];
+            squares.push(difference * difference);
+        }
+    }
+    if squares.is_empty() {
+        return 0.0;
+    }
+    let middle = squares.len() / 2;
+    *squares.select_nth_unstable_by(middle, f64::total_cmp).1 / MEDIAN
+}
+
+/// Steps of the voltage over the neighbours of each sample, where the log averages over several control periods.
+fn hidden(signals: &Signals) -> Vec<f64> {
+    let (Some(v), Some(control)) = (&signals.v, signals.control_period) else { return Vec::new() };
+    if signals.period < AVERAGED * control {
+        return Vec::new();
+    }
+    let n = signals.len();
+    (0..n)
+        .map(|k| {
+            let (before, after) = (k.saturating_sub(1), (k + 1).min(n - 1));
+            (v[0][after] - v[0][before]).hypot(v[1][after] - v[1][before])
+        })
+        .collect()
+}

@@ -1,0 +1,177 @@
+//! A logged speed that lags behind the angle: a low-pass filter or a delay in the log, found by comparing both and undone.
+
+use std::ops::Range;
+
+/// Half the width of the window over which angle and speed are compared, samples.
+const HALF: usize = 10;
+/// Shortest lag that is undone, sample periods.
+const LEAST: f64 = 0.3;
+/// And its standard errors.
+const SIGNIFICANT: f64 = 6.0;
+/// Longest lag that is looked for, sample periods.
+const MOST: f64 = 200.0;
+/// What may remain of the mean square difference between angle and speed for the lag to be understood.
+const UNDERSTOOD: f64 = 0.5;
+
+/// How the log let the speed lag.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Lag {
+    /// First-order low pass with this time constant, s.
+    Filter(f64),
+    /// Delay, s.
+    Delay(f64),
+}
+
+/// The speed (rad/s) without its lag, and what the lag was, if there is one: `omega` as logged, `theta` the unwrapped electrical angle,
+/// `t` the times, all sample by sample.
+pub fn undo(t: &[f64], theta: &[f64], omega: &[f64], segments: &[Range<usize>]) -> Option<(Vec<f64>, Lag)> {
+    let (mut product, mut square, mut count) = (0.0, 0.0, 0.0);
+    let windows: Vec<(usize, usize)> = segments
+        .iter()
+        .flat_map(|s| (s.start..s.end.saturating_sub(2 * HALF)).step_by(HALF).map(|k| (k, k + 2 * HALF)))
+        .collect();
+    let point = |&(a, b): &(usize, usize), speed: &[f64]| {
+        let span = t[b] - t[a];
+        ((theta[b] - theta[a]) / span - mean(t, speed, a, b), (omega[b] - omega[a]) / span)
+    };
+    for (ahead, slope) in windows.iter().map(|w| point(w, omega)) {
+        product += ahead * slope;
+        square += slope * slope;
+        count += 1.0;
+    }
+    if count < 10.0 || square <= 0.0 {
+        return None;
+    }
+    let lag = product / square;
+    let rest: f64 = windows.iter().map(|w| point(w, omega)).map(|(x, s)| (x - lag * s).powi(2)).sum();
+    // Neighbouring windows overlap by half.
+    let error = (2.0 * rest / count / square).sqrt();
+    let period = (t[t.len() - 1] - t[0]) / (t.len() - 1) as f64;
+    if lag < LEAST * period || lag > MOST * period || lag < SIGNIFICANT * error {
+        return None;
+    }
+    let misfit = |speed: &[f64]| windows.iter().map(|w| point(w, speed).0.powi(2)).sum::<f64>();
+    let best_of = |make: &dyn Fn(f64) -> Vec<f64>| {
+        let cost = |x: f64| misfit(&make(x));
+        let best = golden(&cost, 0.3 * lag, 2.0 * lag);
+        (best, cost(best))
+    };
+    let filter = best_of(&|tau| sharpen(t, omega, segments, tau));
+    let delay = best_of(&|tau| advance(t, omega, segments, tau));
+    if filter.1.min(delay.1) > UNDERSTOOD * misfit(omega) {
+        return None;
+    }
+    Some(if filter.1 <= delay.1 {
+        (sharpen(t, omega, segments, filter.0), Lag::Filter(filter.0))
+    } else {
+        (advance(t, omega, segments, delay.0), Lag::Delay(delay.0))
+    })
+}
+
+/// Mean of `x` over the times of samples `a` to `b`.
+fn mean(t: &[f64], x: &[f64], a: usize, b: usize) -> f64 {
+    (a..b).map(|k| 0.5 * (x[k] + x[k + 1]) * (t[k + 1] - t[k])).sum::<f64>() / (t[b] - t[a])
+}
+
+/// What went into a first-order low pass y_k = a·y_{k−1} + (1 − a)·x_k, a = exp(−h/τ).
+fn sharpen(t: &[f64], y: &[f64], segments: &[Range<usize>], tau: f64) -> Vec<f64> {
+    let mut x = y.to_vec();
+    for segment in segments {
+        for k in segment.start + 1..segment.end {
+            let a = (-(t[k] - t[k - 1]) / tau).exp();
+            x[k] = (y[k] - a * y[k - 1]) / (1.0 - a);
+        }
+        if segment.len() > 1 {
+            x[segment.start] = x[segment.start + 1];
+        }
+    }
+    x
+}
+
+/// The signal `tau` (s) later, straight between samples; its last value is held.
+fn advance(t: &[f64], y: &[f64], segments: &[Range<usize>], tau: f64) -> Vec<f64> {
+    let mut x = y.to_vec();
+    for segment in segments {
+        let mut at = segment.start;
+        for k in segment.clone() {
+            let wanted = t[k] + tau;
+            while at + 2 < segment.end && t[at + 1] < wanted {
+                at += 1;
+            }
+            let next = (at + 1).min(segment.end - 1);
+            let span = t[next] - t[at];
+            let share = if span > 0.0 { ((wanted - t[at]) / span).clamp(0.0, 1.0) } else { 0.0 };
+            x[k] = y[at] + share * (y[next] - y[at]);
+        }
+    }
+    x
+}
+
+/// Minimum of `cost` between `low` and `high` by golden section.
+fn golden(cost: &dyn Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
+    let ratio = 0.5 * (5f64.sqrt() - 1.0);
+    let (mut a, mut b) = (high - ratio * (high - low), low + ratio * (high - low));
+    let (mut at_a, mut at_b) = (cost(a), cost(b));
+    for _ in 0..24 {
+        if at_a < at_b {
+            (high, b, at_b) = (b, a, at_a);
+            a = high - ratio * (high - low);
+            at_a = cost(a);
+        } else {
+            (low, a, at_a) = (a, b, at_b);
+            b = low + ratio * (high - low);
+            at_b = cost(b);
+        }
+    }
+    0.5 * (low + high)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const H: f64 = 1e-4;
+
+    fn run() -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+        let n = 20_000;
+        let t: Vec<f64> = (0..n).map(|k| f64::from(k) * H).collect();
+        let omega = t.iter().map(|t| 200.0 * (20.0 * t).sin() + 40.0 * (150.0 * t).sin()).collect();
+        let theta = t
+            .iter()
+            .map(|t| 10.0 * (1.0 - (20.0 * t).cos()) + 40.0 / 150.0 * (1.0 - (150.0 * t).cos()))
+            .map(|x| (x / 1e-4).round() * 1e-4)
+            .collect();
+        (t, theta, omega)
+    }
+
+    #[test]
+    fn a_filter_is_found_and_undone() {
+        let (t, theta, omega) = run();
+        let tau = 4.3e-4;
+        let a = (-H / tau).exp();
+        let mut logged = omega.clone();
+        for k in 1..logged.len() {
+            logged[k] = a * logged[k - 1] + (1.0 - a) * omega[k];
+        }
+        let (restored, lag) = undo(&t, &theta, &logged, std::slice::from_ref(&(0..t.len()))).unwrap();
+        let Lag::Filter(found) = lag else { panic!("{lag:?}") };
+        assert!((found / tau - 1.0).abs() < 0.02, "{found}");
+        let worst = restored.iter().zip(&omega).skip(1).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(worst < 2.0, "{worst}");
+    }
+
+    #[test]
+    fn a_delay_is_told_from_a_filter() {
+        let (t, theta, omega) = run();
+        let logged: Vec<f64> = (0..omega.len()).map(|k| omega[k.saturating_sub(5)]).collect();
+        let (_, lag) = undo(&t, &theta, &logged, std::slice::from_ref(&(0..t.len()))).unwrap();
+        let Lag::Delay(found) = lag else { panic!("{lag:?}") };
+        assert!((found / (5.0 * H) - 1.0).abs() < 0.02, "{found}");
+    }
+
+    #[test]
+    fn a_prompt_speed_is_left_alone() {
+        let (t, theta, omega) = run();
+        assert!(undo(&t, &theta, &omega, std::slice::from_ref(&(0..t.len()))).is_none());
+    }
+}

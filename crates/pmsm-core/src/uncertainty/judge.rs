@@ -1,0 +1,62 @@
+//! From covariances to what is said of each estimate.
+
+use super::{Estimate, Spread, quantile};
+use crate::least_squares;
+use nalgebra::{DMatrix, DVector};
+
+/// An estimate farther than this many standard errors from the minimum has no standard error.
+const STOPPED_SHORT: f64 = 10.0;
+
+/// What residuals and derivatives at the best point say of the parameters that are free there.
+#[derive(Debug)]
+pub struct Judge {
+    spread: Spread,
+    /// (JᵀJ)⁻¹ and Jᵀr.
+    inverse: DMatrix<f64>,
+    off: DVector<f64>,
+}
+
+impl Judge {
+    /// `spread` is that of these residuals and derivatives.
+    pub fn new(jacobian: &DMatrix<f64>, residual: &DVector<f64>, spread: Spread) -> Self {
+        let all = vec![true; jacobian.ncols()];
+        let inverse = least_squares::covariance(&jacobian.tr_mul(jacobian), None, &all);
+        Self { spread, inverse, off: jacobian.tr_mul(residual) }
+    }
+
+    /// The estimate of column `at`, whose best value is `value`.
+    pub fn estimate(&self, at: usize, value: f64, unit: &'static str) -> Estimate {
+        let variance = self.spread.covariance[(at, at)];
+        if !variance.is_finite() {
+            return Estimate::bare(None, unit, "the recording does not show it");
+        }
+        if !self.spread.settled {
+            return Estimate::bare(
+                Some(value),
+                unit,
+                "what the model leaves over swings so slowly that the recording is only a few independent looks; record \
+                 longer, or find what the model leaves out",
+            );
+        }
+        let short = (self.inverse.row(at) * &self.off)[0];
+        if short.abs() > STOPPED_SHORT * variance.sqrt() {
+            let why = "the search stopped short of the minimum; give it more iterations or use pso+lm";
+            return Estimate::bare(Some(value), unit, why);
+        }
+        Estimate::known(value, variance.sqrt().hypot(short), quantile(self.spread.blocks), unit)
+    }
+}
+
+impl Estimate {
+    /// A best value that lies on its bound, of which the recording says something (`shown`) or nothing.
+    pub fn on_bound(value: f64, unit: &'static str, shown: bool) -> Self {
+        if !shown {
+            return Self::bare(None, unit, "the recording does not show it");
+        }
+        let why = format!(
+            "the best value lies on its bound, {}; give wider bounds",
+            format!("{value} {unit}").trim()
+        );
+        Self::bare(Some(value), unit, why)
+    }
+}

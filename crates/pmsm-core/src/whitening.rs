@@ -1,0 +1,229 @@
+//! Whitens the current residual of a free run whose driving voltage is itself noisy, or that starts from noisy currents.
+//!
+//! Noise on the voltage adds up in the simulated currents, so that a correct model leaves a slow, strong residual e. With the
+//! bare machine's dynamics it is the output of
+//!
+//! > x_{k+1} = A_k·x_k + w_k,  e_k = x_k + n_k,  A_k = exp(h·[[−r_s/l_d, ω·l_q/l_d], [−ω·l_d/l_q, −r_s/l_q]]),
+//!
+//! w the voltage noise times h/l, n the sensors' noise. A Kalman filter with these covariances turns e into innovations, and their
+//! Cholesky factor into white noise of unit variance (Anderson & Moore, "Optimal filtering", 1979, chapters 3 and 5). The filter
+//! depends on the machine and the log alone: it is one fixed linear map for residuals and derivatives of every model.
+
+use crate::base::BASE;
+use crate::input_noise::InputNoise;
+use crate::machine::BaseParameter;
+use crate::signals::Signals;
+use std::ops::Range;
+
+/// A whitening filter over one recording.
+#[derive(Debug, Clone)]
+pub struct Whitening {
+    segments: Vec<Range<usize>>,
+    wanders: bool,
+    /// A_k, row by row.
+    transition: Vec<[f64; 4]>,
+    /// Kalman gain, row by row.
+    gain: Vec<[f64; 4]>,
+    /// Inverse Cholesky factor of the innovations' covariance: (0,0), (1,0), (1,1).
+    root: Vec<[f64; 3]>,
+}
+
+impl Whitening {
+    /// The filter for a machine with base parameters `p` whose current sensors have the noise `sensor` (A per axis).
+    pub fn new(signals: &Signals, p: &[f64], sensor: [f64; 2], input: &InputNoise) -> Self {
+        debug_assert!(p.len() >= BASE);
+        let [r_s, l_d, l_q] =
+            [BaseParameter::RS, BaseParameter::LD, BaseParameter::LQ].map(|b| p[b.index()].max(1e-12));
+        let n = signals.len();
+        let mut out = Self {
+            segments: signals.segments.clone(),
+            wanders: input.voltage > 0.0,
+            transition: vec![[0.0; 4]; n],
+            gain: vec![[0.0; 4]; n],
+            root: vec![[0.0; 3]; n],
+        };
+        let noise = [sensor[0] * sensor[0], sensor[1] * sensor[1]];
+        for segment in &signals.segments {
+            // The simulation starts from the measured current: the state is that sensor's error, and the first residual is zero.
+            let mut covariance = [noise[0], 0.0, noise[1]];
+            for k in segment.clone() {
+                let first = k == segment.start;
+                let [a, b, c] = covariance;
+                let s = [a + noise[0], b, c + noise[1]];
+                let determinant = s[0] * s[2] - s[1] * s[1];
+                let inverse = [s[2] / determinant, -s[1] / determinant, s[0] / determinant];
+                let gain = [
+                    a * inverse[0] + b * inverse[1],
+                    a * inverse[1] + b * inverse[2],
+                    b * inverse[0] + c * inverse[1],
+                    b * inverse[1] + c * inverse[2],
+                ];
+                let l00 = s[0].sqrt();
+                let l10 = s[1] / l00;
+                let l11 = (s[2] - l10 * l10).sqrt();
+                out.root[k] = [1.0 / l00, -l10 / (l00 * l11), 1.0 / l11];
+                if first {
+                    out.root[k] = [0.0; 3];
+                } else {
+                    out.gain[k] = gain;
+                    covariance = [
+                        (1.0 - gain[0]) * a - gain[1] * b,
+                        (1.0 - gain[0]) * b - gain[1] * c,
+                        (1.0 - gain[3]) * c - gain[2] * b,
+                    ];
+                }
+                if k + 1 == segment.end {
+                    break;
+                }
+                let h = signals.t[k + 1] - signals.t[k];
+                let omega = signals.omega_e[k];
+                let m = transition(h, omega, r_s, l_d, l_q);
+                out.transition[k] = m;
+                let sigma = input.at(k, h * (r_s / l_d.min(l_q)).hypot(omega));
+                let [a, b, c] = covariance;
+                let q = [(sigma * h / l_d).powi(2), (sigma * h / l_q).powi(2)];
+                covariance = [
+                    m[0] * (m[0] * a + m[1] * b) + m[1] * (m[0] * b + m[1] * c) + q[0],
+                    m[0] * (m[2] * a + m[3] * b) + m[1] * (m[2] * b + m[3] * c),
+                    m[2] * (m[2] * a + m[3] * b) + m[3] * (m[2] * b + m[3] * c) + q[1],
+                ];
+            }
+        }
+        out
+    }
+
+    /// Whether noise of the voltage lets the currents wander all along, so that a plain residual hides what lasts.
+    pub fn wanders(&self) -> bool {
+        self.wanders
+    }
+
+    /// Turns a current residual (A, one value per sample and axis) into one of unit variance.
+    pub fn apply(&self, d: &mut [f64], q: &mut [f64]) {
+        for segment in &self.segments {
+            let mut x = [0.0; 2];
+            for k in segment.clone() {
+                let (g, m, root) = (&self.gain[k], &self.transition[k], &self.root[k]);
+                let new = [d[k] - x[0], q[k] - x[1]];
+                d[k] = root[0] * new[0];
+                q[k] = root[1] * new[0] + root[2] * new[1];
+                let y = [x[0] + g[0] * new[0] + g[1] * new[1], x[1] + g[2] * new[0] + g[3] * new[1]];
+                x = [m[0] * y[0] + m[1] * y[1], m[2] * y[0] + m[3] * y[1]];
+            }
+        }
+    }
+}
+
+/// exp(h·[[−r_s/l_d, ω·l_q/l_d], [−ω·l_d/l_q, −r_s/l_q]]) to third order in small pieces.
+fn transition(h: f64, omega: f64, r_s: f64, l_d: f64, l_q: f64) -> [f64; 4] {
+    let f = [-r_s / l_d, omega * l_q / l_d, -omega * l_d / l_q, -r_s / l_q];
+    let size = h * f.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+    let pieces = (size / 0.25).ceil().clamp(1.0, 4096.0);
+    let f = f.map(|x| x * h / pieces);
+    let f2 = product(&f, &f);
+    let f3 = product(&f2, &f);
+    let mut one = [1.0, 0.0, 0.0, 1.0];
+    for k in 0..4 {
+        one[k] += f[k] + f2[k] / 2.0 + f3[k] / 6.0;
+    }
+    let mut out = one;
+    for _ in 1..pieces as usize {
+        out = product(&out, &one);
+    }
+    out
+}
+
+fn product(a: &[f64; 4], b: &[f64; 4]) -> [f64; 4] {
+    [
+        a[0] * b[0] + a[1] * b[2],
+        a[0] * b[1] + a[1] * b[3],
+        a[2] * b[0] + a[3] * b[2],
+        a[2] * b[1] + a[3] * b[3],
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::machine::Machine;
+    use crate::random::normal_pair;
+    use crate::recording::Recording;
+
+    const P: [f64; 6] = [0.9, 9.6e-3, 21e-3, 0.19, 0.01, 0.001];
+    const H: f64 = 1e-4;
+
+    fn signals(n: usize) -> Signals {
+        let t: Vec<f64> = (0..n).map(|k| k as f64 * H).collect();
+        let omega: Vec<f64> = t.iter().map(|t| 400.0 * (9.0 * t).sin()).collect();
+        let theta = t.iter().map(|t| 400.0 / 9.0 * (1.0 - (9.0 * t).cos())).collect();
+        let level = |x: f64| vec![x; n];
+        let columns = vec![
+            ("t".into(), t),
+            ("omega_e".into(), omega),
+            ("theta_e".into(), theta),
+            ("v_d".into(), level(1.0)),
+            ("v_q".into(), level(2.0)),
+            ("i_d".into(), level(3.0)),
+            ("i_q".into(), level(4.0)),
+        ];
+        Signals::new(&Recording::new(columns, None).unwrap(), &Machine::new(3).unwrap()).unwrap()
+    }
+
+    /// What a correct model leaves in free run from a noisy start under a noisy voltage.
+    fn residual(signals: &Signals, sensor: f64, voltage: f64) -> [Vec<f64>; 2] {
+        let noise = |k: usize, what: u32| normal_pair(7, [k as u32, what, 0, 0]);
+        let mut x = [0.0; 2];
+        let mut out = [Vec::new(), Vec::new()];
+        for k in 0..signals.len() {
+            let n = noise(k, 0);
+            if k == 0 {
+                x = [-sensor * n.0, -sensor * n.1];
+            }
+            out[0].push(x[0] + sensor * n.0);
+            out[1].push(x[1] + sensor * n.1);
+            let m = transition(H, signals.omega_e[k], P[0], P[1], P[2]);
+            let w = noise(k, 1);
+            x = [
+                m[0] * x[0] + m[1] * x[1] + voltage * H / P[1] * w.0,
+                m[2] * x[0] + m[3] * x[1] + voltage * H / P[2] * w.1,
+            ];
+        }
+        out
+    }
+
+    #[test]
+    fn what_noise_alone_leaves_becomes_white_with_unit_variance() {
+        let signals = signals(30_000);
+        let (sensor, voltage) = (0.02, 1.5);
+        let [mut d, mut q] = residual(&signals, sensor, voltage);
+        let input = InputNoise { voltage, hidden: Vec::new() };
+        Whitening::new(&signals, &P, [sensor; 2], &input).apply(&mut d, &mut q);
+        for x in [&d, &q] {
+            let square = x.iter().map(|x| x * x).sum::<f64>() / x.len() as f64;
+            assert!((square - 1.0).abs() < 0.03, "{square}");
+            for lag in [1, 3, 20] {
+                let rho = x.windows(lag + 1).map(|w| w[0] * w[lag]).sum::<f64>() / x.len() as f64;
+                assert!(rho.abs() < 0.025, "{lag}: {rho}");
+            }
+        }
+        let cross = d.iter().zip(&q).map(|(a, b)| a * b).sum::<f64>() / d.len() as f64;
+        assert!(cross.abs() < 0.025, "{cross}");
+    }
+
+    #[test]
+    fn the_noise_is_found_in_such_a_residual() {
+        let signals = signals(30_000);
+        let (sensor, voltage) = (0.02, 1.5);
+        let [d, q] = residual(&signals, sensor, voltage);
+        let mut known = [sensor; 2];
+        let found = InputNoise::estimate(&signals, &P, [&d, &q], &mut known, true);
+        assert!((found.voltage / voltage - 1.0).abs() < 0.1, "{}", found.voltage);
+        assert!(found.hidden.is_empty());
+        // Smooth physics on top is none.
+        let bent = |x: &[f64]| -> Vec<f64> {
+            x.iter().zip(&signals.t).map(|(x, t)| x + 0.1 * (150.0 * t).sin()).collect()
+        };
+        let [quiet_d, quiet_q] = residual(&signals, sensor, 0.0).map(|x| bent(&x));
+        let found = InputNoise::estimate(&signals, &P, [&quiet_d, &quiet_q], &mut known, true);
+        assert_eq!(found.voltage, 0.0);
+    }
+}

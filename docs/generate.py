@@ -1,0 +1,197 @@
+"""Pages of the manual that say what the package says: effects, command line, interface, thresholds."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from pathlib import Path
+from typing import Any
+
+import click
+import pmsm_rs
+from pmsm_rs import effects, plot
+from pmsm_rs.cli import cli
+from pmsm_rs.quantities import CANONICAL, LOGS
+from pmsm_rs.units import UNITS
+from pmsm_rs.words import EQUATIONS, number, unit
+
+SOURCES = Path(__file__).parents[1] / "crates" / "pmsm-core" / "src"
+
+
+def write_pages(docs: Path) -> None:
+    """Writes all generated pages below `docs/generated`; pages that say what they did keep their time."""
+    catalogue = effects()
+    pages = {f"effects/{entry['id']}.md": effect_page(entry) for entry in catalogue}
+    pages["effects/index.md"] = effect_index(catalogue)
+    pages["command_line.md"] = command_line()
+    pages["api.rst"] = interface()
+    pages["columns.md"] = columns()
+    pages["thresholds.md"] = thresholds()
+    root = docs / "generated"
+    for old in [path for path in root.rglob("*") if path.is_file()]:
+        if old.relative_to(root).as_posix() not in pages:
+            old.unlink()
+    for name, text in pages.items():
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """A Markdown table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+def effect_page(entry: dict[str, Any]) -> str:
+    """What the catalogue knows of an effect."""
+    alike = [f"[{name}]({name}.md)" for name in entry["look_alikes"]]
+    rows = [
+        [
+            f"`{p['name']}`",
+            p["meaning"],
+            f"{number(p['low'])} … {number(p['high'])}",
+            number(p["typical"]),
+            unit(p["unit"]) or "1",
+        ]
+        for p in entry["parameters"]
+    ]
+    parameters = table(["parameter", "meaning", "range", "typical", "unit"], rows)
+    return f"""# {entry["title"]}
+
+`{entry["id"]}`
+
+{entry["sentence"]}
+
+```text
+{entry["equation"]}
+```
+
+Acts in
+: {EQUATIONS.get(entry["acts_in"], entry["acts_in"])}
+
+Shows as
+: {entry["fingerprint"]}
+
+Resembles
+: {", ".join(alike) or "nothing else in the catalogue"}
+
+Source
+: {entry["source"]}
+
+## Parameters
+
+{parameters}
+
+Ranges and typical values are those for one servo motor; in a diagnosis they follow from the machine and
+the recording.
+"""
+
+
+def effect_index(catalogue: list[dict[str, Any]]) -> str:
+    """All effects by the equation in which they act."""
+    parts = [
+        "# Effects\n\nThe diagnosis names these effects and no others. The pages are made from the\n"
+        "catalogue of the package, as is `pmsm-rs effects NAME`.\n"
+    ]
+    for site in dict.fromkeys(entry["acts_in"] for entry in catalogue):
+        rows = [
+            [f"[{entry['title']}]({entry['id']}.md)", entry["sentence"]]
+            for entry in catalogue
+            if entry["acts_in"] == site
+        ]
+        heading = EQUATIONS.get(site, site)
+        parts.append(
+            f"## {heading[0].upper()}{heading[1:]}\n\n{table(['effect', 'what was left out'], rows)}\n"
+        )
+    names = "\n".join(entry["id"] for entry in catalogue)
+    parts.append(f"```{{toctree}}\n:hidden:\n\n{names}\n```\n")
+    return "\n".join(parts)
+
+
+def command_line() -> str:
+    """The help of every command."""
+    parts = ["# Command line\n", help_of(cli, "pmsm-rs", None)]
+    context = click.Context(cli, info_name="pmsm-rs", max_content_width=100)
+    for name in cli.list_commands(context):
+        command = cli.get_command(context, name)
+        assert command is not None, "click lists only what it has"
+        parts.append(f"## {name}\n\n{help_of(command, name, context)}")
+    return "\n".join(parts)
+
+
+def help_of(command: click.Command, name: str, parent: click.Context | None) -> str:
+    """The help of one command as a block."""
+    context = click.Context(command, info_name=name, parent=parent, max_content_width=100, terminal_width=100)
+    return f"```text\n{command.get_help(context)}\n```\n"
+
+
+def interface() -> str:
+    """Every public name with its documentation."""
+    parts = ["Python\n======\n\n.. currentmodule:: pmsm_rs\n"]
+    kinds: dict[str, list[str]] = {"Functions": [], "Classes": [], "Errors": []}
+    for name in pmsm_rs.__all__:
+        value = getattr(pmsm_rs, name)
+        if inspect.isclass(value):
+            # Fields are described by the class itself; listing each would only repeat the types.
+            error = issubclass(value, Exception)
+            members = (
+                "" if error else "   :members:\n   :undoc-members:\n   :inherited-members: tuple, Sequence\n"
+            )
+            line = f".. autoclass:: {name}\n{members}"
+            kinds["Errors" if error else "Classes"].append(line)
+        elif callable(value):
+            kinds["Functions"].append(f".. autofunction:: {name}\n")
+    for heading, lines in kinds.items():
+        parts.append(f"{heading}\n{'-' * len(heading)}\n\n" + "\n".join(lines))
+    drawn = [
+        name
+        for name, value in vars(plot).items()
+        if inspect.isfunction(value) and value.__module__ == plot.__name__ and name[0] != "_"
+    ]
+    lines = "\n".join(f".. autofunction:: {name}\n" for name in drawn)
+    parts.append(
+        "Plots\n-----\n\n.. automodule:: pmsm_rs.plot\n   :no-members:\n\n"
+        f".. currentmodule:: pmsm_rs.plot\n\n{lines}"
+    )
+    return "\n".join(parts)
+
+
+def columns() -> str:
+    """The canonical columns, units, and the logs whose names are known."""
+    rows = [
+        [f"`{name}`", q.unit, q.meaning, ", ".join(f"`{u}`" for u in UNITS[q.dimension])]
+        for name, q in CANONICAL.items()
+    ]
+    parts = [
+        "# Columns and units\n\nA file may use these names, or any others that `[columns]` of the\n"
+        "machine file maps to them.\n",
+        table(["column", "unit", "meaning", "units that are understood"], rows),
+        "\n## Logs that are recognised\n",
+    ]
+    for log, (_, known) in LOGS.items():
+        parts.append(f"\n### {log}\n")
+        parts.append(
+            table(["in the log", "column", "unit"], [[f"`{a}`", f"`{b}`", c] for a, (b, c) in known.items()])
+        )
+    return "\n".join(parts) + "\n"
+
+
+def thresholds() -> str:
+    """The constants on which verdicts rest, with their reasons, as the source of the core states them."""
+    text = (SOURCES / "diagnose" / "verdict.rs").read_text(encoding="utf-8")
+    found = re.findall(r"((?:^/// [^\n]*\n)+)^(?:pub )?const (\w+): [^=]*= ([^;]+);", text, re.MULTILINE)
+    rows = [
+        [
+            f"`{name}`",
+            value.replace("_", ""),
+            " ".join(doc.replace("///", " ").split()).replace("[`", "`").replace("`]", "`"),
+        ]
+        for doc, name, value in found
+    ]
+    return (
+        "# Thresholds\n\nFrom `crates/pmsm-core/src/diagnose/verdict.rs`.\n\n"
+        + table(["constant", "value", "meaning"], rows)
+        + "\n"
+    )

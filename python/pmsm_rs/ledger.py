@@ -1,0 +1,117 @@
+"""A ledger of finished work: one JSON object per line, only ever appended to, each on disk before the next.
+
+A process that dies leaves at most its last line torn. Such a line is kept, ended, and passed over when the
+ledger is read again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final, Self
+
+from ._core import DataError, UsageError
+from .errors import refuse
+
+SCHEMA: Final = "pmsm-rs.ledger/1"
+
+
+class Ledger:
+    """The ledger at `path`, made where there is none; `entries` holds what is in it, the last of each key.
+
+    Raises UsageError where it cannot be written or another process writes it, DataError where the file is no
+    ledger.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        """Reads what is there and keeps the file open for appending."""
+        self.path = str(path)
+        self.entries: dict[str, Mapping[str, Any]] = {}
+        try:
+            self._file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
+        except OSError as error:
+            raise refuse(
+                UsageError,
+                f"cannot be written ({error.strerror})",
+                file=self.path,
+                fix="name a file in a folder that exists and may be written to",
+            ) from error
+        try:
+            self._claim()
+            text = Path(self.path).read_bytes()
+            for entry in self._lines(text):
+                if isinstance(entry.get("key"), str):
+                    self.entries[entry["key"]] = entry
+            if text and not text.endswith(b"\n"):
+                os.write(self._file, b"\n")
+            if not text:
+                self._append({"schema": SCHEMA})
+        except BaseException:
+            os.close(self._file)
+            raise
+
+    def add(self, key: str, entry: Mapping[str, Any]) -> None:
+        """Appends an entry; it is on disk when this returns. Raises UsageError where the disk refuses it."""
+        self.entries[key] = {"key": key, **entry}
+        self._append(self.entries[key])
+
+    def close(self) -> None:
+        """Lets go of the file."""
+        os.close(self._file)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _append(self, entry: Mapping[str, Any]) -> None:
+        line = json.dumps(entry, ensure_ascii=False, allow_nan=False).encode() + b"\n"
+        try:
+            if os.write(self._file, line) != len(line):
+                raise OSError(0, "the disk is full")
+            os.fsync(self._file)
+        except OSError as error:
+            raise refuse(
+                UsageError,
+                f"cannot be written ({error.strerror})",
+                file=self.path,
+                fix="make room on the disk and run it again; what is in the ledger is kept",
+            ) from error
+
+    def _claim(self) -> None:
+        try:
+            import fcntl
+        except ImportError:
+            return
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise refuse(
+                UsageError,
+                "another process writes this ledger",
+                file=self.path,
+                fix="wait for it to end, or name another file",
+            ) from error
+
+    def _lines(self, text: bytes) -> Iterator[dict[str, Any]]:
+        for number, line in enumerate(text.split(b"\n"), start=1):
+            if not line.strip():
+                continue
+            try:
+                entry = json.loads(line)
+            except (UnicodeDecodeError, json.JSONDecodeError):
+                entry = None
+            if number == 1 and (not isinstance(entry, dict) or entry.get("schema") != SCHEMA):
+                raise refuse(
+                    DataError,
+                    f"this is no ledger of schema {SCHEMA}",
+                    file=self.path,
+                    row=1,
+                    place="line 1",
+                    fix="name another file",
+                )
+            if isinstance(entry, dict):
+                yield entry

@@ -1,0 +1,199 @@
+"""Samples as they come on standard input, CSV or one JSON object per line, in batches of what is there."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._core import DataError
+from .columns import Rules, assemble
+from .errors import refuse
+from .formats.sniff import is_number, name_and_unit, skipped, split
+from .formats.source import Source
+
+NAME = "standard input"
+_CHUNK = 1 << 16
+_LONGEST_LINE = 1 << 20
+_MISSING = frozenset({"", "nan", "null", "na", "n/a", "inf", "+inf", "-inf"})
+_SEPARATORS = (",", ";", "\t", "|")
+
+Columns = dict[str, NDArray[np.float64]]
+
+
+class Reader(Protocol):
+    """Anything with `read1`, such as `sys.stdin.buffer`."""
+
+    def read1(self, size: int, /) -> bytes:
+        """What is there, at most `size` bytes; waits only if there is nothing."""
+
+
+def batches(reader: Reader, rules: Rules | None) -> Iterator[Columns]:
+    """Canonical SI columns, one batch for each lot of whole lines that has arrived.
+
+    The first line that is neither blank nor a comment is a header of CSV, or an object whose keys name the
+    columns. Empty fields, NaN and null are missing values, which come as NaN. The rows before a bad line are
+    delivered before it is refused. Raises DataError naming the line, its column and the fix.
+    """
+    table: _Table | None = None
+    any_row = False
+    for numbered in _lots(reader):
+        good: list[tuple[int, list[float]]] = []
+        trouble: DataError | None = None
+        for number, line in numbered:
+            if skipped(line):
+                continue
+            try:
+                if table is None:
+                    table = _Objects(line, number) if line.lstrip().startswith("{") else _Text(line, number)
+                    if isinstance(table, _Text):
+                        continue
+                good.append((number, table.row(line, number)))
+            except DataError as error:
+                trouble = error
+                break
+        if table is not None and good:
+            any_row = True
+            yield _columns(table, good, rules)
+        if trouble is not None:
+            raise trouble
+    if not any_row:
+        came = "nothing came" if table is None else "no sample came behind the header"
+        raise refuse(DataError, came, file=NAME, fix="send CSV with a header, or one JSON object per line")
+
+
+def _lots(reader: Reader) -> Iterator[list[tuple[int, str]]]:
+    """Whole lines with their numbers from 1, as many as have arrived."""
+    rest, number = b"", 0
+    while True:
+        chunk = reader.read1(_CHUNK)
+        lines = (rest + chunk).split(b"\n")
+        rest = lines.pop()
+        if not chunk and rest:
+            lines, rest = [rest], b""
+        if len(rest) > _LONGEST_LINE:
+            raise _bad("the line is longer than any sample", number + 1, "end each sample with a line feed")
+        lot = [(number + k, _text(line)) for k, line in enumerate(lines, start=1)]
+        number += len(lines)
+        if lot:
+            yield lot
+        if not chunk:
+            return
+
+
+def _text(line: bytes) -> str:
+    return line.decode("utf-8-sig", errors="replace").rstrip("\r")
+
+
+def _bad(problem: str, number: int, fix: str, column: str | None = None) -> DataError:
+    return refuse(DataError, problem, file=NAME, row=number, place=f"line {number}", column=column, fix=fix)
+
+
+class _Table:
+    """Names and units of the columns, and how a line becomes a row."""
+
+    names: tuple[str, ...]
+    units: dict[str, str]
+
+    def row(self, line: str, number: int) -> list[float]:
+        raise NotImplementedError
+
+
+class _Text(_Table):
+    """Separated values behind a header."""
+
+    def __init__(self, header: str, number: int) -> None:
+        self.separator = max(_SEPARATORS, key=header.count)
+        fields = [name_and_unit(field) for field in split(header, self.separator)]
+        self.names = tuple(name for name, _ in fields)
+        self.units = {name: unit for name, unit in fields if unit}
+        if header.lstrip().startswith("["):
+            raise _bad("this is no JSON object", number, 'send objects such as {"t": 0.0, "i_d": 1.0}')
+        if len(self.names) < 2 or all(is_number(name, False) for name in self.names):
+            raise _bad("this is no header", number, "begin with the names of the columns, such as t,v_d,v_q")
+        _once(self.names, number)
+        self.comma = self.separator != ","
+
+    def row(self, line: str, number: int) -> list[float]:
+        fields = split(line, self.separator)
+        if len(fields) != len(self.names):
+            raise _bad(
+                f"the line has {len(fields)} fields where the header has {len(self.names)}",
+                number,
+                "send whole lines; a stream cut short ends like this",
+            )
+        return [self._number(*pair, number) for pair in zip(self.names, fields, strict=True)]
+
+    def _number(self, name: str, field: str, number: int) -> float:
+        if is_number(field, False):
+            return float(field)
+        if self.comma and is_number(field, True):
+            return float(field.replace(",", "."))
+        if field.lower() in _MISSING:
+            return float("nan")
+        raise _bad(f"'{field[:40]}' is no number", number, "send a number, or leave the field empty", name)
+
+
+class _Objects(_Table):
+    """One JSON object per line."""
+
+    def __init__(self, line: str, number: int) -> None:
+        self.names, self.units = tuple(self._object(line, number)), {}
+        if not self.names:
+            raise _bad("the object is empty", number, 'send objects such as {"t": 0.0, "i_d": 1.0}')
+
+    def row(self, line: str, number: int) -> list[float]:
+        given = self._object(line, number)
+        odd = next((name for name in (*self.names, *given) if (name in given) != (name in self.names)), None)
+        if odd is not None:
+            what = "is missing" if odd in self.names else "was not in the first object"
+            raise _bad(what, number, "send the same keys in every object; null stands for no value", odd)
+        return [self._number(name, given[name], number) for name in self.names]
+
+    @staticmethod
+    def _object(line: str, number: int) -> dict[str, object]:
+        try:
+            given = json.loads(line)
+        except (ValueError, RecursionError) as error:
+            raise _bad(
+                f"this is no JSON ({error})",
+                number,
+                "send one whole object per line; a stream cut short ends so",
+            ) from None
+        if not isinstance(given, dict):
+            raise _bad("this is no JSON object", number, 'send objects such as {"t": 0.0, "i_d": 1.0}')
+        return given
+
+    @staticmethod
+    def _number(name: str, value: object, number: int) -> float:
+        if value is None:
+            return float("nan")
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise _bad(f"{json.dumps(value)[:40]} is no number", number, "send a number or null", name)
+        try:
+            return float(value)
+        except OverflowError:
+            return float("inf")
+
+
+def _once(names: tuple[str, ...], number: int) -> None:
+    twice = next((name for k, name in enumerate(names) if name in names[:k]), None)
+    if twice is not None:
+        raise _bad("is named twice", number, "name each column once", twice)
+
+
+def _columns(table: _Table, rows: list[tuple[int, list[float]]], rules: Rules | None) -> Columns:
+    values = np.array([row for _, row in rows], dtype=np.float64).T
+    at = {name: k for k, name in enumerate(table.names)}
+
+    def read(wanted: Iterable[str]) -> Columns:
+        return {name: np.ascontiguousarray(values[at[name]]) for name in wanted}
+
+    def place(row: int) -> tuple[int, str]:
+        return rows[row][0], f"line {rows[row][0]}"
+
+    source = Source(NAME, table.names, read, units=table.units, place=place)
+    return assemble(source, rules, finite=False)

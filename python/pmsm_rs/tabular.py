@@ -1,0 +1,42 @@
+"""Columns of numbers as a file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import atomic
+from ._core import UsageError
+from .errors import refuse
+
+
+def write(path: str | os.PathLike[str], columns: Mapping[str, NDArray[np.float64]]) -> None:
+    """Writes columns of equal length as Parquet, or as CSV where the name ends in .csv; whole or not at all.
+
+    Raises UsageError where the name ends otherwise or the file cannot be written.
+    """
+    import arro3.core as arrow
+    import arro3.io
+
+    kind = Path(path).suffix.lower()
+    if kind not in (".parquet", ".csv"):
+        raise refuse(
+            UsageError, f"'{kind}' is no kind of file that is written", file=str(path), fix="name it .parquet"
+        )
+    arrays = {
+        name: arrow.Array.from_numpy(np.ascontiguousarray(values, dtype=np.float64))
+        for name, values in columns.items()
+    }
+    table = arrow.Table.from_pydict(arrays)  # type: ignore[arg-type]
+
+    def fill(draft: Path) -> None:
+        if kind == ".csv":
+            arro3.io.write_csv(table, str(draft))
+        else:
+            arro3.io.write_parquet(table, str(draft), compression="zstd(3)")
+
+    atomic.write(path, fill)

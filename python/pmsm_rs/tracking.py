@@ -1,0 +1,269 @@
+"""Online identification: estimates window by window, from a recording or from a stream."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _core
+from ._core import DataError, Machine, UsageError
+from .columns import assemble
+from .config import MachineFile
+from .errors import did_you_mean, refuse
+from .frames import frame_source
+from .loader import load_columns
+from .recording import DEFAULT_MAX_BYTES
+from .results import Estimate, estimates
+from .run import METHODS, Swarm, fit_bounds
+
+Fit = Mapping[str, tuple[float, float] | None] | Iterable[str]
+
+PAPER = Swarm(particles=10, iterations=30, inertia=0.8, cognitive=2.0, social=2.0)
+"""The swarm of Liu, Liu & Cartes (2008)."""
+
+_WINDOWS_AT_ONCE = 4
+_MOST_ROWS = 1 << 18
+
+
+@dataclass(frozen=True)
+class Drift:
+    """What moved since earlier windows: `looks_like` holds any of "thermal", "load" and "mismatch", nothing
+    where all stayed within its uncertainty, and is None for a skipped window; `sentence` says it in words.
+    """
+
+    looks_like: tuple[str, ...] | None
+    sentence: str
+
+
+@dataclass(frozen=True)
+class WindowEstimate:
+    """The result of one window.
+
+    `t_start` and `t_end` are in s of the log's own time. `status` is "estimated" or "skipped", for the reason
+    `why`. `notes` tells of gaps, lost rows, restarts and short windows (finding, consequence, fix).
+    `disturbed_load_torque` is eq. (4) in N·m: what the load seems to be with the nameplate's J and B.
+    `cost_first` and `cost` are the fitness (9) at the start and at the answer, `history` the best cost per
+    generation or step. `rms` is measured minus model, `noise` the white noise of the measurement, per channel
+    in its SI unit.
+    """
+
+    window: int
+    t_start: float
+    t_end: float
+    samples: int
+    status: str
+    why: str | None
+    notes: tuple[Mapping[str, str], ...]
+    parameters: Mapping[str, Estimate]
+    disturbed_load_torque: float | None
+    cost_first: float | None
+    cost: float | None
+    history: tuple[float, ...]
+    evaluations: int
+    converged: bool
+    widened: bool
+    cannot_show: tuple[Mapping[str, Any], ...]
+    rms: Mapping[str, float]
+    noise: Mapping[str, float]
+    drift: Drift
+    data: Mapping[str, Any] = field(repr=False, compare=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """From what `to_json` writes."""
+        data = json.loads(text)
+        plain = {
+            name: data[name]
+            for name in (
+                *("window", "t_start", "t_end", "samples", "status", "why", "disturbed_load_torque"),
+                *("cost_first", "cost", "evaluations", "converged", "widened", "rms", "noise"),
+            )
+        }
+        causes = data["drift"]["looks_like"]
+        return cls(
+            notes=tuple(data["notes"]),
+            parameters=estimates(data["parameters"]),
+            history=tuple(data["history"]),
+            cannot_show=tuple(data["cannot_show"]),
+            drift=Drift(None if causes is None else tuple(causes), data["drift"]["sentence"]),
+            data=data,
+            **plain,
+        )
+
+    def to_json(self) -> str:
+        """The whole result as JSON text on one line."""
+        return json.dumps(self.data, ensure_ascii=False, allow_nan=False)
+
+    def __str__(self) -> str:
+        from .summary import window
+
+        return window(self)
+
+
+class Tracker:
+    """Follows parameters through a stream of samples; memory does not grow with the stream.
+
+    `fit` names the parameters, with bounds in SI units or None for a wide range around the nameplate; an
+    unknown load is fitted along with anything that acts on the speed. `window` is in s. `method` is "lm"
+    (warm least squares, fast), "pso" (the paper's swarm: each window starts from the last one's result and
+    seeks within the share `search` of it) or "pso+lm". `load` and `load_value` are what is known of the load
+    torque, as in Recording. Each estimate is the same for any number of `threads` and any way of cutting the
+    stream into batches.
+
+    Raises UsageError for settings that make no sense.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        *,
+        fit: Fit = ("r_s", "tau_load"),
+        window: float = 0.033,
+        method: str = "lm",
+        swarm: Swarm | None = None,
+        search: float = 0.2,
+        seed: int = 1,
+        load: str | None = None,
+        load_value: float | None = None,
+        threads: int | None = None,
+    ) -> None:
+        if not 0 <= seed < 2**63:
+            raise refuse(UsageError, f"the seed is {seed}", fix="give a whole number from 0 on")
+        if method not in METHODS:
+            raise refuse(UsageError, f"there is no method '{method}'", fix=did_you_mean(method, METHODS))
+        self._threads = threads
+        self._core = _core.Tracker(
+            machine,
+            fit=fit_bounds(fit),
+            window=float(window),
+            method=method,
+            swarm=(swarm or PAPER).settings(),
+            search=float(search),
+            seed=seed,
+            load=load,
+            load_value=load_value,
+        )
+
+    def update(self, batch: Any) -> list[WindowEstimate]:
+        """Takes in samples and returns the windows that they complete.
+
+        `batch` is a mapping of canonical names to arrays of shape (samples,) in SI units, a frame, or
+        anything else with an Arrow stream; every batch has the same columns. Rows with a value that is not
+        finite are left out and counted in the window's notes, and so are rows that repeat or come out of
+        order; where time runs far back a new run begins.
+
+        An exception, KeyboardInterrupt included, leaves the tracker as it was: the same batch can be given
+        again. Raises DataError for columns that cannot be used.
+        """
+        if isinstance(batch, _core.Recording):
+            columns = {name: batch.column(name) for name in batch.names}
+        else:
+            columns = assemble(frame_source(batch, DEFAULT_MAX_BYTES), finite=False)
+        return self._take(columns)
+
+    def _take(self, columns: dict[str, NDArray[np.float64]]) -> list[WindowEstimate]:
+        return [WindowEstimate.from_json(text) for text in self._core.update(columns, threads=self._threads)]
+
+    def finish(self) -> list[WindowEstimate]:
+        """Ends the window under way, at the end of the stream, and returns it, if there is one."""
+        return [WindowEstimate.from_json(text) for text in self._core.finish(threads=self._threads)]
+
+    def state(self) -> bytes:
+        """Everything the tracker knows, as UTF-8 JSON of schema pmsm-rs.tracker/1."""
+        return self._core.state().encode()
+
+    @classmethod
+    def restore(cls, state: bytes | str, *, threads: int | None = None) -> Self:
+        """The tracker whose `state()` this is; it goes on bit for bit.
+
+        Raises DataError for anything else: another schema, damage, values that no tracker has.
+        """
+        try:
+            text = state if isinstance(state, str) else bytes(state).decode()
+        except (TypeError, UnicodeDecodeError):
+            raise refuse(
+                DataError, "this is no state of a tracker", fix="give what state() returned, unchanged"
+            ) from None
+        tracker = cls.__new__(cls)
+        tracker._threads = threads
+        tracker._core = _core.Tracker.restore(text)
+        return tracker
+
+    @property
+    def machine(self) -> Machine:
+        """The nameplate."""
+        return self._core.machine
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickles as its state."""
+        return _restored, (type(self), self.state(), self._threads)
+
+    def __repr__(self) -> str:
+        return f"<Tracker of {', '.join(self._core.fit)} in windows of {self._core.window:g} s>"
+
+
+def _restored(kind: type[Tracker], state: bytes, threads: int | None) -> Tracker:
+    return kind.restore(state, threads=threads)
+
+
+def track(
+    recording: Any,
+    machine: Machine | MachineFile,
+    *,
+    fit: Fit = ("r_s", "tau_load"),
+    window: float = 0.033,
+    method: str = "lm",
+    swarm: Swarm | None = None,
+    search: float = 0.2,
+    seed: int = 1,
+    threads: int | None = None,
+) -> Iterator[WindowEstimate]:
+    """Estimates of one window after the other, the last and perhaps shorter one included.
+
+    `recording` is a Recording, a file name or a frame; in the latter two, rows with missing values are
+    allowed and counted. For the other arguments see Tracker.
+
+    Raises UsageError for settings that make no sense and DataError for columns that cannot be used.
+    """
+    plate = machine.machine if isinstance(machine, MachineFile) else machine
+    load, value = (machine.load, machine.load_value) if isinstance(machine, MachineFile) else (None, None)
+    if isinstance(recording, _core.Recording):
+        columns = {name: recording.column(name) for name in recording.names}
+        load, value = recording.load, recording.load_value
+    elif isinstance(recording, str | os.PathLike):
+        columns = load_columns(recording, machine)
+    else:
+        rules = machine.columns if isinstance(machine, MachineFile) else None
+        columns = assemble(frame_source(recording, DEFAULT_MAX_BYTES), rules, finite=False)
+    tracker = Tracker(
+        plate,
+        fit=fit,
+        window=window,
+        method=method,
+        swarm=swarm,
+        search=search,
+        seed=seed,
+        load=load,
+        load_value=value,
+        threads=threads,
+    )
+    return _feed(tracker, columns, window)
+
+
+def _feed(
+    tracker: Tracker, columns: dict[str, NDArray[np.float64]], window: float
+) -> Iterator[WindowEstimate]:
+    t = columns["t"]
+    steps = np.diff(t)
+    steps = steps[np.isfinite(steps) & (steps > 0)]
+    period = float(np.median(steps)) if steps.size else window
+    rows = int(min(max(_WINDOWS_AT_ONCE * window / period, 1.0), _MOST_ROWS))
+    for first in range(0, len(t), rows):
+        yield from tracker._take({name: column[first : first + rows] for name, column in columns.items()})
+    yield from tracker.finish()
