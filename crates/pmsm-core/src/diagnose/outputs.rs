@@ -5,6 +5,7 @@ use super::data::Data;
 use super::hypothesis::Hypothesis;
 use crate::base::Base;
 use crate::dual::Dual;
+use crate::effect::Role;
 use crate::effects::EffectId;
 use crate::least_squares;
 use crate::machine::BaseParameter;
@@ -19,6 +20,10 @@ const LANES: usize = 8;
 const UNSHOWN: f64 = 0.5;
 /// Correlation of two estimates from which they are said to be hardly separable.
 const INSEPARABLE: f64 = 0.95;
+/// The form of an effect's equation is itself an approximation: against plants that have the same physics in other forms its
+/// parameters scatter by this factor more than the residuals say, and by this share of the effect's strength. Both were read off
+/// the independent plant in `proof/`.
+const FORM: (f64, f64) = (1.5, 0.005);
 /// Normal quantile of a 95 % interval.
 const Z95: f64 = 1.959_964;
 
@@ -164,7 +169,8 @@ impl<'a> Outputs<'a> {
             .collect()
     }
 
-    /// The outputs of one effect by name, with errors carried through by their derivatives.
+    /// The outputs of one effect by name, with errors carried through by their derivatives, and widened by what the form of its
+    /// equation is worth.
     pub fn effect(&self, effect: EffectId) -> BTreeMap<String, Estimate> {
         let hypothesis = self.hypothesis;
         let Some(slot) = hypothesis.model.slots().iter().find(|s| s.effect == effect) else {
@@ -177,11 +183,19 @@ impl<'a> Outputs<'a> {
         for (lane, index) in fitted.iter().enumerate() {
             seeded[*index] = Dual::variable(hypothesis.parameters[*index], lane);
         }
-        let base = Base::new(&seeded);
+        let (base, cx) = (Base::new(&seeded), hypothesis.model.context());
+        let mut absent = hypothesis.own().to_vec();
+        for (index, info) in slot.parameters.clone().zip(effect.info().parameters) {
+            if info.role == Role::Amplitude {
+                absent[index] = 0.0;
+            }
+        }
+        let without = effect.outputs(&absent[slot.parameters.clone()], &Base::new(&absent), cx);
         effect
-            .outputs(&seeded[slot.parameters.clone()], &base, hypothesis.model.context())
+            .outputs(&seeded[slot.parameters.clone()], &base, cx)
             .into_iter()
-            .map(|(name, unit, value)| {
+            .zip(without)
+            .map(|((name, unit, value), (_, _, zero))| {
                 let mut variance = 0.0;
                 for (a, ka) in fitted.iter().enumerate() {
                     for (b, kb) in fitted.iter().enumerate() {
@@ -191,6 +205,8 @@ impl<'a> Outputs<'a> {
                         }
                     }
                 }
+                let strength = if zero.is_finite() { (value.re - zero).abs() } else { value.re.abs() };
+                variance = variance * FORM.0 * FORM.0 + (FORM.1 * strength).powi(2);
                 let fixed = value.eps.iter().all(|e| *e == 0.0);
                 let why = fixed.then(|| "a whole number, chosen and not estimated".to_string());
                 (name.to_string(), estimate(value.re, variance, unit, why))
