@@ -37,6 +37,8 @@ use verdict::{LEAST_GAIN, MOST_WORTH, PRICE};
 
 /// Fewest mechanical windows from which every other one is held out where no validation run is given.
 const FEWEST_WINDOWS: usize = 4;
+/// Share of the voltages' noise, as the bare machine sees it, below which a better model must bring it to be believed.
+const QUIETER: f64 = 0.93;
 /// Signals must exceed their noise by this factor for anything to be said.
 const LEAST_SIGNAL: f64 = 5.0;
 /// Relative standard error of an electrical base parameter, from the sensors' noise alone, from which the recording is
@@ -64,7 +66,7 @@ pub fn diagnose(
     if let Some(finding) = silent(&whole) {
         return Ok(undetermined(&whole, finding));
     }
-    let base = fit_base(&mut whole, monitor)?;
+    let mut base = fit_base(&mut whole, monitor)?;
     let mut others = Vec::new();
     for recording in further.iter().copied().chain(validation) {
         let mut data = prepare(recording)?;
@@ -73,26 +75,53 @@ pub fn diagnose(
         others.push(data);
     }
     let weak = weak_parameters(&whole, &base);
-    let poor = !weak.is_empty();
-    let split = (others.is_empty() && !poor).then(|| halves(&whole)).flatten();
     monitor.report("bare machine", 0.1);
-    let outcome = match &split {
-        Some((fitted, held_out)) => {
-            let start = refit(fitted, &base, monitor)?;
-            let searched =
-                Search { data: fitted, held_out: vec![held_out], most: search::MOST, monitor }.run(start)?;
-            on_whole(&whole, searched, &base, monitor)?
-        }
-        // What a poor recording leaves open a second one must not be held against it.
-        None => {
-            let (held_out, most) =
-                if poor { (Vec::new(), 1) } else { (others.iter().collect(), search::MOST) };
-            Search { data: &whole, held_out, most, monitor }.run(base)?
-        }
-    };
+    let mut outcome = search(&whole, &others, &base, weak.is_empty(), monitor)?;
+    if settled_anew(&mut whole, &mut others, &outcome) && !monitor.cancelled() {
+        base = refit(&whole, &base, monitor)?;
+        outcome = search(&whole, &others, &base, weak.is_empty(), monitor)?;
+    }
     monitor.report("answer", 0.97);
     let judge = others.last().filter(|_| validation.is_some());
     conclude(&whole, judge, outcome, &weak, monitor)
+}
+
+/// Searches for the effects, held against the other recordings or against every other window of this one.
+fn search(
+    whole: &Data,
+    others: &[Data],
+    base: &Hypothesis,
+    rich: bool,
+    monitor: &dyn Monitor,
+) -> Result<Outcome> {
+    let split = (others.is_empty() && rich).then(|| halves(whole)).flatten();
+    if let Some((fitted, held_out)) = &split {
+        let start = refit(fitted, base, monitor)?;
+        let searched =
+            Search { data: fitted, held_out: vec![held_out], most: search::MOST, monitor }.run(start)?;
+        return on_whole(whole, searched, base, monitor);
+    }
+    // What a poor recording leaves open a second one must not be held against it.
+    let (held_out, most) = if rich { (others.iter().collect(), search::MOST) } else { (Vec::new(), 1) };
+    Search { data: whole, held_out, most, monitor }.run(base.clone())
+}
+
+/// Measures noise on the voltages once more with the help of what was found, and says whether part of it was physics.
+fn settled_anew(whole: &mut Data, others: &mut [Data], outcome: &Outcome) -> bool {
+    let best = &outcome.best;
+    if whole.input.voltage == 0.0 || best.fitted.effects().is_empty() {
+        return false;
+    }
+    let mut again = whole.clone();
+    again.settle_floors(&best.fitted);
+    if again.input.voltage > QUIETER * whole.input.voltage {
+        return false;
+    }
+    *whole = again;
+    for (data, found) in others.iter_mut().zip(&best.held_out) {
+        data.settle_floors(found);
+    }
+    true
 }
 
 /// Fits the bare machine and settles the noise floors with its help.
