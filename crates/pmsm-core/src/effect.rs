@@ -63,6 +63,8 @@ pub enum Need {
     Transients,
     /// A rotor that turns.
     Motion,
+    /// Terminals through which current flows.
+    Current,
     /// Operating points or transients over a measured temperature or long enough to heat up by themselves.
     Time,
 }

@@ -182,10 +182,14 @@ impl<'a> Experiment<'a> {
                 put(q + k, (now[1] - i[1][k]) * wq);
             });
         }
-        if let (Some(((d, wd), (q, wq))), Some(v)) = (pair(Channel::VD, Channel::VQ), &self.signals.v) {
+        let axes = [self.row_of(Channel::VD), self.row_of(Channel::VQ)];
+        if let (true, Some(v)) = (axes.iter().any(Option::is_some), &self.signals.v) {
             quasi_static::run(self.model, self.signals, p, |k, now| {
-                put(d + k, (now[0] - v[0][k]) * wd);
-                put(q + k, (now[1] - v[1][k]) * wq);
+                for (axis, place) in axes.iter().enumerate() {
+                    if let Some((row, weight)) = place {
+                        put(row + k, (now[axis] - v[axis][k]) * *weight);
+                    }
+                }
             });
         }
     }

@@ -232,6 +232,12 @@ impl Model {
         derivative
     }
 
+    /// Derivative of the magnet's flux linkage (d, q) with respect to the electrical angle in an electrical state
+    /// `[λ_d, λ_q, extra …]`, V·s/rad.
+    pub fn magnet_slope<T: Real>(&self, p: &[T], base: &Base<T>, state: &[T], env: &Env<T>) -> [T; 2] {
+        self.sources(p, base, &state[2..], env).2.slope
+    }
+
     /// Terminal current and torque of an electrical state `[λ_d, λ_q, extra …]`.
     #[inline(always)]
     pub fn state_current<T: Real>(&self, p: &[T], base: &Base<T>, state: &[T], env: &Env<T>) -> Magnetic<T> {

@@ -58,7 +58,11 @@ impl Data {
             Kind::Full => &[Channel::ID, Channel::IQ, Channel::OmegaE],
             Kind::Electrical => &[Channel::ID, Channel::IQ],
             Kind::Mechanical => &[Channel::OmegaE],
-            Kind::OperatingPoints => &[Channel::VD, Channel::VQ],
+            Kind::OperatingPoints | Kind::OpenCircuit => match signals.axes {
+                [true, false] => &[Channel::VD],
+                [false, true] => &[Channel::VQ],
+                _ => &[Channel::VD, Channel::VQ],
+            },
         };
         let current = noise::current_noise(&signals);
         let floors = channels

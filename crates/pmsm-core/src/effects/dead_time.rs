@@ -22,7 +22,7 @@ impl Effect for DeadTime {
         look_alikes: &["rs_thermal_drift", "back_emf_harmonics", "phase_resistance_imbalance"],
         contains: &[],
         site: Site::Electrical,
-        needs: &[Need::Angle],
+        needs: &[Need::Angle, Need::Current],
         parameters: &[
             Parameter {
                 name: "v_err",
