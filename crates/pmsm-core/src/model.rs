@@ -66,7 +66,9 @@ impl Model {
             });
             (at, electrical, mechanical) = (at + count, electrical + e, mechanical + m);
         }
-        let uses_angle = effects.iter().any(|e| e.info().needs.contains(&Need::Angle));
+        let uses_angle = effects
+            .iter()
+            .any(|e| e.info().needs.iter().any(|n| matches!(n, Need::Angle | Need::AngleOrSteady)));
         let has_sensor = effects.iter().any(|e| e.info().site == Site::Sensor);
         let is_magnetic = effects.iter().any(|e| e.is_magnetic());
         Self { context, slots, uses_angle, has_sensor, electrical_count: electrical, is_magnetic }

@@ -94,7 +94,7 @@ impl<'a> Objective<'a> {
             torque: None,
             starts: None,
             whitening: None,
-            colour: 0.0,
+            colour: None,
         };
         Self { drive, experiment }
     }

@@ -407,7 +407,9 @@ mod tests {
         let abc = ["t", "v_d", "v_q", "i_a", "i_b", "theta_e", "omega_e"];
         assert_eq!(pick(&abc, 1e-4, Some(Load::Locked)), Ok(Kind::Electrical));
         assert_eq!(pick(&["t", "v_q", "i_d", "i_q", "omega_m"], 2.5, None), Ok(Kind::OperatingPoints));
-        assert!(pick(&["t", "v_q", "i_d", "i_q", "omega_m"], 1e-4, None).is_ok_and(|k| k == Kind::Mechanical));
+        assert!(
+            pick(&["t", "v_q", "i_d", "i_q", "omega_m"], 1e-4, None).is_ok_and(|k| k == Kind::Mechanical)
+        );
         assert_eq!(pick(&["t", "v_a", "v_b", "v_c", "omega_m"], 1e-4, None), Ok(Kind::OpenCircuit));
         assert!(pick(&["t", "v_d", "v_q", "omega_m"], 1e-4, None).is_err());
         assert!(pick(&["t", "v_d", "v_q", "i_d", "i_q"], 1e-4, None).is_err());

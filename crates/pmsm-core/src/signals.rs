@@ -202,6 +202,7 @@ impl Signals {
                 v_dc: machine.v_dc.unwrap_or(0.0),
                 electrical_rate: electrical_rate(machine),
                 zero_sequence: 0.0,
+                steady: operating_points,
                 has_temperature: recording.has(&["temperature"]),
                 has_magnet_temperature: recording.has(&["temperature_magnet"]),
             },

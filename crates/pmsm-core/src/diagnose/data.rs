@@ -108,7 +108,7 @@ impl Data {
             torque: None,
             starts: None,
             whitening: self.whitening.as_ref().zip(self.current_floors()),
-            colour: 0.0,
+            colour: None,
             held_out: self.held_out.as_deref(),
             prior: &self.prior,
         }

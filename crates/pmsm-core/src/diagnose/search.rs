@@ -174,6 +174,9 @@ impl Search<'_> {
         }
         for need in info.needs {
             match need {
+                Need::AngleOrSteady if !signals.angle_known && signals.kind != Kind::OperatingPoints => {
+                    return Some("the rotor angle was not recorded".into());
+                }
                 Need::Angle if !signals.angle_known => {
                     return Some("the rotor angle was not recorded".into());
                 }

@@ -87,7 +87,8 @@ pub fn calibrate(
             "sample at least five times per electrical turn",
         );
     }
-    let stride = n.div_ceil(MOST_SAMPLES).min((per_turn / (orders as f64 * LEAST_PER_PERIOD)) as usize).max(1);
+    let stride =
+        n.div_ceil(MOST_SAMPLES).min((per_turn / (orders as f64 * LEAST_PER_PERIOD)) as usize).max(1);
     let kept: Vec<usize> = (0..n).step_by(stride).collect();
     let pick = |x: &[f64]| DVector::from_iterator(kept.len(), kept.iter().map(|k| x[*k]));
     let (omega, theta) = (pick(omega), pick(theta).add_scalar(-theta[0]));
@@ -257,7 +258,10 @@ impl Calibration {
                 findings.push(Finding {
                     finding: format!("the sensor of {column} has {gain:.4} times the gain of the others"),
                     consequence: "it is divided by this factor".into(),
-                    fix: format!("check the scale of its probe, or give scale = {:.4} in [columns]", 1.0 / gain),
+                    fix: format!(
+                        "check the scale of its probe, or give scale = {:.4} in [columns]",
+                        1.0 / gain
+                    ),
                 });
             }
             let (offset, fundamental) = (self.offset[x], self.flux[x] * self.top);
@@ -312,7 +316,9 @@ mod tests {
         let voltages = (0..3)
             .map(|x| {
                 let phase = |k: usize| 1.01 * theta[k] + 0.4 - sense * x as f64 * TAU / 3.0;
-                let emf = |k: usize| -omega[k] * 1.01 * 5e-3 * (phase(k).sin() + 0.03 * (5.0 * phase(k) + 1.0).sin());
+                let emf = |k: usize| {
+                    -omega[k] * 1.01 * 5e-3 * (phase(k).sin() + 0.03 * (5.0 * phase(k) + 1.0).sin())
+                };
                 (0..n).map(|k| OFFSET[x] + GAIN[x] * emf(k)).collect()
             })
             .collect();
@@ -333,7 +339,9 @@ mod tests {
         }
         let words: Vec<String> = found.findings(false).into_iter().map(|f| f.finding).collect();
         assert!(words[0].contains("v_b has 0.1000 times") && words.len() == 5, "{words:?}");
-        assert!(words[1].contains("v_b has an offset") && words[2].contains("v_c has an offset of -0.2000 V"));
+        assert!(
+            words[1].contains("v_b has an offset") && words[2].contains("v_c has an offset of -0.2000 V")
+        );
     }
 
     #[test]
