@@ -19,6 +19,7 @@
 //! sign convention is the motor's.
 
 pub mod base;
+pub mod colour;
 pub mod diagnose;
 pub mod drive;
 pub mod effect;

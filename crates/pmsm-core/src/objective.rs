@@ -37,6 +37,8 @@ pub enum Drive {
     MeasuredTorque,
     /// Steady operating points: the voltage that each measured current and speed calls for.
     OperatingPoints,
+    /// The measured speed turns the magnet past open terminals.
+    OpenCircuit,
 }
 
 impl Drive {
@@ -46,7 +48,7 @@ impl Drive {
             Self::Coupled => &[Channel::ID, Channel::IQ, Channel::OmegaE],
             Self::MeasuredSpeed => &[Channel::ID, Channel::IQ],
             Self::MeasuredTorque => &[Channel::OmegaE],
-            Self::OperatingPoints => &[Channel::VD, Channel::VQ],
+            Self::OperatingPoints | Self::OpenCircuit => &[Channel::VD, Channel::VQ],
         }
     }
 }
@@ -74,7 +76,12 @@ impl<'a> Objective<'a> {
     pub fn new(drive: Drive, model: &'a Model, signals: &'a Signals, windows: &'a [Range<usize>]) -> Self {
         let (phase, speed) = (1.0 / PHASES.sqrt(), 1.0 / speed_weight(signals));
         let sigma = |c: Channel| if c == Channel::OmegaE { speed } else { phase };
-        let channels = drive.channels().iter().map(|c| (*c, sigma(*c))).collect();
+        let logged = |c: &&Channel| match c {
+            Channel::VD => signals.axes[0],
+            Channel::VQ => signals.axes[1],
+            _ => true,
+        };
+        let channels = drive.channels().iter().filter(logged).map(|c| (*c, sigma(*c))).collect();
         let nuisance = Nuisance::unknown(0, model.mechanical_states());
         let experiment = Experiment {
             model,
@@ -87,7 +94,7 @@ impl<'a> Objective<'a> {
             torque: None,
             starts: None,
             whitening: None,
-            colour: 0.0,
+            colour: None,
         };
         Self { drive, experiment }
     }

@@ -163,14 +163,20 @@ impl Search<'_> {
             (Site::Electrical | Site::Sensor, Kind::Mechanical) => {
                 return Some("the recording has no voltages".into());
             }
-            (Site::Mechanical, Kind::Electrical | Kind::OperatingPoints) => {
+            (Site::Mechanical, Kind::Electrical | Kind::OperatingPoints | Kind::OpenCircuit) => {
                 return Some("the recording does not show the motion".into());
+            }
+            (Site::Sensor, Kind::OpenCircuit) if signals.angle_from_voltages => {
+                return Some("the rotor angle was taken from the voltages themselves".into());
             }
             (Site::Mechanical, _) if signals.load == Load::Locked => return Some("the rotor is held".into()),
             _ => {}
         }
         for need in info.needs {
             match need {
+                Need::AngleOrSteady if !signals.angle_known && signals.kind != Kind::OperatingPoints => {
+                    return Some("the rotor angle was not recorded".into());
+                }
                 Need::Angle if !signals.angle_known => {
                     return Some("the rotor angle was not recorded".into());
                 }
@@ -185,6 +191,9 @@ impl Search<'_> {
                     return Some("no temperature was recorded".into());
                 }
                 Need::Motion if !turning => return Some("the rotor does not turn".into()),
+                Need::Current if signals.kind == Kind::OpenCircuit => {
+                    return Some("no current flows through open terminals".into());
+                }
                 _ => {}
             }
         }

@@ -172,6 +172,7 @@ mod tests {
             v_dc: 1.0,
             electrical_rate: 1.0,
             zero_sequence: 0.0,
+            steady: false,
             has_temperature: false,
             has_magnet_temperature: false,
         };
