@@ -12,9 +12,12 @@ pub mod hypothesis;
 pub mod locate;
 mod motion;
 mod outputs;
+mod power;
 mod prescribe;
 pub mod search;
 pub mod shortlist;
+#[cfg(test)]
+mod testing;
 pub mod verdict;
 
 use crate::effect::Site;
@@ -25,7 +28,7 @@ use crate::model::Model;
 use crate::monitor::Monitor;
 use crate::recording::{Kind, Recording};
 use crate::signals::{Finding, Signals};
-use answer::{Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, Step, Traces, Unseen, Verdict};
+use answer::{Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, Step, Traces, Verdict};
 use data::Data;
 use decide::Ranked;
 use hypothesis::Hypothesis;
@@ -33,7 +36,6 @@ use locate::Located;
 use outputs::{Inseparable, Outputs};
 use search::{Outcome, Search};
 use std::collections::BTreeMap;
-use verdict::{LEAST_GAIN, MOST_WORTH, PRICE};
 
 /// Fewest mechanical windows from which every other one is held out where no validation run is given.
 const FEWEST_WINDOWS: usize = 4;
@@ -252,6 +254,9 @@ fn conclude(
         outcome.best = outcome.base.clone();
         outcome.path.truncate(1);
         outcome.swaps.clear();
+        let asked: Vec<_> = outcome.singles.iter().map(|(p, _)| p.effect).collect();
+        let worth = outcome.scale.worth();
+        outcome.shown = power::survey(data, &outcome.base.fitted, &asked, worth, true, monitor);
     }
     let (mut verdict, ranked) = decide::decide(&outcome, !weak.is_empty());
     let last = outcome.path.len() - 1;
@@ -285,7 +290,7 @@ fn conclude(
         fit.validation = table(&traces.validation, judge);
     }
     let ranking = ranked.iter().map(|r| candidate(data, &outcome, r, &model_outputs)).collect();
-    let next_experiment = next_experiment(data, &ranked, &outcome, verdict, weak);
+    let next_experiment = prescribe::next_experiment(data, &ranked, &outcome, verdict, weak, monitor)?;
     Ok(Answer {
         schema: "pmsm-rs.diagnosis/1",
         verdict,
@@ -297,7 +302,7 @@ fn conclude(
             base: model_outputs.base(),
         },
         path: outcome.path.iter().map(|judged| step(data, &judged.fitted)).collect(),
-        cannot_see: cannot_see(&outcome),
+        cannot_see: power::cannot_see(&outcome),
         next_experiment,
         noise_floor: floors(data),
         fit,
@@ -360,41 +365,6 @@ fn located(data: &Data, outcome: &Outcome, verdict: Verdict) -> Vec<Located> {
     located
 }
 
-fn next_experiment(
-    data: &Data,
-    ranked: &[Ranked],
-    outcome: &Outcome,
-    verdict: Verdict,
-    weak: &[String],
-) -> Option<String> {
-    let rich = "reversals through standstill, two levels of i_q, steps of i_d, a coast-down";
-    match verdict {
-        Verdict::Named | Verdict::NoMismatch | Verdict::Undetermined => (!weak.is_empty())
-            .then(|| format!("This recording does not show {}: record {rich}.", weak.join(", "))),
-        Verdict::Unknown => Some(format!(
-            "Repeat the recording at the located place and around it, with {rich}, to see on what the rest depends."
-        )),
-        Verdict::Ambiguous => {
-            let first = ranked.iter().find(|r| !r.equivalent.is_empty());
-            let Some(first) = first else { return Some(format!("Record {}.", other_points(data, rich))) };
-            let other = first.equivalent[0];
-            let rival = outcome.swaps.iter().find(|s| s.replaced == first.effect && s.by == Some(other))?;
-            let text =
-                prescribe::separate(data, (first.effect.id(), &outcome.best), (other.id(), &rival.judged));
-            Some(if weak.is_empty() { text } else { format!("{text} Record {rich}.") })
-        }
-    }
-}
-
-/// What to record next where several parameters are entangled.
-fn other_points(data: &Data, rich: &str) -> String {
-    if data.signals.kind == Kind::OperatingPoints {
-        "points at other speeds, both directions, several levels of i_d and i_q, cold and warm".into()
-    } else {
-        rich.into()
-    }
-}
-
 fn quality(data: &Data, weak: &[String], found: &[Inseparable]) -> Vec<Finding> {
     let mut findings = data.signals.findings.clone();
     findings.extend(data.input.findings(&data.signals));
@@ -425,28 +395,6 @@ fn quality(data: &Data, weak: &[String], found: &[Inseparable]) -> Vec<Finding> 
         });
     }
     findings
-}
-
-/// Effects that would probably be missed at their typical strength, and those that could not be asked for.
-fn cannot_see(outcome: &Outcome) -> Vec<Unseen> {
-    let found = outcome.best.fitted.effects();
-    let mut out: Vec<Unseen> = outcome
-        .unfit
-        .iter()
-        .map(|(effect, why)| Unseen { effect: effect.id().into(), why: why.clone(), power: 0.0 })
-        .collect();
-    for (prospect, _) in outcome.singles.iter().filter(|(p, _)| !found.contains(&p.effect)) {
-        let expected = 0.5 * MOST_WORTH * (1.0 + prospect.visible).ln();
-        let count = prospect.effect.info().parameters.len() as f64;
-        let power =
-            1.0 - locate::upper_tail((expected - LEAST_GAIN - PRICE * count) / (2.0 * expected + 1.0).sqrt());
-        if power < 0.5 {
-            let why =
-                "at its typical strength it would disappear in the noise or in the fitted parameters".into();
-            out.push(Unseen { effect: prospect.effect.id().into(), why, power });
-        }
-    }
-    out
 }
 
 /// Measured, before and after, with the operating point.

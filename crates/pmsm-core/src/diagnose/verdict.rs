@@ -69,6 +69,11 @@ impl Scale {
         }
     }
 
+    /// Independent samples that each channel of the fitted recording is worth.
+    pub fn worth(&self) -> &[f64] {
+        &self.fitted
+    }
+
     /// Loss of a hypothesis in nats; differences are log odds.
     pub fn loss(&self, judged: &Judged) -> f64 {
         let fitted = &judged.fitted;
