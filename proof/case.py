@@ -137,6 +137,12 @@ def account(machine: Machine, effects: Effects, manoeuvre: Manoeuvre, run: Run) 
     return out
 
 
+def stated(effects: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
+    """The parameters as an answer states them: a sensor's gain, not its error."""
+    gains = "current_gain_imbalance"
+    return {k: {n: 1.0 + x for n, x in v.items()} if k == gains else v for k, v in effects.items()}
+
+
 def make_case(
     folder: str | os.PathLike[str],
     machine: Machine,
@@ -195,7 +201,7 @@ def make_case(
         "expected": "unknown" if unknown else label,
         "equation": {k: EQUATION[k][0] for k in filled},
         "accept": {k: list(EQUATION[k]) for k in filled},
-        "parameters": filled,
+        "parameters": stated(filled),
         "also_accept": [],
         "indistinguishable": [],
         "base_true": {k: getattr(machine, k) for k in BASE},

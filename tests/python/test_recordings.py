@@ -158,3 +158,52 @@ def test_a_motor_that_warms_up_shows_thermal_drift_of_magnet_and_winding() -> No
         confounded = [item for item in answer.data_quality if "hardly separable" in item["finding"]]
         assert any("r_s" in item["finding"] for item in confounded)
         assert "other speeds" in answer.next_experiment
+
+
+def test_a_servo_bench_shows_coulomb_friction() -> None:
+    answer = diagnose("hsm150.toml", "hsm150/idf_pos_0.06_1.mat", "hsm150/idf_pos_0.06_2.mat")
+    assert answer.ranking[0].effect == "coulomb_friction"
+    assert answer.ranking[0].parameters["tau_c"].value == pytest.approx(0.037, rel=0.25)
+    fit = answer.fit["validation"]
+    assert fit["after"]["omega_e"] < 0.5 * fit["before"]["omega_e"]
+
+
+def test_a_flexible_coupling_shows_antiresonance_and_resonance() -> None:
+    answer = diagnose("flexible_shaft.toml", "flexible_shaft/MultisineTypeA.mat")
+    assert (answer.verdict, answer.effects) == ("named", ("two_mass_shaft",))
+    shaft = answer.ranking[0].parameters
+    assert shaft["f_antires"].value == pytest.approx(54.0, abs=3.0)
+    assert shaft["f_res"].value == pytest.approx(76.0, abs=3.0)
+
+
+def test_open_terminals_show_the_harmonics_and_what_is_wrong_with_the_probes() -> None:
+    answer = diagnose("back_emf_scope.toml", "back_emf_scope/1000rpm_CHAN1.csv")
+    assert answer.recording_kind == "open_circuit"
+    assert (answer.verdict, answer.effects) == ("named", ("back_emf_harmonics",))
+    harmonics = answer.ranking[0].parameters
+    # The phases taken by themselves have a 5th harmonic of 3.4 to 3.7 % and a 7th of 0.2 to 0.5 %.
+    assert harmonics["e5_rel"].value == pytest.approx(0.036, abs=0.002)
+    assert harmonics["e7_rel"].value == pytest.approx(0.0035, abs=0.0015)
+    found = [item["finding"] for item in answer.data_quality]
+    assert any("v_c has 0.1000 times the gain" in text for text in found)
+    assert any("v_b has an offset of -0.16" in text for text in found)
+    assert answer.base["psi_m"].value == pytest.approx(3.95 / (2 * np.pi * 1000 / 60 * 7), rel=0.01)
+
+
+def test_inductance_measured_by_a_drive_shows_saturation() -> None:
+    answer = diagnose("moteus_mj5208.toml", "moteus_inductance/ld_mj5208.json")
+    assert answer.recording_kind == "operating_points"
+    assert answer.verdict == "named"
+    assert "saturation_d" in answer.effects
+    fit = answer.fit["recording"]
+    assert set(fit["after"]) == {"v_q"}
+    assert fit["after"]["v_q"] < 0.3 * fit["before"]["v_q"]
+
+
+def test_a_flux_map_shows_saturation_and_no_resistance() -> None:
+    answer = diagnose("baldor.toml", "baldor_flux_map/baldor_400rpm_map.npz")
+    assert answer.verdict == "named"
+    assert set(answer.effects) == {"saturation_q", "cross_saturation"}
+    r_s = answer.base["r_s"]
+    assert r_s.value is None
+    assert "does not show" in (r_s.why_none or "")

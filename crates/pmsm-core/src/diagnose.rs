@@ -12,9 +12,12 @@ pub mod hypothesis;
 pub mod locate;
 mod motion;
 mod outputs;
+mod power;
 mod prescribe;
 pub mod search;
 pub mod shortlist;
+#[cfg(test)]
+mod testing;
 pub mod verdict;
 
 use crate::effect::Site;
@@ -25,7 +28,7 @@ use crate::model::Model;
 use crate::monitor::Monitor;
 use crate::recording::{Kind, Recording};
 use crate::signals::{Finding, Signals};
-use answer::{Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, Step, Traces, Unseen, Verdict};
+use answer::{Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, Step, Traces, Verdict};
 use data::Data;
 use decide::Ranked;
 use hypothesis::Hypothesis;
@@ -33,10 +36,11 @@ use locate::Located;
 use outputs::{Inseparable, Outputs};
 use search::{Outcome, Search};
 use std::collections::BTreeMap;
-use verdict::{LEAST_GAIN, MOST_WORTH, PRICE};
 
 /// Fewest mechanical windows from which every other one is held out where no validation run is given.
 const FEWEST_WINDOWS: usize = 4;
+/// Share of the voltages' noise, as the bare machine sees it, below which a better model must bring it to be believed.
+const QUIETER: f64 = 0.93;
 /// Signals must exceed their noise by this factor for anything to be said.
 const LEAST_SIGNAL: f64 = 5.0;
 /// Relative standard error of an electrical base parameter, from the sensors' noise alone, from which the recording is
@@ -64,7 +68,7 @@ pub fn diagnose(
     if let Some(finding) = silent(&whole) {
         return Ok(undetermined(&whole, finding));
     }
-    let base = fit_base(&mut whole, monitor)?;
+    let mut base = fit_base(&mut whole, monitor)?;
     let mut others = Vec::new();
     for recording in further.iter().copied().chain(validation) {
         let mut data = prepare(recording)?;
@@ -73,26 +77,53 @@ pub fn diagnose(
         others.push(data);
     }
     let weak = weak_parameters(&whole, &base);
-    let poor = !weak.is_empty();
-    let split = (others.is_empty() && !poor).then(|| halves(&whole)).flatten();
     monitor.report("bare machine", 0.1);
-    let outcome = match &split {
-        Some((fitted, held_out)) => {
-            let start = refit(fitted, &base, monitor)?;
-            let searched =
-                Search { data: fitted, held_out: vec![held_out], most: search::MOST, monitor }.run(start)?;
-            on_whole(&whole, searched, &base, monitor)?
-        }
-        // What a poor recording leaves open a second one must not be held against it.
-        None => {
-            let (held_out, most) =
-                if poor { (Vec::new(), 1) } else { (others.iter().collect(), search::MOST) };
-            Search { data: &whole, held_out, most, monitor }.run(base)?
-        }
-    };
+    let mut outcome = search(&whole, &others, &base, weak.is_empty(), monitor)?;
+    if settled_anew(&mut whole, &mut others, &outcome) && !monitor.cancelled() {
+        base = refit(&whole, &base, monitor)?;
+        outcome = search(&whole, &others, &base, weak.is_empty(), monitor)?;
+    }
     monitor.report("answer", 0.97);
     let judge = others.last().filter(|_| validation.is_some());
     conclude(&whole, judge, outcome, &weak, monitor)
+}
+
+/// Searches for the effects, held against the other recordings or against every other window of this one.
+fn search(
+    whole: &Data,
+    others: &[Data],
+    base: &Hypothesis,
+    rich: bool,
+    monitor: &dyn Monitor,
+) -> Result<Outcome> {
+    let split = (others.is_empty() && rich).then(|| halves(whole)).flatten();
+    if let Some((fitted, held_out)) = &split {
+        let start = refit(fitted, base, monitor)?;
+        let searched =
+            Search { data: fitted, held_out: vec![held_out], most: search::MOST, monitor }.run(start)?;
+        return on_whole(whole, searched, base, monitor);
+    }
+    // What a poor recording leaves open a second one must not be held against it.
+    let (held_out, most) = if rich { (others.iter().collect(), search::MOST) } else { (Vec::new(), 1) };
+    Search { data: whole, held_out, most, monitor }.run(base.clone())
+}
+
+/// Measures noise on the voltages once more with the help of what was found, and says whether part of it was physics.
+fn settled_anew(whole: &mut Data, others: &mut [Data], outcome: &Outcome) -> bool {
+    let best = &outcome.best;
+    if whole.input.voltage == 0.0 || best.fitted.effects().is_empty() {
+        return false;
+    }
+    let mut again = whole.clone();
+    again.settle_floors(&best.fitted);
+    if again.input.voltage > QUIETER * whole.input.voltage {
+        return false;
+    }
+    *whole = again;
+    for (data, found) in others.iter_mut().zip(&best.held_out) {
+        data.settle_floors(found);
+    }
+    true
 }
 
 /// Fits the bare machine and settles the noise floors with its help.
@@ -223,6 +254,9 @@ fn conclude(
         outcome.best = outcome.base.clone();
         outcome.path.truncate(1);
         outcome.swaps.clear();
+        let asked: Vec<_> = outcome.singles.iter().map(|(p, _)| p.effect).collect();
+        let worth = outcome.scale.worth();
+        outcome.shown = power::survey(data, &outcome.base.fitted, &asked, worth, true, monitor);
     }
     let (mut verdict, ranked) = decide::decide(&outcome, !weak.is_empty());
     let last = outcome.path.len() - 1;
@@ -256,7 +290,7 @@ fn conclude(
         fit.validation = table(&traces.validation, judge);
     }
     let ranking = ranked.iter().map(|r| candidate(data, &outcome, r, &model_outputs)).collect();
-    let next_experiment = next_experiment(data, &ranked, &outcome, verdict, weak);
+    let next_experiment = prescribe::next_experiment(data, &ranked, &outcome, verdict, weak, monitor)?;
     Ok(Answer {
         schema: "pmsm-rs.diagnosis/1",
         verdict,
@@ -268,7 +302,7 @@ fn conclude(
             base: model_outputs.base(),
         },
         path: outcome.path.iter().map(|judged| step(data, &judged.fitted)).collect(),
-        cannot_see: cannot_see(&outcome),
+        cannot_see: power::cannot_see(&outcome),
         next_experiment,
         noise_floor: floors(data),
         fit,
@@ -331,41 +365,6 @@ fn located(data: &Data, outcome: &Outcome, verdict: Verdict) -> Vec<Located> {
     located
 }
 
-fn next_experiment(
-    data: &Data,
-    ranked: &[Ranked],
-    outcome: &Outcome,
-    verdict: Verdict,
-    weak: &[String],
-) -> Option<String> {
-    let rich = "reversals through standstill, two levels of i_q, steps of i_d, a coast-down";
-    match verdict {
-        Verdict::Named | Verdict::NoMismatch | Verdict::Undetermined => (!weak.is_empty())
-            .then(|| format!("This recording does not show {}: record {rich}.", weak.join(", "))),
-        Verdict::Unknown => Some(format!(
-            "Repeat the recording at the located place and around it, with {rich}, to see on what the rest depends."
-        )),
-        Verdict::Ambiguous => {
-            let first = ranked.iter().find(|r| !r.equivalent.is_empty());
-            let Some(first) = first else { return Some(format!("Record {}.", other_points(data, rich))) };
-            let other = first.equivalent[0];
-            let rival = outcome.swaps.iter().find(|s| s.replaced == first.effect && s.by == Some(other))?;
-            let text =
-                prescribe::separate(data, (first.effect.id(), &outcome.best), (other.id(), &rival.judged));
-            Some(if weak.is_empty() { text } else { format!("{text} Record {rich}.") })
-        }
-    }
-}
-
-/// What to record next where several parameters are entangled.
-fn other_points(data: &Data, rich: &str) -> String {
-    if data.signals.kind == Kind::OperatingPoints {
-        "points at other speeds, both directions, several levels of i_d and i_q, cold and warm".into()
-    } else {
-        rich.into()
-    }
-}
-
 fn quality(data: &Data, weak: &[String], found: &[Inseparable]) -> Vec<Finding> {
     let mut findings = data.signals.findings.clone();
     findings.extend(data.input.findings(&data.signals));
@@ -396,28 +395,6 @@ fn quality(data: &Data, weak: &[String], found: &[Inseparable]) -> Vec<Finding> 
         });
     }
     findings
-}
-
-/// Effects that would probably be missed at their typical strength, and those that could not be asked for.
-fn cannot_see(outcome: &Outcome) -> Vec<Unseen> {
-    let found = outcome.best.fitted.effects();
-    let mut out: Vec<Unseen> = outcome
-        .unfit
-        .iter()
-        .map(|(effect, why)| Unseen { effect: effect.id().into(), why: why.clone(), power: 0.0 })
-        .collect();
-    for (prospect, _) in outcome.singles.iter().filter(|(p, _)| !found.contains(&p.effect)) {
-        let expected = 0.5 * MOST_WORTH * (1.0 + prospect.visible).ln();
-        let count = prospect.effect.info().parameters.len() as f64;
-        let power =
-            1.0 - locate::upper_tail((expected - LEAST_GAIN - PRICE * count) / (2.0 * expected + 1.0).sqrt());
-        if power < 0.5 {
-            let why =
-                "at its typical strength it would disappear in the noise or in the fitted parameters".into();
-            out.push(Unseen { effect: prospect.effect.id().into(), why, power });
-        }
-    }
-    out
 }
 
 /// Measured, before and after, with the operating point.

@@ -59,10 +59,14 @@ pub struct Parameter {
 pub enum Need {
     /// Electrical (or mechanical) rotor angle.
     Angle,
+    /// Electrical rotor angle, or operating points, of which each is a mean over whole revolutions.
+    AngleOrSteady,
     /// A transient recording, not operating points.
     Transients,
     /// A rotor that turns.
     Motion,
+    /// Terminals through which current flows.
+    Current,
     /// Operating points or transients over a measured temperature or long enough to heat up by themselves.
     Time,
 }
@@ -119,6 +123,8 @@ pub struct Context {
     pub electrical_rate: f64,
     /// Mean of the three phase currents, A (zero where fewer than three are logged).
     pub zero_sequence: f64,
+    /// Whether samples are steady operating points, each a mean over whole revolutions.
+    pub steady: bool,
     /// Whether a winding temperature is logged.
     pub has_temperature: bool,
     /// Whether a magnet temperature is logged.

@@ -10,6 +10,7 @@ mod speed;
 pub use fitting::Fitted;
 
 use crate::base::BASE;
+use crate::colour::Colour;
 use crate::dual::Dual;
 use crate::effect::Site;
 use crate::machine::BaseParameter;
@@ -81,8 +82,8 @@ pub struct Experiment<'a> {
     pub starts: Option<Cow<'a, [f64]>>,
     /// Filter that whitens the currents' residual, and the floors (A) of i_d and i_q to which it refers; none leaves it as it is.
     pub whitening: Option<(&'a Whitening, [f64; 2])>,
-    /// Lag-one correlation by which the speed's residual is whitened within each window; zero leaves it as it is.
-    pub colour: f64,
+    /// Colour by which the speed's residual is whitened within each window; none leaves it as it is.
+    pub colour: Option<Colour>,
     /// Samples that do not count (held out), if any.
     pub held_out: Option<&'a [bool]>,
     /// What is known beforehand: parameter, value, standard deviation. It decides only what the recording does not show.
@@ -183,10 +184,14 @@ impl<'a> Experiment<'a> {
                 put(q + k, (now[1] - i[1][k]) * wq);
             });
         }
-        if let (Some(((d, wd), (q, wq))), Some(v)) = (pair(Channel::VD, Channel::VQ), &self.signals.v) {
+        let axes = [self.row_of(Channel::VD), self.row_of(Channel::VQ)];
+        if let (true, Some(v)) = (axes.iter().any(Option::is_some), &self.signals.v) {
             quasi_static::run(self.model, self.signals, p, |k, now| {
-                put(d + k, (now[0] - v[0][k]) * wd);
-                put(q + k, (now[1] - v[1][k]) * wq);
+                for (axis, place) in axes.iter().enumerate() {
+                    if let Some((row, weight)) = place {
+                        put(row + k, (now[axis] - v[axis][k]) * *weight);
+                    }
+                }
             });
         }
     }

@@ -21,6 +21,7 @@
 
 pub mod bare;
 pub mod base;
+pub mod colour;
 pub mod diagnose;
 pub mod drive;
 pub mod dual;

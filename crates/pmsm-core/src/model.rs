@@ -66,7 +66,9 @@ impl Model {
             });
             (at, electrical, mechanical) = (at + count, electrical + e, mechanical + m);
         }
-        let uses_angle = effects.iter().any(|e| e.info().needs.contains(&Need::Angle));
+        let uses_angle = effects
+            .iter()
+            .any(|e| e.info().needs.iter().any(|n| matches!(n, Need::Angle | Need::AngleOrSteady)));
         let has_sensor = effects.iter().any(|e| e.info().site == Site::Sensor);
         let is_magnetic = effects.iter().any(|e| e.is_magnetic());
         Self { context, slots, uses_angle, has_sensor, electrical_count: electrical, is_magnetic }
@@ -230,6 +232,12 @@ impl Model {
             }
         }
         derivative
+    }
+
+    /// Derivative of the magnet's flux linkage (d, q) with respect to the electrical angle in an electrical state
+    /// `[λ_d, λ_q, extra …]`, V·s/rad.
+    pub fn magnet_slope<T: Real>(&self, p: &[T], base: &Base<T>, state: &[T], env: &Env<T>) -> [T; 2] {
+        self.sources(p, base, &state[2..], env).2.slope
     }
 
     /// Terminal current and torque of an electrical state `[λ_d, λ_q, extra …]`.

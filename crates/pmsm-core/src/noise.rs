@@ -81,6 +81,7 @@ pub fn floors(experiment: &Experiment, p: &[f64]) -> (Vec<Floor>, InputNoise) {
             let sensor = match channel {
                 Channel::ID | Channel::IQ => current_noise(signals).unwrap_or_else(|| white_noise(&rest(at))),
                 Channel::OmegaE => white_noise(&signals.omega_e),
+                Channel::VD | Channel::VQ if signals.kind == Kind::OpenCircuit => white_noise(&rest(at)),
                 Channel::VD | Channel::VQ => neighbour_noise(&rest(at), signals),
             };
             // A noiseless log still has a resolution; nothing can be told below it.
@@ -89,7 +90,7 @@ pub fn floors(experiment: &Experiment, p: &[f64]) -> (Vec<Floor>, InputNoise) {
         })
         .collect();
     let input = voltage_noise(experiment, p, &rest, &mut floors);
-    if signals.kind != Kind::OperatingPoints {
+    if !matches!(signals.kind, Kind::OperatingPoints | Kind::OpenCircuit) {
         add_driven(experiment, p, &prediction, &input, &mut floors);
     }
     (floors, input)

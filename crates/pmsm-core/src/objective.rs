@@ -45,6 +45,8 @@ pub enum Drive {
     MeasuredTorque,
     /// Steady operating points: the voltage that each measured current and speed calls for.
     OperatingPoints,
+    /// The measured speed turns the magnet past open terminals.
+    OpenCircuit,
 }
 
 impl Drive {
@@ -54,7 +56,7 @@ impl Drive {
             Self::Coupled => &[Channel::ID, Channel::IQ, Channel::OmegaE],
             Self::MeasuredSpeed => &[Channel::ID, Channel::IQ],
             Self::MeasuredTorque => &[Channel::OmegaE],
-            Self::OperatingPoints => &[Channel::VD, Channel::VQ],
+            Self::OperatingPoints | Self::OpenCircuit => &[Channel::VD, Channel::VQ],
         }
     }
 }
@@ -100,7 +102,12 @@ impl<'a> Objective<'a> {
     ) -> Self {
         let (phase, speed) = (1.0 / PHASES.sqrt(), 1.0 / speed_weight(signals));
         let sigma = |c: Channel| if c == Channel::OmegaE { speed } else { phase };
-        let channels = drive.channels().iter().map(|c| (*c, sigma(*c))).collect();
+        let logged = |c: &&Channel| match c {
+            Channel::VD => signals.axes[0],
+            Channel::VQ => signals.axes[1],
+            _ => true,
+        };
+        let channels = drive.channels().iter().filter(logged).map(|c| (*c, sigma(*c))).collect();
         let nuisance = Nuisance::unknown(0, model.mechanical_states());
         let experiment = Experiment {
             model,
@@ -113,7 +120,7 @@ impl<'a> Objective<'a> {
             torque: None,
             starts: None,
             whitening: None,
-            colour: 0.0,
+            colour: None,
         };
         Self { drive, experiment, track }
     }

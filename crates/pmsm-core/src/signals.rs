@@ -3,6 +3,7 @@
 
 mod clock;
 mod lag;
+mod open_circuit;
 
 use crate::effect::Context;
 use crate::error::{Error, Result};
@@ -38,8 +39,10 @@ pub struct Signals {
     pub period: f64,
     /// Period of the drive's control, s, where the machine file tells it.
     pub control_period: Option<f64>,
-    /// Rotor-frame voltage acting from each sample to the next, V.
+    /// Rotor-frame voltage acting from each sample to the next, V; zero on an axis that was not logged.
     pub v: Option<[Vec<f64>; 2]>,
+    /// Whether the voltage of the d and of the q axis was logged.
+    pub axes: [bool; 2],
     /// Rotor-frame current in the logged frame, A.
     pub i: Option<[Vec<f64>; 2]>,
     /// Phase currents as logged (a missing third completed to zero sum), A.
@@ -50,6 +53,8 @@ pub struct Signals {
     pub theta_m: Vec<f64>,
     /// Whether an angle was logged.
     pub angle_known: bool,
+    /// Whether the angle was taken from the voltages of open terminals; `angle_known` is true then.
+    pub angle_from_voltages: bool,
     /// Whether the mechanical angle was logged, so that runs agree on whole electrical turns.
     pub turn_known: bool,
     /// Whether three phase currents were logged.
@@ -108,24 +113,47 @@ impl Signals {
             }
         };
         let operating_points = recording.kind() == Kind::OperatingPoints;
+        let open = recording.kind() == Kind::OpenCircuit;
         if let (Some(angle), true, false) = (&logged_angle, speed_known, operating_points) {
             check_sense(&t, angle, &omega_e, &segments, machine.n_p)?;
         }
-        let theta_e = logged_angle.unwrap_or_else(|| integrate(&t, &omega_e));
-        let theta_m = mechanical.unwrap_or_else(|| theta_e.iter().map(|x| x / n_p).collect());
+        let mut theta_e = logged_angle.unwrap_or_else(|| integrate(&t, &omega_e));
 
         let mut findings = Vec::new();
+        let induced = match phase_columns(recording).filter(|_| open) {
+            Some(abc) => {
+                let calibration = open_circuit::calibrate(abc, &omega_e, &theta_e, angle_known)?;
+                findings.extend(calibration.findings(angle_known));
+                if !angle_known {
+                    omega_e.iter_mut().for_each(|w| *w *= calibration.speed);
+                    theta_e.iter_mut().for_each(|x| *x = calibration.angle + *x * calibration.speed);
+                }
+                Some(induced_voltages(abc, &calibration, &theta_e))
+            }
+            None => None,
+        };
+        let theta_m = mechanical.unwrap_or_else(|| theta_e.iter().map(|x| x / n_p).collect());
         if angle_known && speed_known && !operating_points {
             findings.extend(mend(&mut t, &mut omega_e, &theta_e, &segments));
         }
-        let (phases, three_currents) = phase_currents(recording, &theta_e, &mut findings);
+        let (phases, three_currents) = if open {
+            (Some([vec![0.0; n], vec![0.0; n], vec![0.0; n]]), false)
+        } else {
+            phase_currents(recording, &theta_e, &mut findings)
+        };
         let i = match (recording.column("i_d"), recording.column("i_q")) {
             (Some(d), Some(q)) => Some([d.to_vec(), q.to_vec()]),
             _ => phases.as_ref().map(|abc| to_rotor(abc, &theta_e)),
         };
-        let v = match (recording.column("v_d"), recording.column("v_q")) {
-            (Some(d), Some(q)) => Some([d.to_vec(), q.to_vec()]),
-            _ => phase_voltages(recording, &t, &theta_e, &omega_e, angle_known),
+        let (v_d, v_q) = (recording.column("v_d"), recording.column("v_q"));
+        let (v, axes) = match (v_d, v_q) {
+            (Some(d), Some(q)) => (Some([d.to_vec(), q.to_vec()]), [true; 2]),
+            (Some(d), None) if operating_points => (Some([d.to_vec(), vec![0.0; n]]), [true, false]),
+            (None, Some(q)) if operating_points => (Some([vec![0.0; n], q.to_vec()]), [false, true]),
+            _ => {
+                let v = induced.or_else(|| phase_voltages(recording, &t, &theta_e, &omega_e, angle_known));
+                (v, [true; 2])
+            }
         };
         let relative =
             |name: &str| recording.column(name).map(|x| x.iter().map(|v| v - x[0]).collect::<Vec<f64>>());
@@ -144,11 +172,13 @@ impl Signals {
             period: recording.period(),
             control_period: machine.f_sample.map(|f| 1.0 / f),
             v,
+            axes,
             i,
             phases,
             theta_e,
             theta_m,
-            angle_known,
+            angle_known: angle_known || open,
+            angle_from_voltages: open && !angle_known,
             turn_known: recording.has(&["theta_m"]),
             three_currents,
             omega_e,
@@ -172,6 +202,7 @@ impl Signals {
                 v_dc: machine.v_dc.unwrap_or(0.0),
                 electrical_rate: electrical_rate(machine),
                 zero_sequence: 0.0,
+                steady: operating_points,
                 has_temperature: recording.has(&["temperature"]),
                 has_magnet_temperature: recording.has(&["temperature_magnet"]),
             },
@@ -396,6 +427,23 @@ fn to_rotor(abc: &[Vec<f64>; 3], theta: &[f64]) -> [Vec<f64>; 2] {
     dq
 }
 
+/// The three phase voltages, if all were logged.
+fn phase_columns(recording: &Recording) -> Option<[&[f64]; 3]> {
+    Some([recording.column("v_a")?, recording.column("v_b")?, recording.column("v_c")?])
+}
+
+/// Measured phase voltages of open terminals in the rotor frame, without what their channels add.
+fn induced_voltages(
+    abc: [&[f64]; 3],
+    calibration: &open_circuit::Calibration,
+    theta: &[f64],
+) -> [Vec<f64>; 2] {
+    let corrected: Vec<[f64; 3]> =
+        (0..theta.len()).map(|k| calibration.corrected([abc[0][k], abc[1][k], abc[2][k]])).collect();
+    let phase = |x: usize| corrected.iter().map(|v| v[x]).collect();
+    to_rotor(&[phase(0), phase(1), phase(2)], theta)
+}
+
 /// Phase voltages held from sample to sample, seen from the rotor in the middle of the interval.
 fn phase_voltages(
     recording: &Recording,
@@ -404,7 +452,7 @@ fn phase_voltages(
     omega: &[f64],
     angle_known: bool,
 ) -> Option<[Vec<f64>; 2]> {
-    let abc = [recording.column("v_a")?, recording.column("v_b")?, recording.column("v_c")?];
+    let abc = phase_columns(recording)?;
     if !angle_known {
         return None;
     }

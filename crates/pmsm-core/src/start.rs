@@ -60,8 +60,23 @@ pub fn needed(signals: &Signals, parameter: BaseParameter) -> bool {
     let electrical = BaseParameter::ELECTRICAL.contains(&parameter);
     match signals.kind {
         Kind::Full => true,
-        Kind::Electrical | Kind::OperatingPoints => electrical,
+        Kind::Electrical => electrical,
+        Kind::OperatingPoints => electrical && in_steady_equations(signals, parameter),
+        Kind::OpenCircuit => parameter == BaseParameter::PsiM,
         Kind::Mechanical => !electrical || (signals.tau_e.is_none() && parameter == BaseParameter::PsiM),
+    }
+}
+
+/// Whether v_d = r_s·i_d − ω·l_q·i_q or v_q = r_s·i_q + ω·(l_d·i_d + ψ_m), as far as they were logged, contain the parameter.
+fn in_steady_equations(signals: &Signals, parameter: BaseParameter) -> bool {
+    let Some(i) = &signals.i else { return false };
+    let flows = |axis: usize| i[axis].iter().any(|x| *x != 0.0);
+    let [d, q] = signals.axes;
+    match parameter {
+        BaseParameter::RS => (d && flows(0)) || (q && flows(1)),
+        BaseParameter::LD => q && flows(0),
+        BaseParameter::LQ => d && flows(1),
+        _ => q,
     }
 }
 
@@ -73,7 +88,7 @@ fn stand_in(parameter: BaseParameter) -> f64 {
 /// r_s, l_d, l_q, psi_m from ∫v dt = r_s∫i dt + ΔΛ + rotation, per stretch.
 fn electrical(signals: &Signals) -> Option<[f64; 4]> {
     let (v, i) = (signals.v.as_ref()?, signals.i.as_ref()?);
-    let steady = signals.kind == Kind::OperatingPoints;
+    let steady = matches!(signals.kind, Kind::OperatingPoints | Kind::OpenCircuit);
     let mut rows: Vec<([f64; 4], f64)> = Vec::new();
     for segment in &signals.segments {
         let mut k = segment.start;
@@ -91,8 +106,12 @@ fn electrical(signals: &Signals) -> Option<[f64; 4]> {
                 }
             }
             let change = |x: &[f64]| if steady { 0.0 } else { x[k + stretch] - x[k] };
-            rows.push(([sum[2], change(&i[0]), -sum[5], 0.0], sum[0]));
-            rows.push(([sum[3], sum[4], change(&i[1]), sum[6]], sum[1]));
+            if signals.axes[0] {
+                rows.push(([sum[2], change(&i[0]), -sum[5], 0.0], sum[0]));
+            }
+            if signals.axes[1] {
+                rows.push(([sum[3], sum[4], change(&i[1]), sum[6]], sum[1]));
+            }
             k += stretch;
         }
     }

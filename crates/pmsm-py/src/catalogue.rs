@@ -20,6 +20,7 @@ const SERVO: Context = Context {
     zero_sequence: 0.0,
     v_dc: 560.0,
     electrical_rate: 90.0,
+    steady: false,
     has_temperature: false,
     has_magnet_temperature: false,
 };

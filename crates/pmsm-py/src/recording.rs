@@ -78,7 +78,7 @@ impl PyRecording {
         self.0.duration()
     }
 
-    /// Which questions it can answer: full, electrical, mechanical or operating_points.
+    /// Which questions it can answer: full, electrical, mechanical, operating_points or open_circuit.
     #[getter]
     fn kind(&self) -> PyResult<String> {
         let text = serde_json::to_value(self.0.kind())

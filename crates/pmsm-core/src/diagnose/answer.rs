@@ -24,15 +24,15 @@ pub enum Verdict {
 /// A parameter with its uncertainty.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Estimate {
-    /// Value in `unit`.
-    pub value: f64,
+    /// Value in `unit`; none if the recording does not show it.
+    pub value: Option<f64>,
     /// Standard error.
     pub stderr: Option<f64>,
     /// 95 % interval.
     pub ci95: Option<[f64; 2]>,
     /// SI unit.
     pub unit: String,
-    /// Why there is no uncertainty, if there is none.
+    /// Why there is no uncertainty, or no value.
     pub why_none: Option<String>,
 }
 

@@ -58,7 +58,11 @@ impl Data {
             Kind::Full => &[Channel::ID, Channel::IQ, Channel::OmegaE],
             Kind::Electrical => &[Channel::ID, Channel::IQ],
             Kind::Mechanical => &[Channel::OmegaE],
-            Kind::OperatingPoints => &[Channel::VD, Channel::VQ],
+            Kind::OperatingPoints | Kind::OpenCircuit => match signals.axes {
+                [true, false] => &[Channel::VD],
+                [false, true] => &[Channel::VQ],
+                _ => &[Channel::VD, Channel::VQ],
+            },
         };
         let current = noise::current_noise(&signals);
         let floors = channels
@@ -104,7 +108,7 @@ impl Data {
             torque: None,
             starts: None,
             whitening: self.whitening.as_ref().zip(self.current_floors()),
-            colour: 0.0,
+            colour: None,
             held_out: self.held_out.as_deref(),
             prior: &self.prior,
         }

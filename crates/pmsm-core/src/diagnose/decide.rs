@@ -120,7 +120,7 @@ fn unlikely(outcome: &Outcome) -> Vec<Ranked> {
 }
 
 /// Whether `wide` contains `narrow` as a special case, so that fitting as well is no rivalry.
-fn generalises(wide: EffectId, narrow: EffectId) -> bool {
+pub fn generalises(wide: EffectId, narrow: EffectId) -> bool {
     wide.info().contains.contains(&narrow.id())
 }
 

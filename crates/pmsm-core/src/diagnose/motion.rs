@@ -2,6 +2,7 @@
 //! simulation still misses one, and pruned where they do not pay.
 
 use super::data::{Data, SETTINGS};
+use crate::colour::Colour;
 use crate::error::Result;
 use crate::experiment::{Channel, Experiment, Fitted};
 use crate::least_squares::{Settings, Status};
@@ -86,9 +87,11 @@ pub fn fit(
 
 /// Lag-one correlation within windows from which a fitted speed is fitted once more with whitened residuals.
 const COLOURED: f64 = 0.3;
+/// Rounds of whitening, each by the colour of what the round before leaves.
+const ROUNDS: usize = 3;
 
-/// The same equation of motion fitted once more with the residual whitened by its own lag-one correlation within the
-/// windows, as an efficient estimate wants it where torque errors add up in the speed; `None` where they hardly do.
+/// The same equation of motion fitted once more with the residual whitened by its own colour within the windows, as an
+/// efficient estimate wants it where torque errors add up in the speed or let a shaft ring; `None` where they hardly do.
 ///
 /// # Errors
 /// Those of the least-squares fit.
@@ -102,23 +105,21 @@ pub fn whitened(
 ) -> Result<Option<Vec<f64>>> {
     let count = model.parameter_count();
     let torque = mechanical::torque(model, &data.signals, &fitted[..count]);
-    let mut experiment = experiment(data, model, nuisance, &torque);
-    let residual = experiment.residual(fitted);
-    let (mut product, mut square) = (0.0, 0.0);
-    for window in experiment.windows {
-        for k in window.start + 1..window.end {
-            product += residual[k] * residual[k - 1];
-            square += residual[k - 1] * residual[k - 1];
-        }
-    }
-    let colour = product / square.max(f64::MIN_POSITIVE);
-    if colour.is_nan() || colour < COLOURED || rotor.is_empty() {
-        return Ok(None);
-    }
-    experiment.colour = colour.min(0.999);
     let mut free = rotor.to_vec();
     free.extend(count..fitted.len());
-    Ok(Some(experiment.fit(fitted, &free, &SETTINGS, monitor)?.parameters))
+    let mut best = None;
+    for _ in 0..if rotor.is_empty() { 0 } else { ROUNDS } {
+        let mut experiment = experiment(data, model, nuisance, &torque);
+        let from = best.as_deref().unwrap_or(fitted);
+        let residual = experiment.residual(from);
+        experiment.colour =
+            Colour::of(residual.as_slice(), experiment.windows).filter(|c| c.lag_one() >= COLOURED);
+        if experiment.colour.is_none() || monitor.cancelled() {
+            break;
+        }
+        best = Some(experiment.fit(from, &free, &SETTINGS, monitor)?.parameters);
+    }
+    Ok(best)
 }
 
 /// Fits from one state, pruning load steps until all that are left pay.

@@ -164,7 +164,9 @@ impl<'a> Outputs<'a> {
                     Some("held at the nameplate value: the recording does not contain it".to_string())
                 };
                 let variance = self.variance_of(index, index);
-                (p.name().to_string(), estimate(value, variance, p.unit(), why))
+                let estimate = estimate(value, variance, p.unit(), why);
+                let positive = *p != BaseParameter::B;
+                (p.name().to_string(), if positive { shown(estimate) } else { estimate })
             })
             .collect()
     }
@@ -215,6 +217,17 @@ impl<'a> Outputs<'a> {
     }
 }
 
+/// A positive parameter whose standard error exceeds its value is not shown; all that is known of it is how large it may be.
+fn shown(estimate: Estimate) -> Estimate {
+    let (Some(value), Some(stderr)) = (estimate.value, estimate.stderr) else { return estimate };
+    if stderr <= value {
+        return estimate;
+    }
+    let most = value + Z95 * stderr;
+    let why = format!("the recording does not show it: anything up to {most:.2e} {} fits", estimate.unit);
+    Estimate { value: None, stderr: None, ci95: None, why_none: Some(why), ..estimate }
+}
+
 /// What is not determined carries nothing over to other parameters.
 fn finite(x: f64) -> f64 {
     if x.is_finite() { x } else { 0.0 }
@@ -228,7 +241,7 @@ fn estimate(value: f64, variance: f64, unit: &str, why: Option<String>) -> Estim
         (stderr > UNSHOWN * value.abs()).then(|| "uncertain: the recording hardly shows it".to_string())
     });
     Estimate {
-        value,
+        value: Some(value),
         stderr: shown.then_some(stderr),
         ci95: shown.then_some([value - Z95 * stderr, value + Z95 * stderr]),
         unit: unit.into(),

@@ -1,38 +1,322 @@
-//! Which recording would tell rivals apart: where their predictions already differ most on this one.
+//! What to record next: the safe manoeuvre that would tell rivals apart, or pin down what the recording leaves open, found by
+//! trying manoeuvres on simulated benches.
 
+mod bench;
+mod manoeuvres;
+mod rivalry;
+
+use super::answer::Verdict;
 use super::data::Data;
-use super::locate::regions;
-use super::verdict::Judged;
+use super::decide::{Ranked, generalises};
+use super::hypothesis::Hypothesis;
+use super::power::times;
+use super::search::Outcome;
+use super::verdict::INDISTINGUISHABLE;
+use crate::error::{Error, Result};
+use crate::machine::BaseParameter;
+use crate::monitor::Monitor;
+use crate::recording::Kind;
+use bench::Bench;
+use manoeuvres::{Candidate, digits};
+use rayon::prelude::*;
+use rivalry::{Rival, Separation};
 
-/// One sentence on what to record next, given two fitted rivals.
-pub fn separate(data: &Data, a: (&str, &Judged), b: (&str, &Judged)) -> String {
-    let predict = |judged: &Judged| {
-        let experiment = data.whole(&judged.fitted);
-        (experiment.predict(&judged.fitted.parameters), experiment.channels)
+/// Rivals compared at most.
+const RIVALS: usize = 3;
+/// A rival that loses fewer nats than this against what was named is worth an experiment.
+const CLOSE: f64 = 2.0 * INDISTINGUISHABLE;
+/// Least-squares steps with which a rival adjusts itself to a manoeuvre: when manoeuvres are compared, and for the words on the best.
+const STEPS: (usize, usize) = (1, 5);
+/// Manoeuvres looked at closely.
+const FINALISTS: usize = 2;
+
+/// One or two sentences on what to record next, if anything is open. An interruption leaves the computed part out.
+///
+/// # Errors
+/// Those of the least-squares fits.
+pub fn next_experiment(
+    data: &Data,
+    ranked: &[Ranked],
+    outcome: &Outcome,
+    verdict: Verdict,
+    weak: &[String],
+    monitor: &dyn Monitor,
+) -> Result<Option<String>> {
+    let rich = "reversals through standstill, two levels of i_q, steps of i_d, a coast-down";
+    if data.signals.kind == Kind::OperatingPoints {
+        let open = matches!(verdict, Verdict::Ambiguous | Verdict::Unknown) || !weak.is_empty();
+        let points = "points at other speeds, both directions, several levels of i_d and i_q, cold and warm";
+        return Ok(open.then(|| format!("Record {points}.")));
+    }
+    let mut sentences = Vec::new();
+    if verdict == Verdict::Unknown {
+        sentences.push(format!(
+            "Repeat the recording at the located place and around it, with {rich}, to see on what the rest depends."
+        ));
+    }
+    let pair = rivals(ranked, outcome, verdict);
+    let computed = || -> Result<Vec<String>> {
+        let mut out = Vec::new();
+        if let Some((name, others)) = &pair {
+            out.extend(tell_apart(data, (*name, &outcome.best.fitted), others, monitor)?);
+        }
+        if !weak.is_empty() {
+            out.extend(pin_down(data, &outcome.best.fitted, weak, monitor)?);
+        }
+        Ok(out)
     };
-    let ((first, channels), (second, _)) = (predict(a.1), predict(b.1));
-    // The channel in which they differ most, in units of its noise.
-    let differences = first.iter().zip(&second).zip(&channels).map(|((x, y), (channel, sigma))| {
-        let d: Vec<f64> = x.iter().zip(y).map(|(x, y)| (x - y) / sigma).collect();
-        let rms = (d.iter().map(|v| v * v).sum::<f64>() / d.len() as f64).sqrt();
-        (*channel, rms, d)
+    match computed() {
+        Ok(found) => sentences.extend(found),
+        Err(Error::Interrupted) => {}
+        Err(error) => return Err(error),
+    }
+    if sentences.is_empty() && (verdict == Verdict::Ambiguous || !weak.is_empty()) {
+        sentences.push(format!("Record {rich}."));
+    }
+    Ok((!sentences.is_empty()).then(|| sentences.join(" ")))
+}
+
+type Named<'a> = (&'static str, &'a Hypothesis);
+
+/// The effect in question and the fitted sets in which something else stands in its place.
+fn rivals<'a>(
+    ranked: &[Ranked],
+    outcome: &'a Outcome,
+    verdict: Verdict,
+) -> Option<(&'static str, Vec<Named<'a>>)> {
+    let loss = |judged| outcome.scale.loss(judged);
+    let floor = loss(&outcome.best);
+    let of = |first: &Ranked| -> Vec<Named<'a>> {
+        let mut swaps: Vec<_> = outcome.swaps.iter().filter(|s| s.replaced == first.effect).collect();
+        swaps.sort_by(|a, b| loss(&a.judged).total_cmp(&loss(&b.judged)));
+        let close = swaps.into_iter().filter_map(|s| {
+            let by = s.by?;
+            let asked = if verdict == Verdict::Ambiguous {
+                first.equivalent.contains(&by)
+            } else {
+                loss(&s.judged) < floor + CLOSE && !generalises(by, first.effect)
+            };
+            asked.then(|| (by.id(), &s.judged.fitted))
+        });
+        close.take(RIVALS).collect()
+    };
+    let found = outcome.best.fitted.effects();
+    let mut asked = ranked.iter().filter(|r| found.contains(&r.effect)).map(|r| (r.effect.id(), of(r)));
+    asked.find(|(_, rivals)| !rivals.is_empty())
+}
+
+/// A manoeuvre with what it shows of the rival that it separates worst: its place among the rivals.
+struct Tried<'a> {
+    candidate: &'a Candidate,
+    worst: usize,
+    separation: Separation,
+}
+
+/// One hypothesis against its rivals on a bench.
+struct Contest<'a> {
+    bench: Bench<'a>,
+    best: &'a Hypothesis,
+    rivals: Vec<Rival<'a>>,
+    monitor: &'a dyn Monitor,
+}
+
+impl Contest<'_> {
+    fn attempt<'c>(&self, candidate: &'c Candidate, steps: usize) -> Result<Option<Tried<'c>>> {
+        let Some(trial) = self.bench.run(self.best, candidate, self.monitor)? else { return Ok(None) };
+        let mut tried: Option<Tried> = None;
+        for (worst, rival) in self.rivals.iter().enumerate() {
+            if self.monitor.cancelled() {
+                return Err(Error::Interrupted);
+            }
+            let separation = rival.separation(&trial, self.best, steps, self.monitor)?;
+            if tried.as_ref().is_none_or(|t| separation.nats < t.separation.nats) {
+                tried = Some(Tried { candidate, worst, separation });
+            }
+        }
+        Ok(tried)
+    }
+
+    /// All that the bench can do, best first.
+    fn compare<'c>(&self, candidates: Vec<&'c Candidate>, steps: usize) -> Result<Vec<Tried<'c>>> {
+        let all: Result<Vec<Option<Tried>>> =
+            candidates.into_par_iter().map(|c| self.attempt(c, steps)).collect();
+        let mut tried: Vec<Tried> = all?.into_iter().flatten().collect();
+        tried.sort_by(|a, b| b.separation.nats.total_cmp(&a.separation.nats));
+        Ok(tried)
+    }
+}
+
+/// The manoeuvre that separates `best` from all of `others`.
+fn tell_apart(data: &Data, best: Named, others: &[Named], monitor: &dyn Monitor) -> Result<Option<String>> {
+    let rivals = others.iter().map(|(_, fitted)| Rival::new(data, fitted)).collect();
+    let contest = Contest { bench: Bench::new(data, best.1)?, best: best.1, rivals, monitor };
+    let bench = &contest.bench;
+    let candidates = bench.limits.candidates()?;
+    let first = contest.compare(candidates.iter().collect(), STEPS.0)?;
+    let close = contest.compare(first.iter().take(FINALISTS).map(|t| t.candidate).collect(), STEPS.1)?;
+    let Some(chosen) = close.first() else { return Ok(None) };
+    let (name, rival) = (best.0, others[chosen.worst]);
+    let (words, load) = (&chosen.candidate.words, bench.load_words());
+    let Separation { nats, channel, left } = chosen.separation;
+    if nats < INDISTINGUISHABLE {
+        return Ok(Some(format!(
+            "No manoeuvre within the recorded speed, current and voltage would tell {name} from {}: the best of {} tried \
+             ({words}{load}) would leave the rival at {} times the noise. Go beyond the recorded range where it is safe.",
+            rival.0,
+            first.len(),
+            times(left),
+        )));
+    }
+    // The same manoeuvre if the other one is true.
+    let other = match bench.run(rival.1, chosen.candidate, monitor)? {
+        Some(trial) => Some(Rival::new(data, best.1).separation(&trial, rival.1, STEPS.1, monitor)?),
+        None => None,
+    };
+    let reverse = other.map_or(String::new(), |s| {
+        format!(
+            "; if it is {}, {name} would be left with {} times the noise in {}",
+            rival.0,
+            times(s.left),
+            s.channel.name()
+        )
     });
-    let Some((channel, rms, difference)) = differences.max_by(|a, b| a.1.total_cmp(&b.1)) else {
-        return String::new();
-    };
-    // Regions are taken from excess over the noise; scale so that the difference itself counts.
-    let scaled: Vec<f64> = difference.iter().map(|d| 3.0 * d / rms.max(1e-12)).collect();
-    let places: Vec<String> = regions(data, &scaled).iter().map(super::locate::Region::words).collect();
-    let place = if places.is_empty() {
-        "over the whole range; record longer and with more reversals, two levels of i_q, steps of i_d"
-            .to_string()
-    } else {
-        format!("for {}; record more of that, and go beyond it where it is safe", places.join(", "))
-    };
-    format!(
-        "{} and {} differ here by only {rms:.2} times the noise in {}, most {place}.",
-        a.0,
-        b.0,
-        channel.name()
-    )
+    Ok(Some(format!(
+        "To tell {name} from {}, {words}{load}: if it is {name}, its residual stays at the noise and {} would be left with {} times \
+         the noise in {} however it is refitted{reverse}. Give both recordings to the diagnosis.",
+        rival.0,
+        rival.0,
+        times(left),
+        channel.name(),
+    )))
+}
+
+/// The manoeuvre after which the least known of the `weak` base parameters is known best.
+fn pin_down(
+    data: &Data,
+    fitted: &Hypothesis,
+    weak: &[String],
+    monitor: &dyn Monitor,
+) -> Result<Option<String>> {
+    let asked: Vec<BaseParameter> =
+        BaseParameter::ALL.into_iter().filter(|p| weak.iter().any(|w| w == p.name())).collect();
+    let indices: Vec<usize> = asked.iter().map(|p| p.index()).collect();
+    let bench = Bench::new(data, fitted)?;
+    let candidates = bench.limits.candidates()?;
+    let known = Rival::new(data, fitted);
+    let tried: Result<Vec<Option<_>>> = candidates
+        .par_iter()
+        .map(|candidate| {
+            let Some(trial) = bench.run(fitted, candidate, monitor)? else { return Ok(None) };
+            if monitor.cancelled() {
+                return Err(Error::Interrupted);
+            }
+            let spreads = known.spreads(&trial, &indices);
+            let worst =
+                spreads.iter().map(|s| s.1).fold(0.0, |a: f64, b| if b.is_nan() { b } else { a.max(b) });
+            Ok(worst.is_finite().then_some((candidate, spreads, worst)))
+        })
+        .collect();
+    let best = tried?.into_iter().flatten().min_by(|a, b| a.2.total_cmp(&b.2));
+    let Some((candidate, spreads, _)) = best else { return Ok(None) };
+    let percent =
+        |x: f64| if x < 9.995 { format!("to {} %", digits(100.0 * x)) } else { "not at all".into() };
+    let words: Vec<String> = asked
+        .iter()
+        .zip(&spreads)
+        .map(|(p, (before, after))| {
+            format!("{}, known {} here, would be known {}", p.name(), percent(*before), percent(*after))
+        })
+        .collect();
+    Ok(Some(format!(
+        "This recording does not pin down {}: {}{}, and {}.",
+        weak.join(", "),
+        candidate.words,
+        bench.load_words(),
+        words.join("; ")
+    )))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{choice, data, fitted, narrow, setup};
+    use crate::diagnose::{Data, hypothesis};
+    use crate::drive::Setup;
+    use crate::effects::EffectId;
+    use crate::monitor::{Silent, StopFlag};
+
+    fn coulomb() -> (Setup, Data, Hypothesis, Hypothesis) {
+        let setup = setup(narrow(), vec![choice("coulomb_friction", "tau_c", 1.0)]);
+        let (data, base) = data(&setup);
+        let right = fitted(&data, &base, EffectId::CoulombFriction);
+        let wrong = fitted(&data, &base, EffectId::AsymmetricFriction);
+        (setup, data, right, wrong)
+    }
+
+    #[test]
+    fn the_prescribed_manoeuvre_tells_what_the_recording_could_not() {
+        let (_, data, right, wrong) = coulomb();
+        assert!(
+            (wrong.squares[2].1 - right.squares[2].1).abs() < 0.02,
+            "{:?} {:?}",
+            wrong.squares,
+            right.squares
+        );
+        let contest = Contest {
+            bench: Bench::new(&data, &right).unwrap(),
+            best: &right,
+            rivals: vec![Rival::new(&data, &wrong)],
+            monitor: &Silent,
+        };
+        let candidates = contest.bench.limits.candidates().unwrap();
+        let tried = contest.compare(candidates.iter().collect(), STEPS.1).unwrap();
+        assert!(tried[0].separation.nats > 2.0 * INDISTINGUISHABLE, "{:?}", tried[0].separation);
+        assert!(tried[0].candidate.words.contains("reverse"), "{}", tried[0].candidate.words);
+        // On that manoeuvre the rival fails as foretold, and the right one does not.
+        let trial = contest.bench.run(&right, tried[0].candidate, &Silent).unwrap().unwrap();
+        let square = |h: &Hypothesis| {
+            hypothesis::transfer(&trial, h, &Silent).unwrap().square(tried[0].separation.channel)
+        };
+        assert!(square(&right) < 0.1, "{}", square(&right));
+        let left = (1.0 + square(&wrong)).sqrt();
+        assert!(left > 0.95 * tried[0].separation.left, "{left} {}", tried[0].separation.left);
+    }
+
+    #[test]
+    fn the_advice_names_both_rivals_and_what_each_would_show() {
+        let (_, data, right, wrong) = coulomb();
+        let others = [("asymmetric_friction", &wrong)];
+        let text = tell_apart(&data, ("coulomb_friction", &right), &others, &Silent).unwrap().unwrap();
+        for part in
+            ["coulomb_friction", "asymmetric_friction", "rad/s", "times the noise in omega_e", "at no load"]
+        {
+            assert!(text.contains(part), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_nothing_can_separate_is_said_to_be_so() {
+        let (_, data, right, _) = coulomb();
+        let twin = right.clone();
+        let others = [("its twin", &twin)];
+        let text = tell_apart(&data, ("coulomb_friction", &right), &others, &Silent).unwrap().unwrap();
+        assert!(text.starts_with("No manoeuvre within the recorded"), "{text}");
+    }
+
+    #[test]
+    fn parameters_that_a_recording_leaves_open_get_a_manoeuvre_of_their_own() {
+        let (_, data, right, _) = coulomb();
+        let text = pin_down(&data, &right, &["l_d".into()], &Silent).unwrap().unwrap();
+        assert!(text.contains("i_d") && text.contains("l_d, known"), "{text}");
+    }
+
+    #[test]
+    fn an_interruption_ends_the_trials() {
+        let (_, data, right, wrong) = coulomb();
+        let flag = StopFlag::default();
+        flag.stop();
+        let others = [("asymmetric_friction", &wrong)];
+        let ended = tell_apart(&data, ("coulomb_friction", &right), &others, &flag);
+        assert!(matches!(ended, Err(Error::Interrupted)));
+    }
 }

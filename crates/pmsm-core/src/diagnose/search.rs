@@ -3,6 +3,7 @@
 
 use super::data::Data;
 use super::hypothesis::{self, Hypothesis};
+use super::power::{self, Shown};
 use super::shortlist::{Prospect, Scorer};
 use super::verdict::{Judged, LEAST_GAIN, MISMATCH, PROGRESS, Scale};
 use crate::effect::{Need, Site};
@@ -28,6 +29,8 @@ const SINGLES: usize = 10;
 const BEAM: usize = 2;
 /// Effects added to each of them.
 const BRANCHES: usize = 3;
+/// Look-alikes of the found effects refitted at most beside those that were tried anyway.
+const LOOK_ALIKES: usize = 4;
 /// Most effects in one model, unless the recording is too poor for more than one.
 pub const MOST: usize = 3;
 
@@ -56,6 +59,8 @@ pub struct Outcome {
     pub swaps: Vec<Swap>,
     /// Effects that could not be judged, and why.
     pub unfit: Vec<(EffectId, String)>,
+    /// What the recording would have shown of the effects that are not in the best set.
+    pub shown: Vec<Shown>,
     /// How they were compared.
     pub scale: Scale,
     /// The way to the best set, one effect more at each step: the bare machine, the best of its singles, …, the best.
@@ -130,10 +135,15 @@ impl Search<'_> {
             }
         }
         let best = self.pruned(best, &scale, &mut seen)?;
-        let swaps = self.swaps(&best, &able, &mut seen)?;
+        let mut swaps = self.swaps(&best, &able, &mut seen)?;
+        self.monitor.report("alternatives", 0.92);
+        let absent = self.rest(&able, &best);
+        let poor = self.most < MOST;
+        let shown = power::survey(self.data, &best.fitted, &absent, scale.worth(), poor, self.monitor);
+        self.look_alikes(&best, &shown, &mut swaps)?;
         self.monitor.report("alternatives", 0.95);
         let path = path(&base, &best, &seen, &scale);
-        Ok(Outcome { base, singles, best, swaps, unfit, scale, path })
+        Ok(Outcome { base, singles, best, swaps, unfit, shown, scale, path })
     }
 
     /// Transfers a fitted hypothesis to the held-out run.
@@ -163,14 +173,20 @@ impl Search<'_> {
             (Site::Electrical | Site::Sensor, Kind::Mechanical) => {
                 return Some("the recording has no voltages".into());
             }
-            (Site::Mechanical, Kind::Electrical | Kind::OperatingPoints) => {
+            (Site::Mechanical, Kind::Electrical | Kind::OperatingPoints | Kind::OpenCircuit) => {
                 return Some("the recording does not show the motion".into());
+            }
+            (Site::Sensor, Kind::OpenCircuit) if signals.angle_from_voltages => {
+                return Some("the rotor angle was taken from the voltages themselves".into());
             }
             (Site::Mechanical, _) if signals.load == Load::Locked => return Some("the rotor is held".into()),
             _ => {}
         }
         for need in info.needs {
             match need {
+                Need::AngleOrSteady if !signals.angle_known && signals.kind != Kind::OperatingPoints => {
+                    return Some("the rotor angle was not recorded".into());
+                }
                 Need::Angle if !signals.angle_known => {
                     return Some("the rotor angle was not recorded".into());
                 }
@@ -185,6 +201,9 @@ impl Search<'_> {
                     return Some("no temperature was recorded".into());
                 }
                 Need::Motion if !turning => return Some("the rotor does not turn".into()),
+                Need::Current if signals.kind == Kind::OpenCircuit => {
+                    return Some("no current flows through open terminals".into());
+                }
                 _ => {}
             }
         }
@@ -311,6 +330,29 @@ impl Search<'_> {
             out.push(Swap { replaced: effect, by: None, judged: fewer });
         }
         Ok(out)
+    }
+}
+
+impl Search<'_> {
+    /// Refits what first-order analysis cannot tell from an effect of the best set and was not tried in its place.
+    fn look_alikes(&self, best: &Judged, shown: &[Shown], swaps: &mut Vec<Swap>) -> Result<()> {
+        let mut rest = LOOK_ALIKES;
+        for found in best.fitted.effects() {
+            let fewer =
+                swaps.iter().find(|s| s.replaced == found && s.by.is_none()).map(|s| s.judged.clone());
+            let Some(fewer) = fewer else { continue };
+            for rival in shown.iter().filter(|s| s.resembles(found)).map(|s| s.effect) {
+                let tried = swaps.iter().any(|s| s.replaced == found && s.by == Some(rival));
+                if tried || rest == 0 || self.monitor.cancelled() {
+                    continue;
+                }
+                rest -= 1;
+                let prospect = Scorer::new(self.data, &fewer.fitted).score(rival);
+                let judged = self.refit(&fewer, &prospect)?;
+                swaps.push(Swap { replaced: found, by: Some(rival), judged });
+            }
+        }
+        Ok(())
     }
 }
 

@@ -8,7 +8,7 @@ use super::data::Data;
 use super::hypothesis::Hypothesis;
 use crate::effect::{Role, Site};
 use crate::effects::EffectId;
-use crate::experiment::Channel;
+use crate::experiment::{Channel, Experiment};
 use crate::model::Model;
 use crate::simulate::mechanical::{self, Nuisance};
 use nalgebra::{DMatrix, DVector};
@@ -67,9 +67,7 @@ impl<'a> Scorer<'a> {
     pub fn score(&self, effect: EffectId) -> Prospect {
         let context = *self.hypothesis.model.context();
         let info = effect.info();
-        let amplitudes: Vec<usize> = (0..info.parameters.len())
-            .filter(|k| info.parameters[*k].role == Role::Amplitude && effect.fitted(&context, *k))
-            .collect();
+        let amplitudes = self.amplitudes(effect);
         let typical = DVector::from_iterator(
             amplitudes.len(),
             amplitudes.iter().map(|k| (info.parameters[*k].typical)(&context)),
@@ -77,11 +75,7 @@ impl<'a> Scorer<'a> {
         let probes = effect.probes(&context);
         let mut best = Prospect { effect, start: probes[0].clone(), score: 0.0, visible: 0.0 };
         for probe in &probes {
-            // A purely mechanical effect leaves the voltage equations as they are.
-            let projector = match (&self.rotor, info.site) {
-                (Some(rotor), Site::Mechanical) => rotor,
-                _ => &self.whole,
-            };
+            let projector = self.projector(effect);
             let columns = self.columns(effect, probe, &amplitudes, projector);
             let (free, length) = projector.free(&columns);
             let n = self.data.counted() as f64;
@@ -105,6 +99,47 @@ impl<'a> Scorer<'a> {
             }
         }
         best
+    }
+
+    /// Parameters of an effect that carry its strength and are fitted on this recording.
+    pub fn amplitudes(&self, effect: EffectId) -> Vec<usize> {
+        let context = self.hypothesis.model.context();
+        let parameters = effect.info().parameters;
+        (0..parameters.len())
+            .filter(|k| parameters[*k].role == Role::Amplitude && effect.fitted(context, *k))
+            .collect()
+    }
+
+    /// Derivatives of the whole residual, in units of what is left in each channel, with respect to the amplitudes of an effect
+    /// of this shape at zero strength.
+    pub fn sensitivity(&self, effect: EffectId, probe: &[f64]) -> DMatrix<f64> {
+        let projector = self.projector(effect);
+        let columns = self.columns(effect, probe, &self.amplitudes(effect), projector);
+        let n = self.data.signals.len();
+        let mut whole = DMatrix::zeros(self.whole.residual.len(), columns.ncols());
+        for (at, (channel, _)) in projector.channels.iter().enumerate() {
+            let place = self.whole.channels.iter().position(|(c, _)| c == channel);
+            if let Some(place) = place {
+                whole.rows_mut(place * n, n).copy_from(&columns.rows(at * n, n));
+            }
+        }
+        whole
+    }
+
+    /// The recording as it is scored: all channels in units of what is left in them, initial speeds as estimated.
+    pub fn experiment(&self) -> Experiment<'_> {
+        let mut experiment = self.data.whole(self.hypothesis);
+        experiment.channels.clone_from(&self.whole.channels);
+        experiment.starts = self.whole.starts.as_deref().map(Cow::Borrowed);
+        experiment
+    }
+
+    fn projector(&self, effect: EffectId) -> &Projector {
+        // A purely mechanical effect leaves the voltage equations as they are.
+        match (&self.rotor, effect.info().site) {
+            (Some(rotor), Site::Mechanical) => rotor,
+            _ => &self.whole,
+        }
     }
 
     /// Derivatives of the residual with respect to the effect's amplitudes at zero strength.
@@ -156,24 +191,7 @@ impl Projector {
         let starts = experiment.estimated_starts(&hypothesis.parameters);
         experiment.starts = starts.as_deref().map(Cow::Borrowed);
         let linear = experiment.linearise(&hypothesis.parameters, &fitted);
-        let mut basis: Vec<DVector<f64>> = Vec::with_capacity(fitted.len());
-        for column in linear.jacobian.column_iter() {
-            let mut free = column.into_owned();
-            let length = free.norm();
-            // Twice is enough (Kahan, Parlett).
-            for _ in 0..2 {
-                for b in &basis {
-                    let along = b.dot(&free);
-                    free.axpy(-along, b, 1.0);
-                }
-            }
-            let rest = free.norm();
-            if rest > DEPENDENT * length {
-                basis.push(free / rest);
-            }
-        }
-        let rows = linear.residual.len();
-        let basis = if basis.is_empty() { DMatrix::zeros(rows, 0) } else { DMatrix::from_columns(&basis) };
+        let basis = orthonormal(&linear.jacobian);
         let residual = &linear.residual - &basis * basis.tr_mul(&linear.residual);
         let torque = rotor_only.then(|| {
             let (model, own) = (&hypothesis.model, hypothesis.own());
@@ -185,9 +203,7 @@ impl Projector {
     /// `columns` freed of the basis, and their lengths before.
     fn free(&self, columns: &DMatrix<f64>) -> (DMatrix<f64>, Vec<f64>) {
         let length = columns.column_iter().map(|c| c.norm()).collect();
-        let mut free = columns - &self.basis * self.basis.tr_mul(columns);
-        free -= &self.basis * self.basis.tr_mul(&free);
-        (free, length)
+        (freed(&self.basis, columns), length)
     }
 
     /// Mean square of what is left in the channels: from units of the residual to units of the floor.
@@ -197,8 +213,36 @@ impl Projector {
     }
 }
 
+/// Orthonormal basis of what the columns span; those that the others make superfluous are left out.
+pub fn orthonormal(columns: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut basis: Vec<DVector<f64>> = Vec::with_capacity(columns.ncols());
+    for column in columns.column_iter() {
+        let mut free = column.into_owned();
+        let length = free.norm();
+        // Twice is enough (Kahan, Parlett).
+        for _ in 0..2 {
+            for b in &basis {
+                let along = b.dot(&free);
+                free.axpy(-along, b, 1.0);
+            }
+        }
+        let rest = free.norm();
+        if rest > DEPENDENT * length {
+            basis.push(free / rest);
+        }
+    }
+    if basis.is_empty() { DMatrix::zeros(columns.nrows(), 0) } else { DMatrix::from_columns(&basis) }
+}
+
+/// `columns` freed of what an orthonormal basis spans.
+pub fn freed(basis: &DMatrix<f64>, columns: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut free = columns - basis * basis.tr_mul(columns);
+    free -= basis * basis.tr_mul(&free);
+    free
+}
+
 /// Least-squares step; directions that the fitted parameters can make alone are left out.
-fn solve(gram: &DMatrix<f64>, right: &DVector<f64>, length: &[f64]) -> Option<DVector<f64>> {
+pub fn solve(gram: &DMatrix<f64>, right: &DVector<f64>, length: &[f64]) -> Option<DVector<f64>> {
     let n = right.len();
     let scale: Vec<f64> = (0..n).map(|k| gram[(k, k)].sqrt()).collect();
     let alive = |k: usize| length[k] > 0.0 && scale[k] > DEPENDENT * length[k];

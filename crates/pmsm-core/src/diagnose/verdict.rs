@@ -69,6 +69,11 @@ impl Scale {
         }
     }
 
+    /// Independent samples that each channel of the fitted recording is worth.
+    pub fn worth(&self) -> &[f64] {
+        &self.fitted
+    }
+
     /// Loss of a hypothesis in nats; differences are log odds.
     pub fn loss(&self, judged: &Judged) -> f64 {
         let fitted = &judged.fitted;
@@ -172,6 +177,7 @@ mod tests {
             v_dc: 1.0,
             electrical_rate: 1.0,
             zero_sequence: 0.0,
+            steady: false,
             has_temperature: false,
             has_magnet_temperature: false,
         };

@@ -5,7 +5,7 @@
 //!
 //! Source: Hinkkanen, Pescetto, Mölsä, Saarakkala, Pellegrino & Bojoi, IEEE Trans. Industry Applications 53 (2017) 2644.
 
-use crate::effect::{Context, Effect, Field, FieldPoint, Info, Parameter, Role, Site};
+use crate::effect::{Context, Effect, Field, FieldPoint, Info, Need, Parameter, Role, Site};
 use crate::terms::PRELOAD;
 use crate::base::Base;
 use crate::real::Real;
@@ -24,7 +24,7 @@ impl Effect for CrossSaturation {
         look_alikes: &["saturation_q", "saturation_d", "encoder_angle_offset"],
         contains: &[],
         site: Site::Electrical,
-        needs: &[],
+        needs: &[Need::Current],
         parameters: &[
             Parameter {
                 name: "k",

@@ -34,7 +34,7 @@ impl Effect for CurrentGainImbalance {
         look_alikes: &["phase_resistance_imbalance", "inter_turn_short", "current_offset"],
         contains: &[],
         site: Site::Sensor,
-        needs: &[Need::Angle, Need::Transients],
+        needs: &[Need::Angle, Need::Transients, Need::Current],
         parameters: &[
             part("g_alpha", "gain error along phase a's axis"),
             part("g_beta", "gain error across phase a's axis"),

@@ -34,7 +34,7 @@ impl Effect for CurrentOffset {
         look_alikes: &["current_gain_imbalance", "encoder_eccentricity"],
         contains: &[],
         site: Site::Sensor,
-        needs: &[Need::Angle, Need::Transients],
+        needs: &[Need::Angle, Need::Transients, Need::Current],
         parameters: &[
             part("o_alpha", "offset along phase a's axis"),
             part("o_beta", "offset across phase a's axis"),

@@ -20,7 +20,7 @@ impl Effect for DcLinkSag {
         look_alikes: &["magnet_thermal_drift", "rs_thermal_drift", "iron_loss"],
         contains: &[],
         site: Site::Electrical,
-        needs: &[Need::Transients],
+        needs: &[Need::Transients, Need::Current],
         parameters: &[
             Parameter {
                 name: "r_source",

@@ -1,5 +1,6 @@
 //! Inverter dead time and device drops: every phase loses v_err against the sign of its current,
-//! v_lost,x = v_err·i_x/√(i_x² + i_th²), x = a, b, c. Below i_th the current no longer commutes the leg.
+//! v_lost,x = v_err·i_x/√(i_x² + i_th²), x = a, b, c. Below i_th the current no longer commutes the leg. Of a steady operating
+//! point only the mean over a revolution shows, 4/π·v_err along the current.
 //!
 //! v_err = v_dc·t_dead·f_sw plus the devices' threshold; their resistance adds to r_s. Source: Bolognani, Peretti & Zigliotto,
 //! IEEE Trans. Industrial Electronics 58 (2011) 5070.
@@ -7,6 +8,9 @@
 use crate::effect::{Context, Effect, Electrical, Info, Need, Parameter, Role, Site};
 use crate::real::Real;
 use crate::transforms::{inverse_park, park};
+
+/// Fundamental of a square wave.
+const FRAC_4_PI: f64 = 4.0 / std::f64::consts::PI;
 
 /// See the module's documentation.
 pub struct DeadTime;
@@ -22,7 +26,7 @@ impl Effect for DeadTime {
         look_alikes: &["rs_thermal_drift", "back_emf_harmonics", "phase_resistance_imbalance"],
         contains: &[],
         site: Site::Electrical,
-        needs: &[Need::Angle],
+        needs: &[Need::AngleOrSteady, Need::Current],
         parameters: &[
             Parameter {
                 name: "v_err",
@@ -50,7 +54,15 @@ impl Effect for DeadTime {
     }
 
     #[inline(always)]
-    fn voltage<T: Real>(p: &[T], _: &[T], at: &Electrical<T>, _: &Context, lost: &mut [T; 2]) {
+    fn voltage<T: Real>(p: &[T], _: &[T], at: &Electrical<T>, cx: &Context, lost: &mut [T; 2]) {
+        if cx.steady {
+            // The mean over a revolution lies along the current: 4/π·v_err far above i_th, v_err/i_th of it far below.
+            let size = at.i[0].squared() + at.i[1].squared() + (p[1] * FRAC_4_PI).squared();
+            let share = p[0] * FRAC_4_PI / size.sqrt();
+            lost[0] += share * at.i[0];
+            lost[1] += share * at.i[1];
+            return;
+        }
         let (s, c) = at.sin_cos;
         let mut phases = inverse_park(at.i, c, s);
         for i in &mut phases {
@@ -65,12 +77,23 @@ impl Effect for DeadTime {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::testing::{close, fourier, lost, winding};
+    use crate::effects::testing::{CX, close, fourier, lost, winding};
     use std::f64::consts::PI;
 
     /// Lost voltage along and across the current of size `i`, at the angle of the current.
     fn around(i: f64, theta: f64) -> [f64; 2] {
         lost::<DeadTime>(&[2.0, 1e-3], &[], &winding([i, 0.0], theta, 0.0))
+    }
+
+    #[test]
+    fn an_operating_point_shows_the_mean_over_a_revolution() {
+        let cx = Context { steady: true, ..CX };
+        for i in [0.02, 8.0] {
+            let mut mean = [0.0; 2];
+            DeadTime::voltage(&[2.0, 0.5], &[], &winding([0.6 * i, 0.8 * i], 0.0, 0.0), &cx, &mut mean);
+            let expected = fourier(0, |x| lost::<DeadTime>(&[2.0, 0.5], &[], &winding([0.6 * i, 0.8 * i], x, 0.0))[1]).0;
+            assert!((mean[1] / expected - 1.0).abs() < 0.02 && (mean[0] / mean[1] - 0.75).abs() < 1e-12);
+        }
     }
 
     #[test]

@@ -36,7 +36,7 @@ impl Effect for InductanceHarmonics {
         look_alikes: &["back_emf_harmonics", "dead_time"],
         contains: &[],
         site: Site::Electrical,
-        needs: &[Need::Angle, Need::Transients],
+        needs: &[Need::Angle, Need::Transients, Need::Current],
         parameters: &[part("a", "cosine part, share of l_q"), part("b", "sine part, share of l_q")],
     };
     const MAGNETIC: bool = true;

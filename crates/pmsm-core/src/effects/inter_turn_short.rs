@@ -24,7 +24,7 @@ impl Effect for InterTurnShort {
         look_alikes: &["phase_resistance_imbalance", "iron_loss", "current_gain_imbalance"],
         contains: &[],
         site: Site::Electrical,
-        needs: &[Need::Angle, Need::Transients, Need::Motion],
+        needs: &[Need::Angle, Need::Transients, Need::Motion, Need::Current],
         parameters: &[
             Parameter {
                 name: "g_f",

@@ -21,7 +21,7 @@ impl Effect for IronLoss {
         look_alikes: &["voltage_delay", "encoder_angle_offset", "inter_turn_short"],
         contains: &[],
         site: Site::Electrical,
-        needs: &[Need::Motion],
+        needs: &[Need::Motion, Need::Current],
         parameters: &[
             Parameter {
                 name: "g_c",

@@ -22,7 +22,7 @@ impl Effect for PhaseResistanceImbalance {
         look_alikes: &["inter_turn_short", "current_gain_imbalance", "dead_time"],
         contains: &[],
         site: Site::Electrical,
-        needs: &[Need::Angle, Need::Transients],
+        needs: &[Need::Angle, Need::Transients, Need::Current],
         parameters: &[
             Parameter {
                 name: "r_excess_rel",

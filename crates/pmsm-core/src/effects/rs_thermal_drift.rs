@@ -22,7 +22,7 @@ impl Effect for RsThermalDrift {
         look_alikes: &["magnet_thermal_drift", "dead_time", "dc_link_sag"],
         contains: &[],
         site: Site::Electrical,
-        needs: &[Need::Time],
+        needs: &[Need::Time, Need::Current],
         parameters: &[
             Parameter {
                 name: "alpha",

@@ -5,7 +5,7 @@
 //!
 //! Source: Hinkkanen, Pescetto, Mölsä, Saarakkala, Pellegrino & Bojoi, IEEE Trans. Industry Applications 53 (2017) 2644.
 
-use crate::effect::{Context, Effect, Field, FieldPoint, Info, Site};
+use crate::effect::{Context, Effect, Field, FieldPoint, Info, Need, Site};
 use crate::terms::{PRELOAD, SATURATION, extra_current};
 use crate::base::Base;
 use crate::real::Real;
@@ -24,7 +24,7 @@ impl Effect for SaturationD {
         look_alikes: &["cross_saturation", "saturation_q"],
         contains: &[],
         site: Site::Electrical,
-        needs: &[],
+        needs: &[Need::Current],
         parameters: &[SATURATION[0], SATURATION[1], PRELOAD],
     };
     const MAGNETIC: bool = true;

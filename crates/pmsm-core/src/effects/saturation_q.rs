@@ -4,7 +4,7 @@
 //!
 //! Source: Hinkkanen, Pescetto, Mölsä, Saarakkala, Pellegrino & Bojoi, IEEE Trans. Industry Applications 53 (2017) 2644.
 
-use crate::effect::{Context, Effect, Field, FieldPoint, Info, Site};
+use crate::effect::{Context, Effect, Field, FieldPoint, Info, Need, Site};
 use crate::base::Base;
 use crate::real::Real;
 use crate::terms::{SATURATION, extra_current};
@@ -23,7 +23,7 @@ impl Effect for SaturationQ {
         look_alikes: &["cross_saturation", "saturation_d", "encoder_angle_offset"],
         contains: &[],
         site: Site::Electrical,
-        needs: &[],
+        needs: &[Need::Current],
         parameters: &SATURATION,
     };
     const MAGNETIC: bool = true;

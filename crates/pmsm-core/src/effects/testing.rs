@@ -20,6 +20,7 @@ pub const CX: Context = Context {
     v_dc: 540.0,
     electrical_rate: 94.0,
     zero_sequence: 0.0,
+    steady: false,
     has_temperature: false,
     has_magnet_temperature: false,
 };

@@ -21,7 +21,7 @@ impl Effect for VoltageDelay {
         look_alikes: &["iron_loss", "encoder_angle_offset"],
         contains: &[],
         site: Site::Electrical,
-        needs: &[Need::Transients],
+        needs: &[Need::Transients, Need::Current],
         parameters: &[Parameter {
             name: "extra_samples",
             unit: "1",

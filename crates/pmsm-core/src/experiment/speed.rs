@@ -194,9 +194,14 @@ impl<'a> Experiment<'a> {
             }
             let rows = row + window.start..row + window.end;
             let mut slope = slope[window.clone()].to_vec();
-            whiten(self.colour, &mut slope);
+            let whiten = |x: &mut [f64]| {
+                if let Some(colour) = &self.colour {
+                    colour.whiten(x);
+                }
+            };
+            whiten(&mut slope);
             let free = |x: &mut [f64]| {
-                whiten(self.colour, x);
+                whiten(x);
                 remove(&slope, x);
             };
             free(&mut residual[rows.clone()]);
@@ -224,19 +229,6 @@ impl<const N: usize> Restart<Dual<N>> for FromStarts<'_, N> {
     }
     fn forget(&self, state: &mut Dual<N>) {
         state.eps[self.slot] = 0.0;
-    }
-}
-
-/// Replaces x_k by x_k − φ·x_{k−1}, the first by √(1−φ²)·x_0, so that an AR(1) series becomes white.
-fn whiten(colour: f64, x: &mut [f64]) {
-    if colour == 0.0 {
-        return;
-    }
-    for k in (1..x.len()).rev() {
-        x[k] -= colour * x[k - 1];
-    }
-    if let Some(first) = x.first_mut() {
-        *first *= (1.0 - colour * colour).max(0.0).sqrt();
     }
 }
 

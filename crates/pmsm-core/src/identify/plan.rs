@@ -153,6 +153,7 @@ const FIX: &str = "record voltages, currents and speed of a running machine, or 
 fn drive(signals: &Signals, machine: &Machine, fit: &[(Target, Option<(f64, f64)>)]) -> Drive {
     match signals.kind {
         Kind::OperatingPoints => Drive::OperatingPoints,
+        Kind::OpenCircuit => Drive::OpenCircuit,
         Kind::Mechanical => Drive::MeasuredTorque,
         Kind::Electrical => Drive::MeasuredSpeed,
         Kind::Full => {
@@ -170,6 +171,7 @@ fn by_default(target: Target, drive: Drive, unknown_load: bool) -> bool {
         (Target::TauLoad, Drive::Coupled | Drive::MeasuredTorque) => unknown_load,
         (_, Drive::Coupled) => true,
         (_, Drive::MeasuredTorque) => target.is_mechanical(),
+        (_, Drive::OpenCircuit) => target == Target::Base(BaseParameter::PsiM),
         _ => !target.is_mechanical(),
     }
 }
@@ -185,6 +187,9 @@ fn missing(target: Target, drive: Drive, signals: &Signals) -> Option<String> {
         Drive::OperatingPoints if target.is_mechanical() => Some(format!(
             "{name} acts on the speed alone, and steady operating points show no change of speed"
         )),
+        Drive::OpenCircuit if target != Target::Base(BaseParameter::PsiM) => {
+            Some(format!("{name} does not show in the voltages of open terminals"))
+        }
         Drive::MeasuredTorque if !target.is_mechanical() => {
             let torque = target == Target::Base(BaseParameter::PsiM) && signals.tau_e.is_none();
             (!torque).then(|| format!("{name} acts on the voltages, which were not recorded"))

@@ -1,7 +1,8 @@
-//! Steady operating points: what voltage the model leaves unexplained at each measured current and speed.
+//! Steady operating points and open terminals: what voltage the model calls for at each measured current and speed.
 //!
-//! At a steady point dλ/dt = 0, so the right-hand side of the electrical equation, evaluated at the flux linkage that
-//! belongs to the measured current, is the unexplained voltage.
+//! With a constant current dλ/dt = ω·∂λ_m/∂θ, the turning magnet's alone: the right-hand side of the electrical equation at the
+//! flux linkage that belongs to the measured current, less this, is the unexplained voltage. At operating points, where
+//! nothing is known of the angle, the magnet's flux does not depend on it.
 
 use super::electrical::{measured_env, true_env};
 use crate::base::Base;
@@ -23,7 +24,8 @@ pub fn run<T: Real>(model: &Model, signals: &Signals, p: &[T], mut sink: impl Fn
         let (s, c) = sensor.angle.sin_cos();
         let command = rotate([T::constant(v[0][k]), T::constant(v[1][k])], c, s);
         let rest = model.electrical_rhs(p, &base, &state, command, &env);
-        let rest = rotate([rest[0], rest[1]], c, -s);
+        let turning = model.magnet_slope(p, &base, &state, &env);
+        let rest = rotate([0, 1].map(|x| rest[x] - env.omega_e * turning[x]), c, -s);
         sink(k, [T::constant(v[0][k]) - rest[0], T::constant(v[1][k]) - rest[1]]);
     }
 }

@@ -1,0 +1,389 @@
+//! What a recording would have shown: for each absent effect the chance that it had been found at its typical strength, and
+//! how far it resembles the effects that were found.
+//!
+//! Both follow from the recording's own Gram matrix. An effect of typical strength would add the mean square Δ_c² to channel
+//! c, freed of what all fitted parameters can do and in units of what is left there. The diagnosis counts that as
+//!
+//! > g = Σ_c ½·w_c·ln(1 + Δ_c²) nats,  with the standard deviation  (Σ_c w_c²·Δ_c²/(n_c·(1 + Δ_c²)²) + ½·k·max_c w_c/n_c)^½,
+//!
+//! w_c being what the channel is worth, n_c its independent samples and k the effect's parameters; for w_c = n_c and a small
+//! Δ_c this is half a noncentral χ² with the noncentrality Σ_c n_c·Δ_c² (Kay, "Fundamentals of statistical signal
+//! processing: detection theory", 1998, section 6.5). The power is the probability that g exceeds what an effect must gain.
+
+use super::answer::Unseen;
+use super::data::Data;
+use super::hypothesis::Hypothesis;
+use super::locate::upper_tail;
+use super::search::Outcome;
+use super::shortlist::{Scorer, freed, orthonormal, solve};
+use super::verdict::{INDISTINGUISHABLE, LEAST_GAIN, MISMATCH, PRICE};
+use crate::effect::Role;
+use crate::effects::EffectId;
+use crate::experiment::Channel;
+use crate::machine::BaseParameter;
+use crate::monitor::Monitor;
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+/// Cosine from which an effect is taken for a look-alike of another.
+pub const ALIKE: f64 = 0.95;
+/// Share of what the fitted parameters absorb from which one of them is said to do it.
+const ABSORBS: f64 = 0.2;
+/// What is left of an effect, relative to what it adds, below which the fitted parameters are said to absorb it.
+const ABSORBED: f64 = 0.5;
+/// Parameters named at most.
+const NAMED: usize = 2;
+
+/// What this recording would show of one absent effect.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shown {
+    /// The effect.
+    pub effect: EffectId,
+    /// Probability that it had been found at its typical strength, on average over its shapes.
+    pub power: f64,
+    /// Root mean square that it would add in its strongest channel, in units of what is left there: before and after the
+    /// fitted parameters absorb what they can.
+    pub size: (f64, f64),
+    /// That channel.
+    pub channel: Channel,
+    /// Fitted parameters that absorb most of it.
+    pub absorbed_by: Vec<String>,
+    /// For each found effect that it could stand in for: how much of that effect's trace it reproduces within its own
+    /// physical bounds (cosine), and by how many nats it would still lose.
+    pub likeness: Vec<(EffectId, f64, f64)>,
+}
+
+impl Shown {
+    /// Whether first-order analysis tells this effect from the found one.
+    pub fn resembles(&self, found: EffectId) -> bool {
+        self.likeness
+            .iter()
+            .any(|(e, cosine, nats)| *e == found && *cosine > ALIKE && *nats < INDISTINGUISHABLE)
+    }
+}
+
+impl Shown {
+    /// Why it would be missed, in plain words.
+    fn why(&self, found: &[EffectId]) -> String {
+        let (before, after) = self.size;
+        let channel = self.channel.name();
+        let contained = found.iter().find(|e| self.effect.info().contains.contains(&e.id()));
+        if let Some(special) = contained {
+            return format!(
+                "{} is a special case of it and fits as well: what it has beyond that would add {} times the noise to \
+                 {channel} at its typical strength, so that it cannot be excluded",
+                special.id(),
+                times(after)
+            );
+        }
+        if after > ABSORBED * before {
+            return format!(
+                "at its typical strength it would add only {} times the noise to {channel}",
+                times(after)
+            );
+        }
+        let by = match self.absorbed_by.as_slice() {
+            [] => "the fitted parameters together absorb".to_string(),
+            [one] => format!("the fitted {one} absorbs"),
+            [first, second, ..] => format!("the fitted {first} and {second} absorb"),
+        };
+        format!(
+            "at its typical strength it moves {channel} by {} times the noise, but {by} all but {} times the noise of that",
+            times(before),
+            times(after)
+        )
+    }
+}
+
+/// A multiple of the noise in words of two digits.
+pub fn times(x: f64) -> String {
+    if x < 0.01 {
+        "less than 0.01".into()
+    } else if x < 0.995 {
+        format!("{x:.2}")
+    } else if x < 9.95 {
+        format!("{x:.1}")
+    } else {
+        format!("{x:.0}")
+    }
+}
+
+/// Power below which an effect is listed as one that the recording would not show.
+const EVEN: f64 = 0.5;
+
+/// Effects that would probably be missed at their typical strength, and those that could not be asked for, least power first.
+pub fn cannot_see(outcome: &Outcome) -> Vec<Unseen> {
+    let found = outcome.best.fitted.effects();
+    let mut out: Vec<Unseen> = outcome
+        .unfit
+        .iter()
+        .map(|(effect, why)| Unseen { effect: effect.id().into(), why: why.clone(), power: 0.0 })
+        .collect();
+    let missed = outcome.shown.iter().filter(|s| s.power < EVEN && !found.contains(&s.effect));
+    out.extend(missed.map(|s| Unseen { effect: s.effect.id().into(), why: s.why(&found), power: s.power }));
+    out.sort_by(|a, b| a.power.total_cmp(&b.power));
+    out
+}
+
+/// What a found effect adds to the residual, and what the other parameters can do.
+struct Found {
+    effect: EffectId,
+    others: DMatrix<f64>,
+    /// Freed of the others.
+    trace: DVector<f64>,
+}
+
+/// What everybody's judgement rests on.
+struct Survey<'a> {
+    scorer: Scorer<'a>,
+    data: &'a Data,
+    best: &'a Hypothesis,
+    worth: &'a [f64],
+    poor: bool,
+    jacobian: DMatrix<f64>,
+    basis: DMatrix<f64>,
+    found: Vec<Found>,
+}
+
+/// Judges what the recording would have shown of each of `absent` beside the effects of `best`. `worth` is what each channel counts,
+/// in independent samples; a `poor` recording must show a mismatch before anything is looked for. An interruption leaves
+/// effects out.
+pub fn survey(
+    data: &Data,
+    best: &Hypothesis,
+    absent: &[EffectId],
+    worth: &[f64],
+    poor: bool,
+    monitor: &dyn Monitor,
+) -> Vec<Shown> {
+    let scorer = Scorer::new(data, best);
+    let jacobian = scorer.experiment().linearise(&best.parameters, &best.free).jacobian;
+    let basis = orthonormal(&jacobian);
+    let found = best.effects().into_iter().map(|effect| trace(&scorer, best, effect, &jacobian)).collect();
+    let survey = Survey { scorer, data, best, worth, poor, jacobian, basis, found };
+    let judged: Vec<Option<Shown>> = absent
+        .par_iter()
+        .map(|effect| if monitor.cancelled() { None } else { survey.judge(*effect) })
+        .collect();
+    judged.into_iter().flatten().collect()
+}
+
+fn trace(scorer: &Scorer, best: &Hypothesis, effect: EffectId, jacobian: &DMatrix<f64>) -> Found {
+    let slot =
+        best.model.slots().iter().find(|s| s.effect == effect).expect("an effect of the model has a slot");
+    let kept: Vec<usize> =
+        (0..best.free.len()).filter(|k| !slot.parameters.contains(&best.free[*k])).collect();
+    let others = orthonormal(&jacobian.select_columns(&kept));
+    let mut without = best.parameters.clone();
+    for (parameter, index) in effect.info().parameters.iter().zip(slot.parameters.clone()) {
+        if parameter.role == Role::Amplitude {
+            without[index] = 0.0;
+        }
+    }
+    let experiment = scorer.experiment();
+    let step = experiment.residual(&best.parameters) - experiment.residual(&without);
+    let trace = freed(&others, &DMatrix::from_columns(&[step])).column(0).into_owned();
+    Found { effect, others, trace }
+}
+
+impl Survey<'_> {
+    fn judge(&self, effect: EffectId) -> Option<Shown> {
+        let context = self.best.model.context();
+        let parameters = effect.info().parameters;
+        let amplitudes = self.scorer.amplitudes(effect);
+        let typical = DVector::from_iterator(
+            amplitudes.len(),
+            amplitudes.iter().map(|k| (parameters[*k].typical)(context)),
+        );
+        let channels = self.scorer.experiment().channels;
+        let probes = effect.probes(context);
+        let mut likeness: Vec<(EffectId, f64, f64)> =
+            self.found.iter().map(|f| (f.effect, 0.0, f64::INFINITY)).collect();
+        let (mut power, mut strongest) = (0.0, None);
+        for probe in &probes {
+            let columns = self.scorer.sensitivity(effect, probe);
+            let whole = &columns * &typical;
+            if !finite(&columns) {
+                continue;
+            }
+            let free = freed(&self.basis, &DMatrix::from_columns(std::slice::from_ref(&whole)))
+                .column(0)
+                .into_owned();
+            let (before, after) = (self.squares(&whole), self.squares(&free));
+            power += self.power(&after, amplitudes.len()) / probes.len() as f64;
+            let most = (0..after.len()).max_by(|a, b| after[*a].total_cmp(&after[*b]))?;
+            let at = if after[most] > 0.01 * before.iter().copied().fold(0.0, f64::max) {
+                most
+            } else {
+                (0..before.len()).max_by(|a, b| before[*a].total_cmp(&before[*b]))?
+            };
+            if strongest.as_ref().is_none_or(|(_, _, x, _): &(usize, f64, f64, _)| after[at] > *x) {
+                strongest = Some((at, before[at], after[at], whole));
+            }
+            let bounds: Vec<(f64, f64)> = amplitudes
+                .iter()
+                .map(|k| ((parameters[*k].low)(context), (parameters[*k].high)(context)))
+                .collect();
+            for (found, best) in self.found.iter().zip(&mut likeness) {
+                let (cosine, nats) = self.likeness(found, &columns, &bounds);
+                if cosine > best.1 {
+                    (best.1, best.2) = (cosine, nats);
+                }
+            }
+        }
+        let (at, before, after, whole) = strongest?;
+        Some(Shown {
+            effect,
+            power,
+            size: (before.sqrt(), after.sqrt()),
+            channel: channels[at].0,
+            absorbed_by: self.absorbed_by(&whole),
+            likeness,
+        })
+    }
+
+    /// Mean square per channel over the samples that count.
+    fn squares(&self, rows: &DVector<f64>) -> Vec<f64> {
+        let n = self.data.signals.len();
+        let counted = self.data.counted().max(1) as f64;
+        (0..rows.len() / n).map(|c| rows.rows(c * n, n).norm_squared() / counted).collect()
+    }
+
+    fn power(&self, squares: &[f64], count: usize) -> f64 {
+        let (mut gain, mut variance, mut share) = (0.0, 0.0, 0.0f64);
+        for ((square, worth), samples) in squares.iter().zip(self.worth).zip(&self.best.samples) {
+            let (samples, total) = (samples.max(*worth), 1.0 + square);
+            gain += 0.5 * worth * total.ln();
+            variance += worth * worth * square / (samples * total * total);
+            share = share.max(worth / samples);
+        }
+        let needed = LEAST_GAIN + PRICE * count as f64;
+        let spread = (variance + 0.5 * count as f64 * share).sqrt();
+        let power = upper_tail((needed - gain) / spread.max(f64::MIN_POSITIVE));
+        if self.poor && squares.iter().all(|x| *x <= MISMATCH) { 0.0 } else { power }
+    }
+
+    /// How much of a found effect's trace another's columns reproduce within bounds, and what they would lose against it.
+    fn likeness(&self, found: &Found, columns: &DMatrix<f64>, bounds: &[(f64, f64)]) -> (f64, f64) {
+        let whole = found.trace.norm_squared();
+        let free = freed(&found.others, columns);
+        let (gram, right) = (free.tr_mul(&free), free.tr_mul(&found.trace));
+        let length: Vec<f64> = columns.column_iter().map(|c| c.norm()).collect();
+        let Some(step) = solve(&gram, &right, &length).filter(|_| whole > 0.0) else {
+            return (0.0, f64::INFINITY);
+        };
+        let step = DVector::from_fn(step.len(), |k, _| step[k].clamp(bounds[k].0, bounds[k].1));
+        let rest = &found.trace - &free * step;
+        let cosine = (1.0 - rest.norm_squared() / whole).max(0.0).sqrt();
+        let nats = self.squares(&rest).iter().zip(self.worth).map(|(s, w)| 0.5 * w * (1.0 + s).ln()).sum();
+        (cosine, nats)
+    }
+
+    /// The fitted parameters without which much less of `whole` would be absorbed: for the least-squares coefficients x
+    /// that is x_k²/(JᵀJ)⁻¹_kk.
+    fn absorbed_by(&self, whole: &DVector<f64>) -> Vec<String> {
+        let absorbed = self.basis.tr_mul(whole).norm_squared();
+        // A parameter without any effect stands for nothing; its scale must only not be zero.
+        let norm = |c: nalgebra::DVectorView<f64>| Some(c.norm()).filter(|x| *x > 1e-100).unwrap_or(1.0);
+        let scale: Vec<f64> = self.jacobian.column_iter().map(norm).collect();
+        let gram = self.jacobian.tr_mul(&self.jacobian);
+        let unit = DMatrix::from_fn(gram.nrows(), gram.ncols(), |r, c| gram[(r, c)] / (scale[r] * scale[c]));
+        // A decomposition of what is not finite never ends.
+        let Some(inverse) = Some(unit).filter(finite).and_then(|m| m.pseudo_inverse(1e-12).ok()) else {
+            return Vec::new();
+        };
+        let right = DVector::from_fn(scale.len(), |k, _| self.jacobian.column(k).dot(whole) / scale[k]);
+        let x = &inverse * right;
+        let mut shares: Vec<(usize, f64)> = (0..x.len())
+            .map(|k| (k, x[k] * x[k] / inverse[(k, k)].max(1e-300) / absorbed.max(1e-300)))
+            .collect();
+        shares.sort_by(|a, b| b.1.total_cmp(&a.1));
+        shares
+            .iter()
+            .take(NAMED)
+            .filter(|(_, s)| *s > ABSORBS)
+            .map(|(k, _)| self.name(self.best.free[*k]))
+            .collect()
+    }
+
+    fn name(&self, index: usize) -> String {
+        let model = &self.best.model;
+        if let Some(p) = BaseParameter::ALL.get(index) {
+            return p.name().into();
+        }
+        let Some(slot) = model.slots().iter().find(|s| s.parameters.contains(&index)) else {
+            return "the unknown load".into();
+        };
+        let parameter = &slot.effect.info().parameters[index - slot.parameters.start];
+        format!("{} of {}", parameter.name, slot.effect.id())
+    }
+}
+
+fn finite(matrix: &DMatrix<f64>) -> bool {
+    matrix.iter().all(|x| x.is_finite())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{choice, data, fitted, narrow, setup, speeds};
+    use crate::monitor::Silent;
+
+    const ASKED: [EffectId; 4] =
+        [EffectId::CoulombFriction, EffectId::QuadraticDrag, EffectId::CoggingTorque, EffectId::SaturationQ];
+
+    fn worth(best: &Hypothesis) -> Vec<f64> {
+        vec![crate::diagnose::verdict::MOST_WORTH; best.squares.len()]
+    }
+
+    fn power(shown: &[Shown], effect: EffectId) -> f64 {
+        shown.iter().find(|s| s.effect == effect).unwrap().power
+    }
+
+    #[test]
+    fn reversals_show_what_one_speed_hides() {
+        let (poor, base) = data(&setup(narrow(), Vec::new()));
+        let hidden = survey(&poor, &base, &ASKED, &worth(&base), false, &Silent);
+        assert!(power(&hidden, EffectId::CoulombFriction) < 0.1, "{hidden:?}");
+        let rich = speeds(1.0, &[(0.1, 100.0), (0.4, -100.0), (0.6, -100.0), (0.9, 100.0)]);
+        let (rich, base) = data(&setup(rich, Vec::new()));
+        let seen = survey(&rich, &base, &ASKED, &worth(&base), false, &Silent);
+        assert!(power(&seen, EffectId::CoulombFriction) > 0.9, "{seen:?}");
+    }
+
+    #[test]
+    fn what_absorbs_a_hidden_effect_is_named() {
+        let (poor, base) = data(&setup(narrow(), Vec::new()));
+        let hidden = survey(&poor, &base, &[EffectId::CoulombFriction], &worth(&base), false, &Silent);
+        assert!(hidden[0].size.1 < 0.5 * hidden[0].size.0);
+        assert!(hidden[0].absorbed_by.contains(&"b".to_string()), "{hidden:?}");
+        assert!(hidden[0].why(&[]).contains("the fitted b"), "{}", hidden[0].why(&[]));
+    }
+
+    #[test]
+    fn look_alikes_are_found_without_being_fitted() {
+        let effects = vec![choice("coulomb_friction", "tau_c", 1.0)];
+        let (poor, base) = data(&setup(narrow(), effects.clone()));
+        let best = fitted(&poor, &base, EffectId::CoulombFriction);
+        let asked = [EffectId::AsymmetricFriction, EffectId::CoggingTorque];
+        let shown = survey(&poor, &best, &asked, &worth(&best), false, &Silent);
+        assert!(shown[0].resembles(EffectId::CoulombFriction), "{shown:?}");
+        assert!(!shown[1].resembles(EffectId::CoulombFriction), "{shown:?}");
+        let rich = speeds(1.0, &[(0.1, 100.0), (0.4, -100.0), (0.6, -100.0), (0.9, 100.0)]);
+        let (rich, base) = data(&setup(rich, effects));
+        let best = fitted(&rich, &base, EffectId::CoulombFriction);
+        let shown = survey(&rich, &best, &asked, &worth(&best), false, &Silent);
+        assert!(!shown[0].resembles(EffectId::CoulombFriction), "{shown:?}");
+    }
+
+    #[test]
+    fn a_generalisation_that_adds_nothing_here_cannot_be_excluded() {
+        let effects = vec![choice("coulomb_friction", "tau_c", 1.0)];
+        let (data, base) = data(&setup(narrow(), effects));
+        let best = fitted(&data, &base, EffectId::CoulombFriction);
+        let shown = survey(&data, &best, &[EffectId::StribeckFriction], &worth(&best), false, &Silent);
+        assert!(shown[0].power < 0.5, "{shown:?}");
+        let why = shown[0].why(&[EffectId::CoulombFriction]);
+        assert!(why.contains("special case") && why.contains("cannot be excluded"), "{why}");
+    }
+}

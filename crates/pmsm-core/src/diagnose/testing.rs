@@ -1,0 +1,58 @@
+//! Recordings of known truth for the tests of the diagnosis.
+
+use super::data::Data;
+use super::hypothesis::{self, Hypothesis};
+use crate::drive::{Choice, Manoeuvre, Schedule, Setup, Shape, simulate};
+use crate::effects::EffectId;
+use crate::machine::Machine;
+use crate::model::Model;
+use crate::monitor::Silent;
+use crate::signals::Signals;
+
+/// A servo motor at 5 kHz with ordinary sensors.
+pub fn setup(manoeuvre: Manoeuvre, effects: Vec<Choice>) -> Setup {
+    let machine = Machine::liu_2008().with_drive(Some(560.0), Some(20.0), Some(5e3)).unwrap();
+    let mut setup = Setup::new(machine, manoeuvre);
+    setup.effects = effects;
+    setup.drive.sensors.noise_i = 0.05;
+    setup.drive.sensors.noise_omega_e = 0.3;
+    setup
+}
+
+/// An effect of this strength.
+pub fn choice(effect: &str, parameter: &str, value: f64) -> Choice {
+    Choice { effect: effect.into(), parameters: [(parameter.to_string(), value)].into() }
+}
+
+/// Lines through points (s, mechanical rad/s).
+pub fn speeds(duration: f64, points: &[(f64, f64)]) -> Manoeuvre {
+    let mut manoeuvre = Manoeuvre::new(duration);
+    manoeuvre.settle = 0.3;
+    manoeuvre.omega_m = Some(Schedule::new(points.to_vec(), Shape::Linear).unwrap());
+    manoeuvre
+}
+
+/// One direction, hardly any change of speed: Coulomb friction and drag look alike.
+pub fn narrow() -> Manoeuvre {
+    speeds(1.0, &[(0.2, 95.0), (0.4, 105.0), (0.6, 105.0), (0.8, 95.0)])
+}
+
+/// The simulated recording made ready, with its floors settled on the bare machine.
+pub fn data(setup: &Setup) -> (Data, Hypothesis) {
+    let recording = simulate(setup, &Silent).unwrap().recording;
+    let mut data = Data::new(Signals::new(&recording, &setup.nameplate).unwrap(), &setup.nameplate).unwrap();
+    let model = Model::new(data.signals.context, &[]);
+    let rough = hypothesis::fit(&data, &model, &data.start, false, &Silent).unwrap();
+    data.settle_floors(&rough);
+    let base = hypothesis::fit(&data, &model, rough.own(), false, &Silent).unwrap();
+    (data, base)
+}
+
+/// One effect fitted on top of the bare machine, from its typical strength.
+pub fn fitted(data: &Data, base: &Hypothesis, effect: EffectId) -> Hypothesis {
+    let context = data.signals.context;
+    let model = Model::new(context, &[effect]);
+    let mut start = base.own().to_vec();
+    start.extend(effect.info().parameters.iter().map(|p| (p.typical)(&context)));
+    hypothesis::fit(data, &model, &start, false, &Silent).unwrap()
+}
