@@ -190,14 +190,17 @@ def test_open_terminals_show_the_harmonics_and_what_is_wrong_with_the_probes() -
     assert answer.base["psi_m"].value == pytest.approx(3.95 / (2 * np.pi * 1000 / 60 * 7), rel=0.01)
 
 
-def test_inductance_measured_by_a_drive_shows_saturation() -> None:
+def test_points_of_one_axis_are_located_and_nothing_is_named_that_does_not_explain_them() -> None:
+    """Saturation leaves the level i_d = 0 unexplained, whose torque current was not recorded."""
     answer = diagnose("moteus_mj5208.toml", "moteus_inductance/ld_mj5208.json")
     assert answer.recording_kind == "operating_points"
-    assert answer.verdict == "named"
-    assert "saturation_d" in answer.effects
-    fit = answer.fit["recording"]
-    assert set(fit["after"]) == {"v_q"}
-    assert fit["after"]["v_q"] < 0.3 * fit["before"]["v_q"]
+    assert answer.verdict == "unknown"
+    assert set(answer.fit["recording"]["after"]) == {"v_q"}
+    assert set(answer.base) == {"l_d", "psi_m"}
+    assert answer.located[0].equation == "q"
+    assert any(
+        region["variable"] == "i_d" and region["high"] == 0.0 for region in answer.data["located"][0]["where"]
+    )
 
 
 def test_a_flux_map_shows_saturation_and_no_resistance() -> None:

@@ -13,6 +13,8 @@ use crate::transforms::{inverse_clarke, rotate};
 const STRETCH: usize = 64;
 const LOUD: f64 = 1.2;
 
+/// Runs over which the effect of noisy inputs is averaged.
+const DRAWS: usize = 4;
 /// Seed of the noise that is added to see what noise does.
 const SEED: u64 = 0x006d_6f74_6f72;
 
@@ -116,7 +118,8 @@ fn voltage_noise(
     input
 }
 
-/// Runs the model once more on inputs with as much noise again and takes the difference.
+/// Runs the model on inputs with as much noise again, a few times over, and takes the mean square of the difference: noise that adds
+/// up differs much from one draw to the next.
 fn add_driven(
     experiment: &Experiment,
     p: &[f64],
@@ -124,18 +127,41 @@ fn add_driven(
     input: &InputNoise,
     floors: &mut [Floor],
 ) {
+    let mut random = Gaussian::new();
+    let mut squares = vec![0.0; floors.len()];
+    for _ in 0..DRAWS {
+        let noisy = disturbed(experiment.signals, floors, input, &mut random);
+        // Only the inputs are noisy: the initial currents and speeds come from the clean log.
+        let again = Experiment { signals: &noisy, ..experiment.clone() }.predict(p);
+        for (at, square) in squares.iter_mut().enumerate() {
+            let difference = clean[at].iter().zip(&again[at]).map(|(a, b)| (a - b).powi(2));
+            *square += difference.sum::<f64>() / (clean[at].len() * DRAWS) as f64;
+        }
+    }
+    for (floor, square) in floors.iter_mut().zip(squares) {
+        // In the speed the fitted initial value answers to the added sensor noise, too; that part is small.
+        floor.driven = if square.is_finite() { square.sqrt() } else { 0.0 };
+    }
+}
+
+/// The signals with noise added to what drives the models.
+fn disturbed(signals: &Signals, floors: &[Floor], input: &InputNoise, random: &mut Gaussian) -> Signals {
     let sensor = |channel: Channel| floors.iter().find(|f| f.channel == channel).map_or(0.0, |f| f.sensor);
     let (sigma_i, sigma_w) = (sensor(Channel::ID), sensor(Channel::OmegaE));
-    let mut noisy = experiment.signals.clone();
-    let mut random = Gaussian::new();
+    let mut noisy = signals.clone();
     if noisy.speed_known {
         for w in &mut noisy.omega_e {
             *w += sigma_w * random.next();
         }
     }
-    if let (Some(phases), Some(i)) = (&mut noisy.phases, &mut noisy.i) {
+    if let (Some(phases), Some(i), Some(clean)) = (&mut noisy.phases, &mut noisy.i, &signals.i) {
         for k in 0..phases[0].len() {
-            let dq = [sigma_i * random.next(), sigma_i * random.next()];
+            // Between rows that stand for several control periods the current is known only as far as it is straight.
+            let unseen = |x: &[f64]| {
+                let inner = !input.hidden.is_empty() && k > 0 && k + 1 < x.len();
+                if inner { (x[k + 1] - 2.0 * x[k] + x[k - 1]) / 12.0 } else { 0.0 }
+            };
+            let dq = [0, 1].map(|axis| sigma_i.hypot(unseen(&clean[axis])) * random.next());
             let (s, c) = noisy.theta_e[k].sin_cos();
             let abc = inverse_clarke(rotate(dq, c, s));
             for x in 0..3 {
@@ -147,22 +173,14 @@ fn add_driven(
         }
     }
     if let (Some(v), false) = (&mut noisy.v, input.is_none()) {
-        let rate = experiment.signals.context.electrical_rate;
         for k in 0..v[0].len() {
-            let sigma = input.at(k, experiment.signals.period * rate.hypot(experiment.signals.omega_e[k]));
+            let turn = signals.period * signals.context.electrical_rate.hypot(signals.omega_e[k]);
+            let sigma = input.at(k, turn);
             v[0][k] += sigma * random.next();
             v[1][k] += sigma * random.next();
         }
     }
-    // Only the inputs are noisy: the initial currents and speeds come from the clean log.
-    let again = Experiment { signals: &noisy, ..experiment.clone() };
-    let disturbed = again.predict(p);
-    for (at, floor) in floors.iter_mut().enumerate() {
-        let difference = clean[at].iter().zip(&disturbed[at]).map(|(a, b)| (a - b).powi(2));
-        let mean = difference.sum::<f64>() / clean[at].len() as f64;
-        // In the speed the fitted initial value answers to the added sensor noise, too; that part is small.
-        floor.driven = if mean.is_finite() { mean.sqrt() } else { 0.0 };
-    }
+    noisy
 }
 
 /// Noise of operating points: what rows differ in although they were taken at nearly the same point. Of all nearest

@@ -2,7 +2,9 @@
 
 use super::answer::Verdict;
 use super::search::Outcome;
-use super::verdict::{INDISTINGUISHABLE, INDISTINGUISHABLE_POOR, Judged, MISMATCH, MISMATCH_HELD_OUT};
+use super::verdict::{
+    INDISTINGUISHABLE, INDISTINGUISHABLE_POOR, Judged, MISMATCH, MISMATCH_HELD_OUT, NESTED_GAIN,
+};
 use crate::effects::EffectId;
 
 /// Probability that is left for unknown physics when an effect explains everything, and what is added when it explains
@@ -126,5 +128,5 @@ pub fn generalises(wide: EffectId, narrow: EffectId) -> bool {
 
 /// A rival that only generalises the effect competes with what its extra freedom deserves, not as another cause.
 fn weight(rival: EffectId, effect: EffectId) -> f64 {
-    if generalises(rival, effect) { 0.05 } else { 1.0 }
+    if generalises(rival, effect) { (-NESTED_GAIN).exp() } else { 1.0 }
 }

@@ -44,6 +44,10 @@ pub struct Shown {
     /// Root mean square that it would add in its strongest channel, in units of what is left there: before and after the
     /// fitted parameters absorb what they can.
     pub size: (f64, f64),
+    /// That of the form in which it shows least.
+    pub least: f64,
+    /// Probability that it had been found in the form in which it shows most.
+    pub at_best: f64,
     /// That channel.
     pub channel: Channel,
     /// Fitted parameters that absorb most of it.
@@ -76,6 +80,14 @@ impl Shown {
                 times(after)
             );
         }
+        if self.at_best > EVEN {
+            return format!(
+                "in some of its forms it hides: at its typical strength it would leave {} to {} times the noise in {channel} \
+                 after the fitted parameters have adjusted",
+                times(self.least),
+                times(after)
+            );
+        }
         if after > ABSORBED * before {
             return format!(
                 "at its typical strength it would add only {} times the noise to {channel}",
@@ -95,11 +107,11 @@ impl Shown {
     }
 }
 
-/// A multiple of the noise in words of two digits.
+/// A multiple of the noise in words of two digits, near one of three.
 pub fn times(x: f64) -> String {
     if x < 0.01 {
         "less than 0.01".into()
-    } else if x < 0.995 {
+    } else if x < 1.995 {
         format!("{x:.2}")
     } else if x < 9.95 {
         format!("{x:.1}")
@@ -199,7 +211,8 @@ impl Survey<'_> {
         let probes = effect.probes(context);
         let mut likeness: Vec<(EffectId, f64, f64)> =
             self.found.iter().map(|f| (f.effect, 0.0, f64::INFINITY)).collect();
-        let (mut power, mut strongest) = (0.0, None);
+        let (mut power, mut at_best, mut least) = (0.0, 0.0f64, f64::INFINITY);
+        let mut strongest = None;
         for probe in &probes {
             let columns = self.scorer.sensitivity(effect, probe);
             let whole = &columns * &typical;
@@ -210,13 +223,16 @@ impl Survey<'_> {
                 .column(0)
                 .into_owned();
             let (before, after) = (self.squares(&whole), self.squares(&free));
-            power += self.power(&after, amplitudes.len()) / probes.len() as f64;
+            let here = self.power(&after, amplitudes.len());
+            power += here / probes.len() as f64;
+            at_best = at_best.max(here);
             let most = (0..after.len()).max_by(|a, b| after[*a].total_cmp(&after[*b]))?;
             let at = if after[most] > 0.01 * before.iter().copied().fold(0.0, f64::max) {
                 most
             } else {
                 (0..before.len()).max_by(|a, b| before[*a].total_cmp(&before[*b]))?
             };
+            least = least.min(after[at].sqrt());
             if strongest.as_ref().is_none_or(|(_, _, x, _): &(usize, f64, f64, _)| after[at] > *x) {
                 strongest = Some((at, before[at], after[at], whole));
             }
@@ -236,6 +252,8 @@ impl Survey<'_> {
             effect,
             power,
             size: (before.sqrt(), after.sqrt()),
+            least,
+            at_best,
             channel: channels[at].0,
             absorbed_by: self.absorbed_by(&whole),
             likeness,
@@ -385,5 +403,20 @@ mod tests {
         assert!(shown[0].power < 0.5, "{shown:?}");
         let why = shown[0].why(&[EffectId::CoulombFriction]);
         assert!(why.contains("special case") && why.contains("cannot be excluded"), "{why}");
+    }
+    #[test]
+    fn an_answer_lists_what_it_would_have_missed_and_what_it_cannot_tell_apart() {
+        use crate::diagnose::answer::Verdict;
+        use crate::drive::simulate;
+        let setup = setup(narrow(), vec![choice("coulomb_friction", "tau_c", 1.0)]);
+        let recording = simulate(&setup, &Silent).unwrap().recording;
+        let answer = crate::diagnose::diagnose(&[&recording], &setup.nameplate, None, &Silent).unwrap();
+        assert_ne!(answer.verdict, Verdict::Named, "{:?}", answer.model);
+        if answer.verdict == Verdict::Ambiguous {
+            assert!(answer.next_experiment.is_some());
+        }
+        assert!(answer.cannot_see.iter().all(|u| u.power < EVEN && !u.why.is_empty()));
+        assert!(answer.cannot_see.windows(2).all(|w| w[0].power <= w[1].power));
+        assert!(answer.cannot_see.iter().all(|u| !answer.model.effects.contains(&u.effect)));
     }
 }

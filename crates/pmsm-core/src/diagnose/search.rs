@@ -5,7 +5,7 @@ use super::data::Data;
 use super::hypothesis::{self, Hypothesis};
 use super::power::{self, Shown};
 use super::shortlist::{Prospect, Scorer};
-use super::verdict::{Judged, LEAST_GAIN, MISMATCH, PROGRESS, Scale};
+use super::verdict::{Judged, LEAST_GAIN, MISMATCH, NESTED_GAIN, PROGRESS, Scale};
 use crate::effect::{Need, Site};
 use crate::effects::{self, EffectId};
 use crate::error::Result;
@@ -279,6 +279,16 @@ impl Search<'_> {
     fn pruned(&self, mut best: Judged, scale: &Scale, seen: &mut Vec<Judged>) -> Result<Judged> {
         'again: loop {
             let effects = best.fitted.effects();
+            // What an effect has beyond a special case of it must be plain.
+            for wide in &effects {
+                for narrow in special_cases(*wide).filter(|e| !effects.contains(e)) {
+                    let simpler = self.narrowed(&best, *wide, narrow, seen)?;
+                    if scale.loss(&simpler) < scale.loss(&best) + NESTED_GAIN {
+                        best = simpler;
+                        continue 'again;
+                    }
+                }
+            }
             if effects.len() < 2 {
                 return Ok(best);
             }
@@ -291,6 +301,38 @@ impl Search<'_> {
             }
             return Ok(best);
         }
+    }
+
+    /// The same set with a special case in place of one effect, refitted unless it was tried before.
+    fn narrowed(
+        &self,
+        best: &Judged,
+        wide: EffectId,
+        narrow: EffectId,
+        seen: &mut Vec<Judged>,
+    ) -> Result<Judged> {
+        let mut kept: Vec<EffectId> = best.fitted.effects();
+        kept.retain(|e| *e != wide);
+        if let Some(known) = seen.iter().find(|j| same(&j.fitted.effects(), &kept, narrow)) {
+            return Ok(known.clone());
+        }
+        let (model, mut start) = reduced(&best.fitted, wide);
+        let context = *model.context();
+        let slot = best.fitted.model.slots().iter().find(|s| s.effect == wide).expect("it is in the set");
+        let own = &best.fitted.parameters[slot.parameters.clone()];
+        // Parameters of the same name keep their values.
+        let mut shared = narrow.probes(&context).into_iter().next().unwrap_or_default();
+        for (x, info) in shared.iter_mut().zip(narrow.info().parameters) {
+            if let Some(k) = wide.info().parameters.iter().position(|p| p.name == info.name) {
+                *x = own[k];
+            }
+        }
+        start.extend(shared);
+        kept.push(narrow);
+        let model = Model::new(context, &kept);
+        let judged = self.judge(hypothesis::fit(self.data, &model, &start, false, self.monitor)?)?;
+        seen.push(judged.clone());
+        Ok(judged)
     }
 
     /// The same set without one effect, refitted unless it was tried before.
@@ -354,6 +396,12 @@ impl Search<'_> {
         }
         Ok(())
     }
+}
+
+/// Effects that an effect contains.
+fn special_cases(wide: EffectId) -> impl Iterator<Item = EffectId> {
+    let narrow = wide.info().contains;
+    effects::ALL.iter().copied().filter(move |e| narrow.contains(&e.id()))
 }
 
 /// From the bare machine to the best set through the best subsets that were tried.

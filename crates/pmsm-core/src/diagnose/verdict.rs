@@ -16,6 +16,9 @@ const LEAST_WORTH: f64 = 10.0;
 pub const PRICE: f64 = 0.5;
 /// An effect must gain this many nats beyond its price.
 pub const LEAST_GAIN: f64 = 3.0;
+/// An effect that contains a simpler one as a special case must gain this many over it: its further parameters bend to whatever
+/// is left at the same place.
+pub const NESTED_GAIN: f64 = 7.0;
 /// And this many on recordings that were not used for fitting.
 pub const LEAST_HELD_OUT: f64 = 1.5;
 /// A further effect must bring the excess that is left below this share of what it was.

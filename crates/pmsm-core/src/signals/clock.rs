@@ -36,9 +36,8 @@ pub fn even(t: &[f64], segments: &[Range<usize>], theta: &[f64], omega: &[f64]) 
     let slope = product / square;
     let rest: f64 = pairs.iter().map(point).map(|(x, y)| (y - slope * x).powi(2)).sum();
     let error = (rest / count / square).sqrt();
-    // False for NaN, too.
-    let jitters = slope + SIGNIFICANT * error < REAL;
-    if !jitters {
+    let highest = slope + SIGNIFICANT * error;
+    if highest.is_nan() || highest >= REAL {
         return None;
     }
     // Numbers of the samples on an even clock; a gap is a whole number of periods.
@@ -66,6 +65,10 @@ mod tests {
         2.0 * (x - x.floor()) - 1.0
     }
 
+    fn whole(t: &[f64]) -> Vec<Range<usize>> {
+        std::iter::once(0..t.len()).collect()
+    }
+
     fn turning(real: bool) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
         let speed = |t: f64| 300.0 * (3.0 * t).sin();
         let angle = |t: f64| 100.0 * (1.0 - (3.0 * t).cos());
@@ -83,7 +86,7 @@ mod tests {
     #[test]
     fn stamps_that_the_rotor_contradicts_are_evened_out() {
         let (t, theta, omega) = turning(false);
-        let (even, jitter) = even(&t, std::slice::from_ref(&(0..t.len())), &theta, &omega).unwrap();
+        let (even, jitter) = even(&t, &whole(&t), &theta, &omega).unwrap();
         let worst = even.iter().enumerate().map(|(k, t)| (t - k as f64 * 1e-4).abs()).fold(0.0, f64::max);
         assert!(worst < 1e-7, "{worst}");
         assert!((jitter - 0.02 * (2.0f64 / 3.0).sqrt()).abs() < 1e-3, "{jitter}");
@@ -92,6 +95,6 @@ mod tests {
     #[test]
     fn samples_that_were_taken_unevenly_keep_their_times() {
         let (t, theta, omega) = turning(true);
-        assert!(even(&t, std::slice::from_ref(&(0..t.len())), &theta, &omega).is_none());
+        assert!(even(&t, &whole(&t), &theta, &omega).is_none());
     }
 }

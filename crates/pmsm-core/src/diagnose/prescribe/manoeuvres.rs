@@ -49,10 +49,9 @@ pub fn digits(x: f64) -> String {
 }
 
 impl Limits {
-    /// Highest speed that the manoeuvres use: reached from standstill within half of a ramp by the current that they use.
-    fn speed(&self) -> f64 {
-        let reachable = 0.5 * RAMP * self.duration * 0.6 * USED * self.current * self.agility;
-        (USED * self.omega_m).min(reachable)
+    /// Speed that is reached from standstill within half of a ramp by part of the current that the manoeuvres use.
+    fn reach(&self) -> f64 {
+        0.5 * RAMP * self.duration * 0.6 * USED * self.current * self.agility
     }
 
     /// The manoeuvres.
@@ -61,11 +60,15 @@ impl Limits {
     /// Those of [`Schedule::new`], for limits that are not finite.
     pub fn candidates(&self) -> Result<Vec<Candidate>> {
         let mut out = Vec::new();
-        let (t, w, i) = (self.duration, self.speed(), USED * self.current);
+        let (t, i, top) = (self.duration, USED * self.current, USED * self.omega_m);
+        let w = top.min(self.reach());
         let mut add = |words: String, change: &dyn Fn(&mut Manoeuvre) -> Result<()>| -> Result<()> {
             let mut manoeuvre = Manoeuvre::new(t);
             manoeuvre.settle = SETTLE * t;
             change(&mut manoeuvre)?;
+            if let Some(speed) = &manoeuvre.omega_m {
+                manoeuvre.start_omega_m = speed.at(0.0);
+            }
             out.push(Candidate { words, manoeuvre });
             Ok(())
         };
@@ -103,7 +106,8 @@ impl Limits {
         if self.omega_m * t < 1e-6 || w <= 0.0 {
             return Ok(out);
         }
-        let (fast, slow, middle) = (digits(w), digits(0.1 * w), digits(0.5 * w));
+        let low = (top / 3.0).max(top - 2.0 * self.reach());
+        let (fast, slow, middle) = (digits(w), digits(0.1 * w), digits(0.5 * top));
         add(format!("reverse the speed between ±{fast} rad/s"), &|m| {
             m.omega_m = Some(reversal(w)?);
             Ok(())
@@ -112,12 +116,12 @@ impl Limits {
             m.omega_m = Some(reversal(0.1 * w)?);
             Ok(())
         })?;
-        add(format!("hold the speed at {} rad/s and then at {fast} rad/s", digits(w / 3.0)), &|m| {
-            m.omega_m = Some(line(&[(0.35, w / 3.0), (0.65, w)])?);
+        add(format!("hold the speed at {} rad/s and then at {} rad/s", digits(low), digits(top)), &|m| {
+            m.omega_m = Some(line(&[(0.35, low), (0.65, top)])?);
             Ok(())
         })?;
-        add(format!("spin up to {fast} rad/s, then command zero current and let it coast"), &|m| {
-            (m.start_omega_m, m.settle) = (w, 0.0);
+        add(format!("spin up to {} rad/s, then command zero current and let it coast", digits(top)), &|m| {
+            (m.start_omega_m, m.settle) = (top, 0.0);
             Ok(())
         })?;
         let (weak, strong) = (0.4 * i, 0.8 * i);
@@ -147,7 +151,7 @@ impl Limits {
         let d = digits(0.5 * i);
         let around = [(0.0, 0.0), (0.2, -0.5 * i), (0.45, 0.0), (0.6, 0.5 * i), (0.8, 0.0)];
         add(format!("hold {middle} rad/s and step i_d to -{d} A, zero and +{d} A"), &|m| {
-            m.omega_m = Some(Schedule::constant(0.5 * w)?);
+            m.omega_m = Some(Schedule::constant(0.5 * top)?);
             m.i_d = Some(steps(&around)?);
             Ok(())
         })?;
@@ -166,7 +170,7 @@ impl Limits {
         )?;
         let swing = 0.25 * i;
         add(format!("hold {middle} rad/s and swing i_d and i_q by ±{} A", digits(swing)), &|m| {
-            m.omega_m = Some(Schedule::constant(0.5 * w)?);
+            m.omega_m = Some(Schedule::constant(0.5 * top)?);
             (m.i_d, m.i_q) = (Some(square(swing, DITHER[0])?), Some(square(swing, DITHER[1])?));
             Ok(())
         })?;
