@@ -1,5 +1,6 @@
 //! Numbers that carry exact derivatives along.
 
+mod outlined;
 mod tangent;
 
 use crate::real::{Loop, Real};

@@ -158,8 +158,7 @@ impl<'a> Experiment<'a> {
             for columns in chunks(&reaching, LANES) {
                 let at = (p, free, columns);
                 match columns.len() {
-                    0..=2 => self.electrical_pass::<2>(at, &mut residual, &mut jacobian),
-                    3..=4 => self.electrical_pass::<4>(at, &mut residual, &mut jacobian),
+                    0..=4 => self.electrical_pass::<4>(at, &mut residual, &mut jacobian),
                     _ => self.electrical_pass::<LANES>(at, &mut residual, &mut jacobian),
                 }
             }

@@ -65,10 +65,7 @@ pub fn run(kernel: Kernel, blocks: &mut [Block], stretch: Stretch<'_>, errors: &
         (false, true, true) => {
             lanes::run(path, rounding, Run::<STAGES, true, false> { blocks, stretch, errors })
         }
-        (false, false, false) => {
-            lanes::run(path, rounding, Run::<STAGES, false, true> { blocks, stretch, errors })
-        }
-        (false, true, false) => {
+        (false, _, false) => {
             lanes::run(path, rounding, Run::<STAGES, true, true> { blocks, stretch, errors })
         }
         (true, _, true) => {

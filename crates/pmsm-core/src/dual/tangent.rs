@@ -4,6 +4,7 @@
 //! it was computed here or there. The value fills a vector of its own: products with the derivatives need no broadcast.
 
 use super::Dual;
+use super::outlined::Outlined;
 use crate::lanes::{self, Job, Lane, Path};
 use crate::real::{Carries, Loop, Real};
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
@@ -15,7 +16,8 @@ const HALF: usize = 4;
 /// Fewer derivatives than this are as fast one by one.
 const LEAST: usize = 3;
 
-/// Runs `task` on tangents where this processor has vectors wide enough, else on dual numbers.
+/// Runs `task` on tangents where this processor has vectors wide enough, else on dual numbers; where those are the exception,
+/// on outlined ones.
 pub fn run<const N: usize, L: Loop<Dual<N>>>(task: L) -> L::Output {
     let path = Path::best();
     if const { LEAST <= N && N <= HALF } {
@@ -30,7 +32,11 @@ pub fn run<const N: usize, L: Loop<Dual<N>>>(task: L) -> L::Output {
             return lanes::avx2(Wide::<N, 2, L>(task));
         }
     }
-    task.run::<Dual<N>>()
+    if const { LEAST <= N && N <= MOST && cfg!(target_arch = "x86_64") } {
+        task.run::<Outlined<N>>()
+    } else {
+        task.run::<Dual<N>>()
+    }
 }
 
 /// A loop over dual numbers as a job on vectors.
@@ -263,6 +269,7 @@ mod tests {
         let expected = bits(formula(pair[0], pair[1]));
         assert_eq!(bits(Dual::fastest(Formula(pair))), expected);
         assert_eq!(bits(Wide::<N, MOST, _>(Formula(pair)).run::<f64>()), expected);
+        assert_eq!(bits(Formula(pair).run::<Outlined<N>>()), expected);
     }
 
     proptest! {

@@ -28,8 +28,7 @@ impl<'a> Experiment<'a> {
         for columns in chunks(&other, LANES - 1) {
             let at = (p, free, columns);
             match columns.len() {
-                0..=1 => self.mechanical_pass::<2>(at, &torque, &starts, &mut speed, jacobian),
-                2..=3 => self.mechanical_pass::<4>(at, &torque, &starts, &mut speed, jacobian),
+                0..=3 => self.mechanical_pass::<4>(at, &torque, &starts, &mut speed, jacobian),
                 _ => self.mechanical_pass::<LANES>(at, &torque, &starts, &mut speed, jacobian),
             }
         }
