@@ -122,11 +122,11 @@ def fleet(
     seed: int,
 ) -> int:
     """Diagnose every RECORDING by itself; one that is refused does not stop the others."""
-    import json
     import os
     from concurrent.futures import ThreadPoolExecutor
 
     from ..fleet import diagnose_many
+    from ..results import json_text
 
     with ThreadPoolExecutor(jobs or os.cpu_count() or 1) as executor:
         answers = diagnose_many(
@@ -137,10 +137,7 @@ def fleet(
             seed=seed,
             progress=terminal.progress(),
         )
-    terminal.finish(
-        json_file,
-        lambda: json.dumps(answers.to_list(), indent=2, ensure_ascii=False, allow_nan=False) + "\n",
-    )
+    terminal.finish(json_file, lambda: json_text(answers.to_list()))
     click.echo(answers)
     if answers.interrupted:
         return terminal.INTERRUPTED
