@@ -22,6 +22,7 @@ use advance::uniform_pair;
 
 use crate::error::{Error, Result};
 
+pub(crate) use minimise::by_generations;
 pub use minimise::{SwarmResult, minimise};
 pub use variants::{Inertia, Neighbourhood, Update};
 
