@@ -97,3 +97,51 @@ pub(crate) fn by_generations(
         interrupted,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::monitor::{Silent, StopFlag};
+
+    fn sphere(x: &[f64]) -> f64 {
+        x.iter().map(|v| v * v).sum()
+    }
+
+    #[test]
+    fn history_has_an_entry_per_generation_and_never_rises() {
+        let result =
+            minimise(&SwarmSettings::default(), &[(-5.0, 5.0); 3], 1, None, &sphere, &Silent).unwrap();
+        assert_eq!((result.history.len(), result.evaluations), (31, 310));
+        assert!(result.history.windows(2).all(|w| w[1] <= w[0]) && !result.interrupted);
+        assert_eq!(result.cost, *result.history.last().unwrap());
+        assert_eq!(result.cost, sphere(&result.parameters));
+    }
+
+    #[test]
+    fn nan_and_infinite_costs_never_win() {
+        let half = |x: &[f64]| if x[0] < 0.0 { f64::NAN } else { sphere(x) };
+        let result = minimise(&SwarmSettings::default(), &[(-5.0, 5.0); 2], 2, None, &half, &Silent).unwrap();
+        assert!(result.cost.is_finite() && result.parameters[0] >= 0.0);
+        let none = |_: &[f64]| f64::NAN;
+        let result = minimise(&SwarmSettings::default(), &[(-5.0, 5.0); 2], 2, None, &none, &Silent).unwrap();
+        assert_eq!(result.cost, f64::INFINITY);
+        assert!(result.parameters.iter().all(|x| x.is_finite()) && !result.interrupted);
+    }
+
+    #[test]
+    fn an_interrupted_run_keeps_its_best() {
+        let flag = StopFlag::default();
+        let calls = AtomicUsize::new(0);
+        let cost = |x: &[f64]| {
+            if calls.fetch_add(1, Ordering::Relaxed) == 24 {
+                flag.stop();
+            }
+            sphere(x)
+        };
+        let result = minimise(&SwarmSettings::default(), &[(-5.0, 5.0); 2], 2, None, &cost, &flag).unwrap();
+        assert!(result.interrupted && (25..40).contains(&result.evaluations));
+        assert_eq!(result.cost, sphere(&result.parameters));
+        let at_once = minimise(&SwarmSettings::default(), &[(-5.0, 5.0); 2], 2, None, &cost, &flag).unwrap();
+        assert!(at_once.interrupted && at_once.evaluations == 0 && at_once.history.is_empty());
+    }
+}
