@@ -9,6 +9,7 @@ import html
 import json
 import os
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import Any, overload
 
@@ -113,13 +114,12 @@ def diagnose_many(
     """
     tasks = _tasks(recordings, machine, validations, seed, threads, max_bytes)
     keys = [task.key() for task in tasks]
-    book = Ledger(ledger) if ledger is not None else None
-    try:
+    interrupted = False
+    with nullcontext() if ledger is None else Ledger(ledger) as book:
         found = {key: result for key in keys if (result := _recorded(book, key)) is not None}
         resumed = sum(key in found for key in keys)
         todo = {key: task for key, task in zip(keys, tasks, strict=True) if key not in found}
         crew = Crew(executor, todo)
-        interrupted = False
         try:
             for key, told in crew.results():
                 found[key] = result = _result(todo[key].name, told)
@@ -131,9 +131,6 @@ def diagnose_many(
             interrupted = True
         finally:
             crew.end()
-    finally:
-        if book is not None:
-            book.close()
     results = [found.get(key) or _interrupted(task) for key, task in zip(keys, tasks, strict=True)]
     named = [
         replace(result, name=task.name) if isinstance(result, Failure) else result
