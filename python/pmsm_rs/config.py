@@ -21,14 +21,17 @@ _LARGEST_FILE = 1 << 20
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+LoadKind = Literal["none", "known_constant", "measured", "unknown_constant", "unknown_piecewise", "locked"]
 
 
 class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
-class _Machine(Table):
-    n_p: Annotated[int, Field(ge=1)]
+class Plate(Table):
+    """Parameters of a machine, SI, any of them unknown."""
+
+    n_p: Annotated[int | None, Field(ge=1)] = None
     r_s: Positive | None = None
     l_d: Positive | None = None
     l_q: Positive | None = None
@@ -37,17 +40,20 @@ class _Machine(Table):
     b: NotNegative | None = None
 
 
-class _Drive(Table):
+class _Machine(Plate):
+    n_p: Annotated[int, Field(ge=1)]
+
+
+class Ratings(Table):
+    """What a drive is built for, SI, any of it unknown."""
+
     v_dc: Positive | None = None
     i_rated: Positive | None = None
     f_sample: Positive | None = None
 
 
 class _Load(Table):
-    kind: (
-        Literal["none", "known_constant", "measured", "unknown_constant", "unknown_piecewise", "locked"]
-        | None
-    ) = None
+    kind: LoadKind | None = None
     value: Number | None = None
 
     @model_validator(mode="after")
@@ -79,7 +85,7 @@ class _Column(Table):
         return self
 
 
-_TABLES: dict[str, type[Table]] = {"machine": _Machine, "drive": _Drive, "load": _Load}
+_TABLES: dict[str, type[Table]] = {"machine": _Machine, "drive": Ratings, "load": _Load}
 
 
 @dataclass(frozen=True)
@@ -107,7 +113,7 @@ def read_machine(path: str | os.PathLike[str]) -> MachineFile:
         raise refuse(MachineError, "; ".join(errors), file=name, fix="correct the machine file")
     plate, drive, load = parts["machine"], parts["drive"], parts["load"]
     assert isinstance(plate, _Machine)
-    assert isinstance(drive, _Drive)
+    assert isinstance(drive, Ratings)
     assert isinstance(load, _Load)
     try:
         machine = Machine(**plate.model_dump(), **drive.model_dump())

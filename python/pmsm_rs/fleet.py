@@ -1,51 +1,29 @@
 """Many recordings: each is diagnosed by itself, wherever an executor runs it, and none is lost.
 
-A recording that cannot be diagnosed gives a Failure in its place. A worker that dies costs no recording: what
-it had is tried again, alone, so that one that kills its worker twice is known by name and reported.
+A recording that cannot be diagnosed, or that kills its workers, gives a Failure in its place.
 """
 
 from __future__ import annotations
 
-import hashlib
 import html
+import json
 import os
-import threading
-from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    wait,
-)
+from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from functools import partial
-from pathlib import Path
-from typing import Any, Final, overload
+from typing import Any, overload
 
 from . import _core
-from ._core import Machine, PmsmError, UsageError
+from ._core import Machine, UsageError
 from .config import MachineFile, read_machine
+from .crew import INTERRUPTED, Crew, Makes, Run, Task, Told
 from .errors import refuse
 from .ledger import Ledger
-from .loader import load
 from .recording import DEFAULT_MAX_BYTES, Recording
 from .results import Diagnosis
-from .run import Progress, diagnose
+from .run import Progress
 
 Described = str | os.PathLike[str] | MachineFile | Machine
-Run = str | os.PathLike[str] | Recording
-Makes = Executor | Callable[[], Executor]
-
-_MOST_LOSSES: Final = 2
-_IN_FLIGHT: Final = 64
-_GRACE: Final = 1.0
-_LOST, _INTERRUPTED = "WorkerLost", "Interrupted"
-# By run: set where the recordings in this process are to be given up.
-_STOPS: dict[str, threading.Event] = {}
 
 
 @dataclass(frozen=True)
@@ -107,27 +85,6 @@ class Fleet(Sequence["Diagnosis | Failure"]):
         return f"<pre>{html.escape(str(self))}</pre>"
 
 
-@dataclass(frozen=True)
-class _Task:
-    """One recording with all that its worker needs."""
-
-    run: str
-    name: str
-    recording: Run
-    validation: Run | None
-    machine: MachineFile | Machine
-    seed: int
-    threads: int
-    max_bytes: int
-
-    def key(self) -> str:
-        """The same for the same question: contents of the files, machine, seed and version."""
-        digest = hashlib.sha256(repr((_core.__version__, self.seed, _plain(self.machine))).encode())
-        for run in (self.recording, self.validation):
-            digest.update(_contents(run))
-        return digest.hexdigest()
-
-
 def diagnose_many(
     recordings: Sequence[Run],
     machine: Described | Sequence[Described],
@@ -157,16 +114,15 @@ def diagnose_many(
     """
     tasks = _tasks(recordings, machine, validations, seed, threads, max_bytes)
     keys = [task.key() for task in tasks]
-    book = Ledger(ledger) if ledger is not None else None
-    try:
+    interrupted = False
+    with nullcontext() if ledger is None else Ledger(ledger) as book:
         found = {key: result for key in keys if (result := _recorded(book, key)) is not None}
         resumed = sum(key in found for key in keys)
         todo = {key: task for key, task in zip(keys, tasks, strict=True) if key not in found}
-        crew = _Crew(executor, todo)
-        interrupted = False
+        crew = Crew(executor, todo)
         try:
-            for key, result in crew.results():
-                found[key] = result
+            for key, told in crew.results():
+                found[key] = result = _result(todo[key].name, told)
                 if book is not None:
                     book.add(key, _entry(todo[key].name, result))
                 if progress is not None:
@@ -175,9 +131,6 @@ def diagnose_many(
             interrupted = True
         finally:
             crew.end()
-    finally:
-        if book is not None:
-            book.close()
     results = [found.get(key) or _interrupted(task) for key, task in zip(keys, tasks, strict=True)]
     named = [
         replace(result, name=task.name) if isinstance(result, Failure) else result
@@ -193,7 +146,7 @@ def _tasks(
     seed: int,
     threads: int,
     max_bytes: int,
-) -> list[_Task]:
+) -> list[Task]:
     if isinstance(recordings, str | os.PathLike | Recording):
         raise refuse(UsageError, "recordings is a single one", fix="give a list of recordings")
     runs = list(recordings)
@@ -218,7 +171,7 @@ def _tasks(
 
     token = os.urandom(8).hex()
     return [
-        _Task(token, _name(run, k), run, other, one(what), seed, threads, max_bytes)
+        Task(token, _name(run, k), run, other, one(what), seed, threads, max_bytes)
         for k, (run, what, other) in enumerate(zip(runs, described, others, strict=True))
     ]
 
@@ -227,69 +180,14 @@ def _name(run: Run, index: int) -> str:
     return f"recording {index}" if isinstance(run, Recording) else str(run)
 
 
-def _plain(machine: MachineFile | Machine) -> object:
-    if isinstance(machine, MachineFile):
-        rules = sorted((name, repr(rule)) for name, rule in machine.columns.items())
-        return _plain(machine.machine), machine.load, machine.load_value, rules
-    return sorted(machine.__getnewargs_ex__()[1].items())
-
-
-def _contents(run: Run | None) -> bytes:
-    digest = hashlib.sha256()
-    if isinstance(run, Recording):
-        digest.update(repr((run.load, run.load_value)).encode())
-        for name in run.names:
-            digest.update(name.encode() + run.column(name).tobytes())
-    elif run is not None:
-        try:
-            with Path(run).open("rb") as handle:
-                digest = hashlib.file_digest(handle, "sha256")
-        except OSError as error:
-            # Whoever loads it will say so; here it only has to differ from every readable file.
-            digest.update(f"{run}: {error}".encode())
-    return digest.digest()
-
-
-class _Stopped(Exception):
-    """The run was interrupted while this recording was in work."""
-
-
-def _work(task: _Task) -> tuple[str, str, str]:
-    """In the worker: ("answer", JSON, "") or ("failure", kind, message). What escapes is not the
-    recording's doing.
-    """
-    stop = _STOPS.get(task.run)
-
-    def look(_stage: str, _fraction: float) -> None:
-        if stop is not None and stop.is_set():
-            raise _Stopped
-
-    try:
-        recording = _opened(task.recording, task)
-        validation = None if task.validation is None else _opened(task.validation, task)
-        machine = task.machine.machine if isinstance(task.machine, MachineFile) else task.machine
-        answer = diagnose(recording, machine, validation, seed=task.seed, threads=task.threads, progress=look)
-    except _Stopped:
-        return "failure", _INTERRUPTED, ""
-    except PmsmError as error:
-        return "failure", type(error).__name__, str(error)
-    except Exception as error:
-        return "failure", type(error).__name__, f"{task.name}: {type(error).__name__}: {error}"
-    return ("failure", _INTERRUPTED, "") if answer.interrupted else ("answer", answer.to_json(), "")
-
-
-def _opened(run: Run, task: _Task) -> Recording:
-    return run if isinstance(run, Recording) else load(run, task.machine, max_bytes=task.max_bytes)
-
-
-def _result(name: str, told: tuple[str, str, str]) -> Diagnosis | Failure:
+def _result(name: str, told: Told) -> Diagnosis | Failure:
     what, first, second = told
     return Diagnosis.from_json(first) if what == "answer" else Failure(name, first, second)
 
 
-def _interrupted(task: _Task) -> Failure:
+def _interrupted(task: Task) -> Failure:
     return Failure(
-        task.name, _INTERRUPTED, f"{task.name}: interrupted before there was a result; run it again"
+        task.name, INTERRUPTED, f"{task.name}: interrupted before there was a result; run it again"
     )
 
 
@@ -301,8 +199,6 @@ def _entry(name: str, result: Diagnosis | Failure) -> dict[str, Any]:
 
 def _recorded(book: Ledger | None, key: str) -> Diagnosis | Failure | None:
     """What the ledger knows; lost workers get another chance, refused data would be refused again."""
-    import json
-
     entry = book.entries.get(key) if book is not None else None
     if entry is None:
         return None
@@ -311,116 +207,3 @@ def _recorded(book: Ledger | None, key: str) -> Diagnosis | Failure | None:
     failure = entry["failure"]
     lasting = isinstance(getattr(_core, failure["kind"], None), type)
     return Failure(entry["name"], failure["kind"], failure["message"]) if lasting else None
-
-
-class _Crew:
-    """Hands tasks to an executor, and replaces it where it breaks."""
-
-    def __init__(self, executor: Makes | None, tasks: dict[str, _Task]) -> None:
-        self.make = executor if executor is not None and not isinstance(executor, Executor) else None
-        self.executor = executor if isinstance(executor, Executor) else None
-        self.own = executor is None or self.make is not None
-        self.tasks = tasks
-        self.waiting = deque(tasks)
-        self.suspects: deque[str] = deque()
-        self.losses: Counter[str] = Counter()
-        self.flying: dict[Future[tuple[str, str, str]], str] = {}
-        self.tokens = {task.run for task in tasks.values()}
-        for token in self.tokens:
-            _STOPS[token] = threading.Event()
-
-    def results(self) -> Iterator[tuple[str, Diagnosis | Failure]]:
-        """Key and result of every task, as they are done."""
-        while self.waiting or self.suspects or self.flying:
-            self._submit()
-            done, _ = wait(self.flying, return_when=FIRST_COMPLETED)
-            for future in done:
-                key = self.flying.pop(future)
-                error = future.exception() if not future.cancelled() else None
-                if error is None and not future.cancelled():
-                    result = _result(self.tasks[key].name, future.result())
-                    if isinstance(result, Failure) and result.kind == _INTERRUPTED:
-                        # A signal that reached the worker alone is as good as its death.
-                        yield from self._lost(key, InterruptedError("it was interrupted"))
-                    else:
-                        yield key, result
-                else:
-                    yield from self._lost(key, error)
-
-    def end(self) -> None:
-        """Gives up what is in work and lets go of the executor."""
-        for token in self.tokens:
-            _STOPS[token].set()
-        for future in self.flying:
-            future.cancel()
-        wait(self.flying, timeout=_GRACE)
-        if self.executor is not None and self.own:
-            self.executor.shutdown(wait=False, cancel_futures=True)
-        for token in self.tokens:
-            del _STOPS[token]
-
-    def _submit(self) -> None:
-        """Fills the executor; a suspect flies alone, so that it is known who broke it."""
-        while self.waiting or self.suspects:
-            alone = bool(self.suspects)
-            if len(self.flying) >= (1 if alone or self._suspect_flies() else self._room()):
-                return
-            queue = self.suspects if alone else self.waiting
-            try:
-                future = self._get().submit(_work, self.tasks[queue[0]])
-            except BrokenExecutor:
-                self._replace()
-                continue
-            self.flying[future] = queue.popleft()
-
-    def _suspect_flies(self) -> bool:
-        return any(self.losses[key] for key in self.flying.values())
-
-    def _room(self) -> int:
-        workers = getattr(self._get(), "_max_workers", None)
-        return 2 * workers if isinstance(workers, int) else _IN_FLIGHT
-
-    def _get(self) -> Executor:
-        if self.executor is None:
-            self.executor = self.make() if self.make is not None else ThreadPoolExecutor(os.cpu_count() or 1)
-        return self.executor
-
-    def _lost(self, key: str, error: BaseException | None) -> Iterator[tuple[str, Failure]]:
-        """A future that failed without an answer: its worker died, or its answer could not be carried."""
-        self.losses[key] += 1
-        alone = not self.flying
-        if self.losses[key] > _MOST_LOSSES and alone:
-            name = self.tasks[key].name
-            why = " ".join(str(error).split()) or type(error).__name__
-            text = (
-                f"{name}: its worker was lost {self.losses[key]} times ({why}); look at memory and system log"
-            )
-            yield key, Failure(name, _LOST, text)
-        else:
-            self.suspects.append(key)
-        if isinstance(error, BrokenExecutor) and alone:
-            self._replace()
-
-    def _replace(self) -> None:
-        """Another executor for a broken one. Raises UsageError where there is no way to make it."""
-        broken = self._get()
-        broken.shutdown(wait=False)
-        if not self.own:
-            if not isinstance(broken, ProcessPoolExecutor):
-                raise refuse(
-                    UsageError,
-                    f"the {type(broken).__name__} broke",
-                    fix="give executor a function that makes one, so that it can be replaced",
-                )
-            self.make, self.own = partial(_like, vars(broken)), True
-        self.executor = None
-
-
-def _like(pool: dict[str, Any]) -> ProcessPoolExecutor:
-    """A pool with the settings of another one; the class has no public way to copy itself."""
-    return ProcessPoolExecutor(
-        pool["_max_workers"],
-        mp_context=pool["_mp_context"],
-        initializer=pool["_initializer"],
-        initargs=pool["_initargs"],
-    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -48,13 +49,14 @@ def estimates(entries: Mapping[str, Any]) -> dict[str, Estimate]:
     return {name: Estimate.of(entry) for name, entry in entries.items()}
 
 
-@dataclass(frozen=True)
-class Identification:
-    """Estimated parameters of the dq-model.
+def json_text(data: object) -> str:
+    """An answer as the text of its file."""
+    return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
-    `history` holds the best cost of each generation, `rms` measured minus model per channel in its SI unit,
-    and `cannot_show` the parameters that this recording does not determine, with the reason.
-    """
+
+@dataclass(frozen=True)
+class Fit:
+    """What every search for parameters answers, be it for a motor or for a system of one's own."""
 
     parameters: Mapping[str, Estimate]
     cost: float
@@ -63,19 +65,16 @@ class Identification:
     evaluations: int
     converged: bool
     interrupted: bool
-    rms: Mapping[str, float]
+    rms: Mapping[str, float | None]
     cannot_show: tuple[Mapping[str, Any], ...]
-    seed: int
-    version: str
-    data: Mapping[str, Any] = field(repr=False, compare=False)
+    data: Mapping[str, Any] = field(repr=False, compare=False, kw_only=True)
 
     @classmethod
-    def from_json(cls, text: str) -> Self:
-        """From what `to_json` writes."""
-        data = json.loads(text)
+    def _of(cls, data: Mapping[str, Any], **own: Any) -> Self:
+        """From the JSON object, with the fields that only this kind of answer has."""
         return cls(
             parameters=estimates(data["parameters"]),
-            cost=data["cost"],
+            cost=math.inf if data["cost"] is None else data["cost"],
             history=tuple(data["history"]),
             method=data["method"],
             evaluations=data["evaluations"],
@@ -83,14 +82,32 @@ class Identification:
             interrupted=data["interrupted"],
             rms=data["rms"],
             cannot_show=tuple(data["cannot_show"]),
-            seed=data["seed"],
-            version=data["version"],
             data=data,
+            **own,
         )
 
     def to_json(self) -> str:
         """The whole answer as JSON text."""
-        return json.dumps(self.data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        return json_text(self.data)
+
+
+@dataclass(frozen=True)
+class Identification(Fit):
+    """Estimated parameters of the dq-model.
+
+    `history` holds the best cost of each generation, `rms` measured minus model per channel in its SI unit,
+    and `cannot_show` the parameters that this recording does not determine, with the reason.
+    """
+
+    rms: Mapping[str, float]
+    seed: int
+    version: str
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """From what `to_json` writes."""
+        data = json.loads(text)
+        return cls._of(data, seed=data["seed"], version=data["version"])
 
     def __str__(self) -> str:
         from .summary import identification
@@ -194,7 +211,7 @@ class Diagnosis:
 
     def to_json(self) -> str:
         """The whole answer as JSON text, schema pmsm-rs.diagnosis/1."""
-        return json.dumps(self.data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        return json_text(self.data)
 
     @overload
     def report(self, path: str | os.PathLike[str], title: str | None = None) -> None: ...

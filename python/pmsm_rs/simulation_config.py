@@ -34,156 +34,29 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Any, TypeVar
 
-from pydantic import BeforeValidator, Field
-
+from . import simulation_tables as tables
 from ._core import Machine, MachineError, UsageError
-from .config import NotNegative, Number, Positive, Table, read_machine, read_toml, validated
+from .config import Plate, Ratings, Table, read_machine, read_toml, validated
 from .errors import did_you_mean, refuse
 from .run import effects
 
 _SHIPPED = Path(__file__).parent / "machines"
-_BASE = ("r_s", "l_d", "l_q", "psi_m", "j", "b")
-_PLATE = ("n_p", *_BASE, "v_dc", "i_rated", "f_sample")
+_PLATE = (*Plate.model_fields, *Ratings.model_fields)
 _RPM = 2.0 * math.pi / 60.0
-Whole = Annotated[float, Field(ge=0, multiple_of=1, allow_inf_nan=False)]
-
-
-def _schedule(given: object) -> dict[str, Any]:
-    """A schedule as a table, whatever way it was written."""
-    if isinstance(given, int | float) and not isinstance(given, bool):
-        given = {"t": [0.0], "value": [given]}
-    if not isinstance(given, Mapping):
-        raise ValueError("write a number or { t = [...], value = [...] }")
-    wrong = [key for key in given if key not in ("t", "value", "shape")]
-    if wrong:
-        raise ValueError(f"unknown key '{wrong[0]}' ({did_you_mean(str(wrong[0]), ('t', 'value', 'shape'))})")
-    points = {key: _numbers(key, given.get(key)) for key in ("t", "value")}
-    if len(points["t"]) != len(points["value"]):
-        raise ValueError(f"there are {len(points['t'])} times and {len(points['value'])} values")
-    if not points["t"]:
-        raise ValueError("there is no point in it")
-    if any(later <= sooner for sooner, later in zip(points["t"], points["t"][1:], strict=False)):
-        raise ValueError("the times must increase; two points close together make a jump")
-    shape = given.get("shape", "linear")
-    if shape not in ("linear", "steps"):
-        raise ValueError(f"shape '{shape}' is not known ({did_you_mean(str(shape), ('linear', 'steps'))})")
-    return {**points, "shape": shape}
-
-
-def _numbers(key: str, given: object) -> list[float]:
-    try:
-        values = [float(x) for x in given]  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
-        raise ValueError(f"{key} must be a list of numbers") from None
-    if not all(map(math.isfinite, values)):
-        raise ValueError(f"{key} must be finite")
-    return values
-
-
-Schedule = Annotated[dict[str, Any], BeforeValidator(_schedule)]
-
-
-class _Machine(Table):
-    file: str | None = None
-    n_p: Annotated[int | None, Field(ge=1)] = None
-    r_s: Positive | None = None
-    l_d: Positive | None = None
-    l_q: Positive | None = None
-    psi_m: NotNegative | None = None
-    j: Positive | None = None
-    b: NotNegative | None = None
-
-
-class _Drive(Table):
-    v_dc: Positive | None = None
-    i_rated: Positive | None = None
-    i_limit: Positive | None = None
-    f_sample: Positive | None = None
-    delay: Whole = 1
-    inverter: Literal["averaged", "switching"] = "averaged"
-    hold: Literal["rotor", "stator"] | None = None
-    f_sw: Positive | None = None
-    substeps: Annotated[Whole, Field(ge=1, le=1000)] = 1
-
-
-class _Control(Table):
-    current_bandwidth: Positive | None = None
-    speed_bandwidth: Positive | None = None
-    kp_speed: NotNegative | None = None
-    ki_speed: NotNegative | None = None
-    kp_d: NotNegative | None = None
-    ki_d: NotNegative | None = None
-    kp_q: NotNegative | None = None
-    ki_q: NotNegative | None = None
-    decoupling: bool = True
-
-
-class _Sensors(Table):
-    noise_i: NotNegative = 0.0
-    step_i: NotNegative = 0.0
-    noise_omega_e: NotNegative = 0.0
-    noise_tau: NotNegative = 0.0
-    encoder_counts: Annotated[Whole, Field(le=2**31)] = 0
-    speed: Literal["tachometer", "encoder"] = "tachometer"
-    encoder_bandwidth: Positive | None = None
-    log_theta_m: bool = False
-
-
-class _Reference(Table):
-    omega_m: Schedule | None = None
-    n: Schedule | None = None
-    i_d: Schedule | None = None
-    i_q: Schedule | None = None
-
-
-class _Load(Table):
-    tau: Schedule | None = None
-    kind: (
-        Literal["none", "known_constant", "measured", "unknown_constant", "unknown_piecewise", "locked"]
-        | None
-    ) = None
-
-
-class _Drift(Table):
-    r_s: Schedule | None = None
-    l_d: Schedule | None = None
-    l_q: Schedule | None = None
-    psi_m: Schedule | None = None
-    j: Schedule | None = None
-    b: Schedule | None = None
-
-
-class _Start(Table):
-    theta_e: Number = 0.0
-    omega_m: Number | None = None
-    n: Number | None = None
-
-
-class _Temperature(Table):
-    winding: Schedule | None = None
-    magnet: Schedule | None = None
-
-
-class _Run(Table):
-    duration: Positive = 1.0
-    settle: NotNegative = 0.0
-    seed: Annotated[Whole, Field(le=2**53)] = 1
-
-
 _T = TypeVar("_T", bound=Table)
 _TABLES: dict[str, type[Table]] = {
-    "machine": _Machine,
-    "nameplate": _Machine,
-    "drive": _Drive,
-    "control": _Control,
-    "sensors": _Sensors,
-    "reference": _Reference,
-    "load": _Load,
-    "drift": _Drift,
-    "start": _Start,
-    "temperature": _Temperature,
+    "machine": tables.Machine,
+    "nameplate": tables.Machine,
+    "drive": tables.Drive,
+    "control": tables.Control,
+    "sensors": tables.Sensors,
+    "reference": tables.Reference,
+    "load": tables.Load,
+    "drift": tables.Drift,
+    "start": tables.Start,
+    "temperature": tables.Temperature,
 }
 
 
@@ -223,9 +96,11 @@ def read(
 
 
 def _build(content: dict[str, Any], folder: Path, errors: list[str]) -> Configuration | None:
-    known = (*_Run.model_fields, *_TABLES, "effects")
+    known = (*tables.Run.model_fields, *_TABLES, "effects")
     errors.extend(f"{key}: unknown key ({did_you_mean(key, known)})" for key in content if key not in known)
-    run = validated(_Run, "run", {k: v for k, v in content.items() if k in _Run.model_fields}, errors)
+    run = validated(
+        tables.Run, "run", {k: v for k, v in content.items() if k in tables.Run.model_fields}, errors
+    )
     if isinstance(content.get("machine"), str | os.PathLike):
         content["machine"] = {"file": str(content["machine"])}
     given = content.get("machine", {"file": "liu_2008"})
@@ -240,10 +115,10 @@ def _build(content: dict[str, Any], folder: Path, errors: list[str]) -> Configur
     chosen = _effects(content.get("effects", {}), errors)
     if errors or run is None:
         return None
-    assert isinstance(run, _Run)
-    drive, reference = _part(parts, "drive", _Drive), _part(parts, "reference", _Reference)
-    load, start = _part(parts, "load", _Load), _part(parts, "start", _Start)
-    plain = {k: getattr(drive, k) for k in ("v_dc", "i_rated", "f_sample")}
+    assert isinstance(run, tables.Run)
+    drive, reference = _part(parts, "drive", tables.Drive), _part(parts, "reference", tables.Reference)
+    load, start = _part(parts, "load", tables.Load), _part(parts, "start", tables.Start)
+    plain = {k: getattr(drive, k) for k in Ratings.model_fields}
     machine = _machine(true, parts.get("machine"), plain, folder, errors)
     if machine is None:
         return None
@@ -261,13 +136,15 @@ def _build(content: dict[str, Any], folder: Path, errors: list[str]) -> Configur
             "i_q": reference.i_q,
             "tau_load": load.tau,
             "load_kind": load.kind,
-            "temperature": _part(parts, "temperature", _Temperature).winding,
-            "temperature_magnet": _part(parts, "temperature", _Temperature).magnet,
+            "temperature": _part(parts, "temperature", tables.Temperature).winding,
+            "temperature_magnet": _part(parts, "temperature", tables.Temperature).magnet,
             "start_theta_e": start.theta_e,
             "start_omega_m": first or 0.0,
         },
-        "drive": _drive(drive, _part(parts, "control", _Control), _part(parts, "sensors", _Sensors), errors),
-        "drift": {k: v for k, v in _part(parts, "drift", _Drift).model_dump().items() if v is not None},
+        "drive": _drive(
+            drive, _part(parts, "control", tables.Control), _part(parts, "sensors", tables.Sensors), errors
+        ),
+        "drift": {k: v for k, v in _part(parts, "drift", tables.Drift).model_dump().items() if v is not None},
         "effects": chosen,
     }
     if errors or nameplate is None:
@@ -291,7 +168,7 @@ def _machine(
 ) -> Machine | None:
     """The machine of a table, on top of the one below it or of the file that it names."""
     values: dict[str, Any] = {}
-    if isinstance(table, _Machine):
+    if isinstance(table, tables.Machine):
         values = table.model_dump(exclude={"file"}, exclude_none=True)
         if table.file is not None:
             below = read_machine(_find(table.file, folder)).machine
@@ -324,7 +201,9 @@ def _find(name: str, folder: Path) -> Path:
     return file
 
 
-def _drive(drive: _Drive, control: _Control, sensors: _Sensors, errors: list[str]) -> dict[str, Any]:
+def _drive(
+    drive: tables.Drive, control: tables.Control, sensors: tables.Sensors, errors: list[str]
+) -> dict[str, Any]:
     if drive.inverter == "switching" and drive.hold == "rotor":
         errors.append("drive.hold: a switching inverter holds its voltage in the stator; leave hold out")
     if drive.inverter == "averaged" and drive.f_sw is not None:

@@ -92,17 +92,17 @@ def _bad(problem: str, number: int, fix: str, column: str | None = None) -> Data
     return refuse(DataError, problem, file=NAME, row=number, place=f"line {number}", column=column, fix=fix)
 
 
-class _Table:
+class _Table(Protocol):
     """Names and units of the columns, and how a line becomes a row."""
 
     names: tuple[str, ...]
     units: dict[str, str]
 
     def row(self, line: str, number: int) -> list[float]:
-        raise NotImplementedError
+        """The values of a line in the order of `names`. Raises DataError for a line that is no row."""
 
 
-class _Text(_Table):
+class _Text:
     """Separated values behind a header."""
 
     def __init__(self, header: str, number: int) -> None:
@@ -137,11 +137,12 @@ class _Text(_Table):
         raise _bad(f"'{field[:40]}' is no number", number, "send a number, or leave the field empty", name)
 
 
-class _Objects(_Table):
+class _Objects:
     """One JSON object per line."""
 
     def __init__(self, line: str, number: int) -> None:
-        self.names, self.units = tuple(self._object(line, number)), {}
+        self.names = tuple(self._object(line, number))
+        self.units: dict[str, str] = {}
         if not self.names:
             raise _bad("the object is empty", number, 'send objects such as {"t": 0.0, "i_d": 1.0}')
 

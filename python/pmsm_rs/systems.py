@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _core
 from ._core import DataError, UsageError
 from .errors import did_you_mean, refuse
-from .results import Estimate
+from .results import Fit
 from .run import METHODS, Progress, Swarm
 
 Array = NDArray[np.float64]
@@ -21,7 +21,7 @@ Rhs = Callable[[float, Array, Any, dict[str, Any]], Sequence[Any]]
 
 
 @dataclass(frozen=True)
-class SystemFit:
+class SystemFit(Fit):
     """Estimated parameters of a system of one's own; units are those of its equations.
 
     `cost` is the weighted sum of squares, `history` its best value after each generation of the swarm and
@@ -29,38 +29,11 @@ class SystemFit:
     `cannot_show` the parameters that the recording does not determine, with the reason.
     """
 
-    parameters: Mapping[str, Estimate]
-    cost: float
-    history: tuple[float, ...]
-    method: str
-    evaluations: int
-    converged: bool
-    interrupted: bool
-    rms: Mapping[str, float | None]
-    cannot_show: tuple[Mapping[str, Any], ...]
-    data: Mapping[str, Any] = field(repr=False, compare=False)
-
     @classmethod
     def of(cls, text: str, outputs: Sequence[str]) -> Self:
         """From the core's answer and the outputs' names."""
         data = json.loads(text)
-        data["rms"] = dict(zip(outputs, data["rms"], strict=True))
-        return cls(
-            parameters={name: Estimate.of(entry) for name, entry in data["parameters"].items()},
-            cost=float("inf") if data["cost"] is None else data["cost"],
-            history=tuple(data["history"]),
-            method=data["method"],
-            evaluations=data["evaluations"],
-            converged=data["converged"],
-            interrupted=data["interrupted"],
-            rms=data["rms"],
-            cannot_show=tuple(data["cannot_show"]),
-            data=data,
-        )
-
-    def to_json(self) -> str:
-        """The whole answer as JSON text."""
-        return json.dumps(self.data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        return cls._of({**data, "rms": dict(zip(outputs, data["rms"], strict=True))})
 
     def __str__(self) -> str:
         state = "interrupted" if self.interrupted else "converged" if self.converged else "not converged"

@@ -17,7 +17,7 @@ import numpy as np
 import pmsm_rs as pm
 import pytest
 from conftest import PACKAGE, Ran, csv_text
-from pmsm_rs import fleet
+from pmsm_rs import crew
 
 MACHINE = pm.Machine(n_p=3, r_s=0.9, l_d=0.0096, l_q=0.0213, psi_m=0.193, j=0.0126, b=0.0017)
 SPAWN = multiprocessing.get_context("spawn")
@@ -150,7 +150,7 @@ def test_two_processes_do_not_share_a_ledger(files: list[Path], tmp_path: Path) 
             pm.diagnose_many(files, MACHINE, ledger=tmp_path / "l.ndjson")
 
 
-def die_at_random(task: fleet._Task) -> tuple[str, str, str]:
+def die_at_random(task: crew.Task) -> tuple[str, str, str]:
     """A worker that is killed on every seventh recording at first sight, and always on number 3."""
     number = int(Path(str(task.recording)).stem)
     mark = Path(str(task.recording)).with_suffix(".seen")
@@ -164,7 +164,7 @@ def die_at_random(task: fleet._Task) -> tuple[str, str, str]:
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="this system has no SIGKILL")
 @pytest.mark.parametrize("how", ["pool", "function"])
 def test_killed_workers_lose_no_recording(how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fleet, "_work", die_at_random)
+    monkeypatch.setattr(crew, "work", die_at_random)
     names = [tmp_path / f"{k}.csv" for k in range(30)]
     made: list[ProcessPoolExecutor] = []
 

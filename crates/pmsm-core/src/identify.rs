@@ -30,9 +30,6 @@ use plan::Plan;
 use serde::{Deserialize, Serialize, Serializer};
 use std::str::FromStr;
 
-/// A swarm has converged if its last quarter lowered the cost by no more than this share.
-const FLAT: f64 = 0.01;
-
 /// A parameter that can be fitted. It is written to files by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
@@ -262,15 +259,12 @@ fn by_swarm(
     monitor: &dyn Monitor,
 ) -> Result<Found> {
     let result = search::swarm(objective, plan, &request.swarm, request.seed, warm, monitor)?;
-    let history = result.history;
-    let settled = history.len().checked_sub(1 + history.len() / 4).map(|k| history[k]);
-    let rest = settled.is_some_and(|cost| cost - result.cost <= FLAT * result.cost);
     let mut found = Found {
+        converged: result.settled(),
         values: result.parameters,
         cost: result.cost,
-        history,
+        history: result.history,
         evaluations: result.evaluations,
-        converged: !result.interrupted && rest,
         interrupted: result.interrupted,
     };
     if !found.cost.is_finite() {

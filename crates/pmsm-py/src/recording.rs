@@ -7,6 +7,23 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyMapping};
 use std::sync::Arc;
 
+/// Copies of columns by name. Raises DataError for one that is no contiguous float64 array of one dimension.
+pub fn copied(columns: &Bound<'_, PyDict>) -> PyResult<Vec<(String, Vec<f64>)>> {
+    let one = |(name, values): (Bound<'_, PyAny>, Bound<'_, PyAny>)| {
+        let name: String = name.extract()?;
+        let array: PyReadonlyArray1<'_, f64> = values.extract().map_err(|_| {
+            DataError::new_err(format!(
+                "column '{name}' is no array of float64 with one dimension; convert it with numpy"
+            ))
+        })?;
+        let values = array.as_slice().map_err(|_| {
+            DataError::new_err(format!("column '{name}' is not contiguous; use numpy.ascontiguousarray"))
+        })?;
+        Ok((name, values.to_vec()))
+    };
+    columns.iter().map(one).collect()
+}
+
 /// Checked columns of one run, each of shape (samples,), SI units.
 #[pyclass(name = "Recording", module = "pmsm_rs._core", frozen, subclass)]
 #[derive(Debug)]
@@ -30,19 +47,7 @@ impl PyRecording {
                 copy
             }
         };
-        let mut given = Vec::with_capacity(columns.len());
-        for (name, values) in columns.iter() {
-            let name: String = name.extract()?;
-            let array: PyReadonlyArray1<'_, f64> = values.extract().map_err(|_| {
-                DataError::new_err(format!(
-                    "column '{name}' is no array of float64 with one dimension; convert it with numpy"
-                ))
-            })?;
-            let values = array.as_slice().map_err(|_| {
-                DataError::new_err(format!("column '{name}' is not contiguous; use numpy.ascontiguousarray"))
-            })?;
-            given.push((name, values.to_vec()));
-        }
+        let given = copied(&columns)?;
         let load = load
             .map(|kind| Load::parse(kind, load_value))
             .transpose()

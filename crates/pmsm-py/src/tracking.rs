@@ -3,7 +3,6 @@
 use crate::errors::{DataError, InternalError, UsageError, to_python};
 use crate::machine::PyMachine;
 use crate::supervise;
-use numpy::PyReadonlyArray1;
 use pmsm_core::error::{Error, Result as CoreResult};
 use pmsm_core::monitor::Monitor;
 use pmsm_core::recording::Load;
@@ -54,19 +53,7 @@ impl PyTracker {
         columns: &Bound<'_, PyDict>,
         threads: Option<usize>,
     ) -> PyResult<Vec<String>> {
-        let mut given: Vec<(String, Vec<f64>)> = Vec::with_capacity(columns.len());
-        for (name, values) in columns.iter() {
-            let name: String = name.extract()?;
-            let array: PyReadonlyArray1<'_, f64> = values.extract().map_err(|_| {
-                DataError::new_err(format!(
-                    "column '{name}' is no array of float64 with one dimension; convert it with numpy"
-                ))
-            })?;
-            let values = array.as_slice().map_err(|_| {
-                DataError::new_err(format!("column '{name}' is not contiguous; use numpy.ascontiguousarray"))
-            })?;
-            given.push((name, values.to_vec()));
-        }
+        let given = crate::recording::copied(columns)?;
         self.work(py, threads, |tracker, monitor| {
             let batch: Vec<(&str, &[f64])> = given.iter().map(|(n, v)| (n.as_str(), v.as_slice())).collect();
             tracker.update(&batch, monitor)

@@ -64,7 +64,7 @@ pub fn coefficients(scale: &Scale, p: &[f64]) -> [f64; COEFFICIENTS] {
     let (inverse_d, inverse_q, inverse_j) = (1.0 / l_d, 1.0 / l_q, 1.0 / j);
     let (a_d, a_q, c) = (g * r_s * inverse_d, g * r_s * inverse_q, g * b * inverse_j);
     let kappa = g * g * 1.5 * n_p * n_p * inverse_j;
-    let per_load = g * g * n_p * inverse_j;
+    let per_load = -g * g * n_p * inverse_j;
     [
         a_d * psi_m,
         a_d,
@@ -76,9 +76,9 @@ pub fn coefficients(scale: &Scale, p: &[f64]) -> [f64; COEFFICIENTS] {
         2.0 * a_d,
         2.0 * a_q,
         2.0 * c,
-        (1.0 - a_d) / 3.0,
-        (1.0 - a_q) / 3.0,
-        (1.0 - c) / 3.0,
+        (a_d - 1.0) / 3.0,
+        (a_q - 1.0) / 3.0,
+        (c - 1.0) / 3.0,
         current * inverse_d,
         current * inverse_q,
         -current * psi_m * inverse_d,
@@ -139,61 +139,56 @@ impl<V: Lane> Coefficients<V> {
     #[inline(always)]
     pub fn step<const FORM: bool, const LOAD: bool>(&self, y: [V; 3], sample: &Sample<V>) -> [V; 3] {
         let t = if LOAD { sample[5].mul_add(self.load, self.t) } else { self.t };
-        let u_d = self.u_0 + sample[0];
-        if FORM == INCREMENTS {
-            self.increments(y, [u_d, sample[1], t])
-        } else {
-            self.stages(y, [u_d, sample[1], t])
-        }
+        let u = [self.u_0 + sample[0], sample[1], t];
+        if FORM == INCREMENTS { self.increments(y, u) } else { self.stages(y, u) }
     }
 
     #[inline(always)]
-    fn stages(&self, [psi, lambda, w]: [V; 3], [u_d, u_q, t]: [V; 3]) -> [V; 3] {
+    fn stages(&self, y: [V; 3], u: [V; 3]) -> [V; 3] {
         let third = V::constant(1.0 / 3.0);
+        let once = [self.a_d, self.a_q, self.c];
         // y + F(y) with the sum of what does not change begun beforehand.
-        let (b_d, b_q, b_w) = (psi + u_d, lambda + u_q, w - t);
-        let d2 = w.mul_add(lambda, self.a_d.neg_mul_add(psi, b_d));
-        let q2 = w.neg_mul_add(psi, self.a_q.neg_mul_add(lambda, b_q));
-        let w2 = lambda.mul_add(self.k_1.mul_add(psi, self.k_2), self.c.neg_mul_add(w, b_w));
-        let d3 = w2.mul_add(q2, self.a_d.neg_mul_add(d2, b_d));
-        let q3 = w2.neg_mul_add(d2, self.a_q.neg_mul_add(q2, b_q));
-        let w3 = q2.mul_add(self.k_1.mul_add(d2, self.k_2), self.c.neg_mul_add(w2, b_w));
-        let (twice_d, twice_q, twice_w) = (d3 + d3, q3 + q3, w3 + w3);
-        let d4 = twice_w.mul_add(q3, self.a_d2.neg_mul_add(d3, b_d + u_d));
-        let q4 = twice_w.neg_mul_add(d3, self.a_q2.neg_mul_add(q3, b_q + u_q));
-        let w4 = twice_q.mul_add(self.k_1.mul_add(d3, self.k_2), self.c_2.neg_mul_add(w3, b_w - t));
-        let z_d = ((d2 - psi) + (twice_d + u_d)) * third;
-        let z_q = ((q2 - lambda) + (twice_q + u_q)) * third;
-        let z_w = ((w2 - w) + (twice_w - t)) * third;
-        let (third_w, third_q) = (w4 * third, q4 * third);
-        [
-            third_w.mul_add(q4, self.e_d.mul_add(d4, z_d)),
-            third_w.neg_mul_add(d4, self.e_q.mul_add(q4, z_q)),
-            third_q.mul_add(self.k_1.mul_add(d4, self.k_2), self.e_w.mul_add(w4, z_w)),
-        ]
+        let b = [y[0] + u[0], y[1] + u[1], y[2] + u[2]];
+        let y2 = self.slope([y[1], y[2]], y, once, b);
+        let y3 = self.slope([y2[1], y2[2]], y2, once, b);
+        let twice = [y3[0] + y3[0], y3[1] + y3[1], y3[2] + y3[2]];
+        let b2 = [b[0] + u[0], b[1] + u[1], b[2] + u[2]];
+        let y4 = self.slope([twice[1], twice[2]], y3, [self.a_d2, self.a_q2, self.c_2], b2);
+        let z = [
+            ((y2[0] - y[0]) + (twice[0] + u[0])) * third,
+            ((y2[1] - y[1]) + (twice[1] + u[1])) * third,
+            ((y2[2] - y[2]) + (twice[2] + u[2])) * third,
+        ];
+        self.slope([y4[1] * third, y4[2] * third], y4, [self.e_d, self.e_q, self.e_w], z)
     }
 
     #[inline(always)]
-    fn increments(&self, [psi, lambda, w]: [V; 3], u: [V; 3]) -> [V; 3] {
+    fn increments(&self, y: [V; 3], u: [V; 3]) -> [V; 3] {
         let (two, third) = (V::constant(2.0), V::constant(1.0 / 3.0));
-        let f1 = self.slope([psi, lambda, w], u);
-        let f2 = self.slope([psi + f1[0], lambda + f1[1], w + f1[2]], u);
-        let f3 = self.slope([psi + f2[0], lambda + f2[1], w + f2[2]], u);
-        let f4 = self.slope([psi + f3[0] * two, lambda + f3[1] * two, w + f3[2] * two], u);
+        let once = [self.a_d, self.a_q, self.c];
+        let f1 = self.slope([y[1], y[2]], y, once, u);
+        let y2 = [y[0] + f1[0], y[1] + f1[1], y[2] + f1[2]];
+        let f2 = self.slope([y2[1], y2[2]], y2, once, u);
+        let y3 = [y[0] + f2[0], y[1] + f2[1], y[2] + f2[2]];
+        let f3 = self.slope([y3[1], y3[2]], y3, once, u);
+        let y4 = [y[0] + f3[0] * two, y[1] + f3[1] * two, y[2] + f3[2] * two];
+        let f4 = self.slope([y4[1], y4[2]], y4, once, u);
         [
-            psi + ((f1[0] + f4[0]) + (f2[0] + f3[0]) * two) * third,
-            lambda + ((f1[1] + f4[1]) + (f2[1] + f3[1]) * two) * third,
-            w + ((f1[2] + f4[2]) + (f2[2] + f3[2]) * two) * third,
+            y[0] + ((f1[0] + f4[0]) + (f2[0] + f3[0]) * two) * third,
+            y[1] + ((f1[1] + f4[1]) + (f2[1] + f3[1]) * two) * third,
+            y[2] + ((f1[2] + f4[2]) + (f2[2] + f3[2]) * two) * third,
         ]
     }
 
-    /// F = g·dy/dt.
+    /// The equations, written here alone: `plus` and, of a multiple of F = g·dy/dt at y = ψ, λ, W, all but the constants. The
+    /// multiple is in the rates `linear` and in `turned`, λ and W times it.
     #[inline(always)]
-    fn slope(&self, [psi, lambda, w]: [V; 3], [u_d, u_q, t]: [V; 3]) -> [V; 3] {
+    fn slope(&self, turned: [V; 2], y: [V; 3], linear: [V; 3], plus: [V; 3]) -> [V; 3] {
+        let [psi, lambda, w] = y;
         [
-            w.mul_add(lambda, self.a_d.neg_mul_add(psi, u_d)),
-            w.neg_mul_add(psi, self.a_q.neg_mul_add(lambda, u_q)),
-            lambda.mul_add(self.k_1.mul_add(psi, self.k_2), self.c.neg_mul_add(w, -t)),
+            turned[1].mul_add(lambda, linear[0].neg_mul_add(psi, plus[0])),
+            turned[1].neg_mul_add(psi, linear[1].neg_mul_add(lambda, plus[1])),
+            turned[0].mul_add(self.k_1.mul_add(psi, self.k_2), linear[2].neg_mul_add(w, plus[2])),
         ]
     }
 }

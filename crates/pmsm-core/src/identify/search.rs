@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::least_squares::{self, Fit, Normal, Problem, Settings, Status};
 use crate::monitor::Monitor;
 use crate::objective::{Objective, Starts};
-use crate::swarm::{Swarm, SwarmResult, SwarmSettings};
+use crate::swarm::{self, Swarm, SwarmResult, SwarmSettings};
 use std::sync::{Mutex, PoisonError};
 
 /// When least squares has converged: a thousandth of a standard error or better.
@@ -34,38 +34,18 @@ pub fn swarm(
     warm: bool,
     monitor: &dyn Monitor,
 ) -> Result<SwarmResult> {
-    let mut swarm = Swarm::new(settings, &plan.bounds, seed)?;
-    if warm {
-        swarm.with_start(&plan.first())?;
-    }
-    let mut evaluations = 0;
-    let mut costs = vec![f64::INFINITY; settings.particles];
+    let start = warm.then(|| plan.first());
     let mut points = plan.start.repeat(settings.particles);
-    let mut interrupted = false;
-    while !swarm.done() && !interrupted {
+    let evaluate = |swarm: &Swarm, costs: &mut Vec<f64>| {
         let positions = swarm.positions().chunks_exact(plan.targets.len());
         for (point, values) in points.chunks_exact_mut(plan.start.len()).zip(positions) {
             for (target, value) in plan.targets.iter().zip(values) {
                 point[target.index()] = *value;
             }
         }
-        let stop = || monitor.cancelled();
-        let evaluated = objective.fitnesses(&points, swarm.personal_costs(), &mut costs, &stop);
-        evaluations += evaluated;
-        interrupted = evaluated < settings.particles;
-        if evaluated > 0 {
-            swarm.tell(&costs)?;
-        }
-        monitor.report("particle swarm", swarm.generation() as f64 / (settings.iterations + 1) as f64);
-    }
-    let (parameters, cost) = swarm.best();
-    Ok(SwarmResult {
-        parameters: parameters.to_vec(),
-        cost,
-        history: swarm.history().to_vec(),
-        evaluations,
-        interrupted,
-    })
+        objective.fitnesses(&points, swarm.personal_costs(), costs, &|| monitor.cancelled())
+    };
+    swarm::by_generations(settings, &plan.bounds, seed, start.as_deref(), evaluate, monitor)
 }
 
 /// Outcome of [`descend`].

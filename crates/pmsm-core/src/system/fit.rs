@@ -5,7 +5,7 @@ use crate::experiment::Linearisation;
 use crate::identify::Method;
 use crate::least_squares::{self, Normal, Problem, Settings, Status};
 use crate::monitor::Monitor;
-use crate::swarm::{Swarm, SwarmSettings};
+use crate::swarm::{self, Swarm, SwarmSettings};
 use crate::uncertainty::{self, Estimate, Judge, NotShown};
 use serde::{Serialize, Serializer};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -14,8 +14,6 @@ use std::sync::{Mutex, PoisonError};
 /// When least squares has converged: a thousandth of a standard error or better.
 const SETTINGS: Settings =
     Settings { max_iterations: 100, cost_tolerance: 1e-12, step_tolerance: 1e-9, initial_damping: 1e-3 };
-/// A swarm has converged if its last quarter lowered the cost by no more than this share.
-const FLAT: f64 = 0.01;
 /// Share of its value, or of its range where that is larger, by which a parameter must change to matter.
 const MATTERS: f64 = 0.02;
 
@@ -178,29 +176,21 @@ impl<'a> Search<'a> {
     }
 
     fn swarm(&mut self, request: &Request) -> Result<()> {
-        let mut swarm = Swarm::new(&request.swarm, self.bounds, request.seed)?;
-        if request.start.is_some() {
-            swarm.with_start(&self.at)?;
-        }
-        while !swarm.done() {
-            let costs = self.residuals.costs(swarm.positions(), swarm.personal_costs());
+        let start = request.start.as_ref().map(|_| self.at.as_slice());
+        let evaluate = |swarm: &Swarm, costs: &mut Vec<f64>| {
+            *costs = self.residuals.costs(swarm.positions(), swarm.personal_costs());
             // A generation in which the caller said stop may not be whole.
-            self.interrupted = self.monitor.cancelled();
-            if self.interrupted {
-                break;
-            }
-            self.evaluations += costs.len();
-            swarm.tell(&costs)?;
-            let done = swarm.generation() as f64 / (request.swarm.iterations + 1) as f64;
-            self.monitor.report("particle swarm", done);
+            if self.monitor.cancelled() { 0 } else { request.swarm.particles }
+        };
+        let (settings, seed) = (&request.swarm, request.seed);
+        let result = swarm::by_generations(settings, self.bounds, seed, start, evaluate, self.monitor)?;
+        self.converged = result.settled();
+        self.interrupted = result.interrupted;
+        self.evaluations += result.evaluations;
+        self.history = result.history;
+        if result.cost.is_finite() {
+            (self.at, self.cost) = (result.parameters, result.cost);
         }
-        self.history = swarm.history().to_vec();
-        let (best, cost) = swarm.best();
-        if cost.is_finite() {
-            (self.at, self.cost) = (best.to_vec(), cost);
-        }
-        let quarter = self.history.len().checked_sub(1 + self.history.len() / 4).map(|k| self.history[k]);
-        self.converged = !self.interrupted && quarter.is_some_and(|before| before - cost <= FLAT * cost);
         Ok(())
     }
 

@@ -1,0 +1,146 @@
+"""The commands that find what a model leaves out: demo, diagnose, fleet."""
+
+from __future__ import annotations
+
+import click
+
+from . import options, terminal
+
+
+@click.command()
+@click.option(
+    "--report",
+    "report_file",
+    type=options.FILE,
+    default="pmsm-rs-demo.html",
+    show_default=True,
+    metavar="OUT.html",
+    help="Where the report goes.",
+)
+@options.computing
+def demo(report_file: str, json_file: str | None, threads: int | None, seed: int) -> int:
+    """Diagnose a recording that ships with the package, then open the seal on what was put into it."""
+    from ..config import read_machine
+    from ..demo import compare, recording_files
+    from ..loader import load
+    from ..run import diagnose as run
+
+    recording, validation, machine_file = recording_files()
+    machine = read_machine(machine_file)
+    answer = run(
+        load(recording, machine),
+        machine.machine,
+        load(validation, machine),
+        seed=seed,
+        threads=threads,
+        progress=terminal.progress(),
+    )
+    terminal.finish(json_file, answer.to_json)
+    answer.report(report_file, title="Demo recording")
+    click.echo(answer)
+    if not answer.interrupted:
+        click.echo("\n" + compare(answer))
+    click.echo(f"\nReport: {report_file}")
+    return terminal.INTERRUPTED if answer.interrupted else 0
+
+
+@click.command()
+@click.argument("recordings", type=options.FILE, nargs=-1, required=True, metavar="RECORDING...")
+@options.MACHINE
+@click.option(
+    "--validate",
+    "validation",
+    type=options.FILE,
+    metavar="FILE",
+    help="Another run of the same machine, which only judges.",
+)
+@options.JSON
+@click.option(
+    "--report", "report_file", type=options.FILE, metavar="OUT.html", help="Write a report as one HTML page."
+)
+@click.option(
+    "--trajectories",
+    type=options.FILE,
+    metavar="OUT.parquet",
+    help="Write measured and modelled trajectories.",
+)
+@options.THREADS
+@options.SEED
+def diagnose(
+    recordings: tuple[str, ...],
+    machine_file: str,
+    validation: str | None,
+    json_file: str | None,
+    report_file: str | None,
+    trajectories: str | None,
+    threads: int | None,
+    seed: int,
+) -> int:
+    """Find out which physics the dq-model of RECORDING leaves out."""
+    from pathlib import Path
+
+    from ..config import read_machine
+    from ..loader import load
+    from ..run import diagnose as run
+
+    machine = read_machine(machine_file)
+    runs = [load(recording, machine) for recording in recordings]
+    other = load(validation, machine) if validation is not None else None
+    answer = run(runs, machine.machine, other, seed=seed, threads=threads, progress=terminal.progress())
+    terminal.finish(json_file, answer.to_json)
+    if trajectories:
+        answer.trajectories(trajectories)
+    if report_file:
+        answer.report(report_file, title=", ".join(Path(recording).name for recording in recordings))
+    click.echo(answer)
+    return terminal.INTERRUPTED if answer.interrupted else 0
+
+
+@click.command()
+@click.argument("recordings", type=options.FILE, nargs=-1, required=True, metavar="RECORDING...")
+@options.MACHINE
+@click.option(
+    "--ledger",
+    type=options.FILE,
+    metavar="FILE",
+    help="Append every finished recording to FILE; run again with it, only the rest is computed.",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 1024),
+    metavar="N",
+    help="Recordings at a time; by default all processors.",
+)
+@options.JSON
+@options.SEED
+def fleet(
+    recordings: tuple[str, ...],
+    machine_file: str,
+    ledger: str | None,
+    jobs: int | None,
+    json_file: str | None,
+    seed: int,
+) -> int:
+    """Diagnose every RECORDING by itself; one that is refused does not stop the others."""
+    import os
+    from concurrent.futures import ThreadPoolExecutor
+
+    from ..fleet import diagnose_many
+    from ..results import json_text
+
+    with ThreadPoolExecutor(jobs or os.cpu_count() or 1) as executor:
+        answers = diagnose_many(
+            recordings,
+            machine_file,
+            executor=executor,
+            ledger=ledger,
+            seed=seed,
+            progress=terminal.progress(),
+        )
+    terminal.finish(json_file, lambda: json_text(answers.to_list()))
+    click.echo(answers)
+    if answers.interrupted:
+        return terminal.INTERRUPTED
+    for failure in answers.failures:
+        click.echo(f"pmsm-rs: {failure.message}", err=True)
+    return terminal.REFUSED if answers.failures else 0

@@ -1,0 +1,87 @@
+"""The commands that estimate parameters: identify, track."""
+
+from __future__ import annotations
+
+import click
+
+from . import options, terminal
+
+
+@click.command()
+@click.argument("recording", type=options.FILE)
+@options.MACHINE
+@options.fit("Parameters to estimate; by default all that the recording shows.")
+@options.method("Particle swarm, least squares, or both.", "pso", "lm", "pso+lm", default="pso+lm")
+@click.option(
+    "--swarm",
+    metavar="NAME=VALUE,...",
+    help="Settings of the swarm: particles, iterations, inertia, cognitive, social, velocity_limit, "
+    "inertia_schedule, inertia_last, update, neighbourhood.",
+)
+@options.computing
+def identify(
+    recording: str,
+    machine_file: str,
+    fit: list[str] | None,
+    method: str,
+    swarm: str | None,
+    json_file: str | None,
+    threads: int | None,
+    seed: int,
+) -> int:
+    """Estimate the parameters of the dq-model from RECORDING."""
+    from ..config import read_machine
+    from ..loader import load
+    from ..run import Swarm
+    from ..run import identify as run
+
+    machine = read_machine(machine_file)
+    answer = run(
+        load(recording, machine),
+        machine.machine,
+        fit=fit,
+        method=method,
+        swarm=None if swarm is None else Swarm.parse(swarm),
+        seed=seed,
+        threads=threads,
+        progress=terminal.progress(),
+    )
+    terminal.finish(json_file, answer.to_json)
+    click.echo(answer)
+    if answer.interrupted:
+        return terminal.INTERRUPTED
+    unsettled = not answer.converged or any(entry.value is None for entry in answer.parameters.values())
+    return terminal.NOT_SETTLED if unsettled else 0
+
+
+@click.command()
+@click.argument("recording", type=click.Path(dir_okay=False, allow_dash=True), metavar="RECORDING|-")
+@options.MACHINE
+@click.option(
+    "--window", type=float, default=0.033, show_default=True, metavar="S", help="Length of a window."
+)
+@options.fit("Parameters to follow.", default="r_s,tau_load")
+@options.method("Warm least squares, the paper's swarm, or both.", "lm", "pso", "pso+lm", default="lm")
+@options.computing
+def track(
+    recording: str,
+    machine_file: str,
+    window: float,
+    fit: list[str],
+    method: str,
+    json_file: str | None,
+    threads: int | None,
+    seed: int,
+) -> int:
+    """Follow parameters through RECORDING, window by window.
+
+    With - samples are read from standard input as they come, CSV with a header or one JSON object per line,
+    and each window is written to standard output as one JSON object as soon as it is complete.
+    """
+    from ..live import Request, follow
+
+    request = Request(recording, machine_file, fit, window, method, seed, threads, json_file)
+    try:
+        return terminal.NOT_SETTLED if follow(request) == 0 else 0
+    except KeyboardInterrupt:
+        terminal.fail(terminal.INTERRUPTED, "interrupted; the windows that were complete are written")

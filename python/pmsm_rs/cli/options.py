@@ -1,0 +1,61 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import click
+
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+FILE = click.Path(dir_okay=False)
+MACHINE = click.option(
+    "--machine",
+    "machine_file",
+    type=FILE,
+    required=True,
+    metavar="M.toml",
+    help="Nameplate, load, column names.",
+)
+JSON = click.option("--json", "json_file", type=FILE, metavar="OUT", help="Write the whole answer as JSON.")
+THREADS = click.option(
+    "--threads",
+    type=click.IntRange(1, 1024),
+    metavar="N",
+    help="Processors to use; the answer does not depend on it.",
+)
+SEED = click.option(
+    "--seed",
+    type=click.IntRange(0, 2**63 - 1),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Seed of all random numbers.",
+)
+
+
+def computing(command: _Command) -> _Command:
+    """The options of a command that computes an answer: --json, --threads and --seed."""
+    return JSON(THREADS(SEED(command)))
+
+
+def fit(help: str, default: str | None = None) -> Callable[[_Command], _Command]:
+    """--fit: a list of names, None where the option is left out and there is no default."""
+    return click.option(
+        "--fit",
+        default=default,
+        show_default=default is not None,
+        metavar="r_s,tau_load,...",
+        callback=_names,
+        help=help,
+    )
+
+
+def method(help: str, *choices: str, default: str) -> Callable[[_Command], _Command]:
+    """--method: one of the choices."""
+    return click.option("--method", type=click.Choice(choices), default=default, show_default=True, help=help)
+
+
+def _names(_context: click.Context, _parameter: click.Parameter, text: str | None) -> list[str] | None:
+    return None if text is None else [name.strip() for name in text.split(",") if name.strip()]

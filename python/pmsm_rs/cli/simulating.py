@@ -1,0 +1,72 @@
+"""The commands that make recordings and show what there is: simulate, reproduce, effects."""
+
+from __future__ import annotations
+
+import click
+
+from . import options, terminal
+
+
+@click.command()
+@click.argument("config", type=options.FILE, metavar="CONFIG.toml")
+@click.option(
+    "-o",
+    "--output",
+    type=options.FILE,
+    required=True,
+    metavar="RECORDING.parquet",
+    help="Where the recording goes (.parquet or .csv).",
+)
+@click.option("--truth", is_flag=True, help="Write RECORDING.truth.json and .truth.parquet beside it.")
+@click.option(
+    "--machine-file",
+    type=options.FILE,
+    metavar="M.toml",
+    help="Write the machine file that goes with the recording.",
+)
+@click.option(
+    "--seed", type=click.IntRange(0, 2**53), metavar="N", help="Seed of the noise, in place of the file's."
+)
+def simulate(config: str, output: str, truth: bool, machine_file: str | None, seed: int | None) -> int:
+    """Make a recording: a closed-loop drive with any effects, as CONFIG.toml describes it."""
+    from ..simulation import simulate as run
+
+    made = run(config, progress=terminal.progress(), **({} if seed is None else {"seed": seed}))
+    terminal.clear()
+    made.write(output)
+    if truth:
+        made.write_truth(output)
+    if machine_file:
+        made.write_machine(machine_file)
+    click.echo(f"{output}: {len(made.recording)} samples, {made.recording.duration:.6g} s")
+    return 0
+
+
+@click.command()
+@click.argument("figures", nargs=-1, metavar="[fig5|fig6|fig7|fig8|all]...")
+@click.option(
+    "--out", "folder", type=click.Path(file_okay=False), required=True, metavar="DIR", help="Where it goes."
+)
+def reproduce(figures: tuple[str, ...], folder: str) -> int:
+    """Simulate and identify what Liu, Liu & Cartes (2008) show, and draw their figures anew.
+
+    Writes the figures as PNG and SVG, a table of the windows and a page with all results and choices.
+    """
+    from ..paper.reproduce import reproduce as run
+    from ..paper.tables import lines
+
+    outcome, files = run(figures or ("all",), folder, progress=terminal.progress())
+    terminal.clear()
+    click.echo(lines(outcome))
+    click.echo(f"\n{outcome.seconds:.1f} s; written: {', '.join(str(file) for file in files)}")
+    return 0
+
+
+@click.command()
+@click.argument("name", required=False)
+def effects(name: str | None) -> int:
+    """Show the catalogue of effects, or one of them with equation, parameters and look-alikes."""
+    from ..catalogue import entry, overview
+
+    click.echo(overview() if name is None else entry(name))
+    return 0
