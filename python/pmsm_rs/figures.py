@@ -161,6 +161,12 @@ def before_after(answer: Diagnosis) -> list[Picture]:
     return out
 
 
+def unmodelled(answer: Diagnosis) -> list[Picture]:
+    """The map of what no candidate explains, term by term."""
+    terms = answer.unmodelled.terms if answer.unmodelled is not None else ()
+    return [_picture(partial(plot.unmodelled, term), term.sentence) for term in terms]
+
+
 def _varies(trace: traces.Trace, variable: str) -> bool:
     import numpy as np
 

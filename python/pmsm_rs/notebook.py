@@ -62,6 +62,8 @@ def diagnosis(answer: Diagnosis) -> str:
     notes = [f"{item['finding']} {item['fix']}" for item in answer.data_quality]
     if answer.interrupted:
         notes.insert(0, "Interrupted: this is the best so far.")
+    if answer.unmodelled is not None:
+        notes.append(answer.unmodelled.sentence)
     named = answer.verdict == "named" and answer.ranking
     return _card(
         chip=f"{chip} · {words.percent(answer.ranking[0].probability)}" if named else chip,

@@ -20,13 +20,16 @@ from . import traces
 from ._core import UsageError
 from .errors import did_you_mean, refuse
 from .traces import Array, Trace
+from .unmodelled import reach
 from .words import channel, subscripted
+from .words import unit as unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from .results import Diagnosis, Identification
+    from .unmodelled import Term
 
     Source = Diagnosis | Mapping[str, NDArray[np.float64]]
 
@@ -36,12 +39,13 @@ BEFORE: Final = "#d55e00"
 AFTER: Final = "#0072b2"
 NOISE: Final = "#8a939c"
 _FEW: Final = 400
+_OPEN, _CLOSE = "$_{\\mathrm{", "}}$"
 
 
 def symbol_of(name: str) -> tuple[str, str]:
     """Symbol, typeset, and unit of a channel or operating-point variable."""
     symbol, unit = channel(name.removeprefix("op_"))
-    return subscripted(symbol, "$_{\\mathrm{", "}}$"), unit
+    return subscripted(symbol, _OPEN, _CLOSE), unit
 
 
 def residual_over_time(
@@ -158,6 +162,35 @@ def order_spectrum(source: Source, name: str, angle: str = "op_theta_e", *, ax: 
     kind = "mechanical" if angle.endswith("_m") else "electrical"
     ax.set_xticks(k)
     return _label(ax, f"order of the {kind} angle", f"{symbol} amplitude in {unit}")
+
+
+def unmodelled(term: Term, *, ax: Axes | None = None) -> Axes:
+    """A term of a map of what no candidate explains: lines over one variable (one for either direction of
+    rotation where it depends on that), or colours over two with their own colour bar.
+    """
+    ax = _axes(ax)
+    first, *rest = term.variables
+    names = [variable["variable"] for variable in term.variables]
+    labels = [f"{symbol_of(v['variable'])[0]} in {unit_of(v['unit'])}" for v in term.variables]
+    kind = {"d": "missing v_d", "q": "missing v_q"}.get(term.equation, "missing torque")
+    value = f"{subscripted(kind, _OPEN, _CLOSE)} in {unit_of(term.unit)}"
+    if rest and rest[0]["basis"] != "direction":
+        x, y = np.meshgrid(*(np.linspace(*reach(variable), 81) for variable in term.variables))
+        mesh = ax.pcolormesh(x, y, term(**{names[0]: x, names[1]: y}), cmap="PuOr_r", shading="auto", lw=0)
+        bar = ax.figure.colorbar(mesh, ax=ax, pad=0.02, aspect=30)
+        bar.outline.set_visible(False)
+        bar.ax.tick_params(length=0)
+        bar.set_label(value)
+        return _label(ax, *labels)
+    x = np.linspace(*reach(first), 241)
+    if rest:
+        for way, sign, colour in (("forwards", 1.0, AFTER), ("backwards", -1.0, BEFORE)):
+            fast = np.full_like(x, sign * 10 * rest[0]["width"])
+            ax.plot(x, term(**{names[0]: x, names[1]: fast}), color=colour, lw=1.4, label=way)
+        ax.legend(frameon=False)
+    else:
+        ax.plot(x, term(**{names[0]: x}), color=AFTER, lw=1.4)
+    return _label(ax, labels[0], value)
 
 
 def history(answer: Identification, *, ax: Axes | None = None) -> Axes:

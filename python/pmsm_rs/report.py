@@ -73,6 +73,8 @@ def render(answer: Diagnosis, title: str | None = None) -> str:
         fit=_fit(answer, judged),
         trained=_fit(answer, "recording") if judged == "validation" else [],
         located=figures.located(answer) if answer.located else [],
+        unmodelled=answer.unmodelled,
+        maps=figures.unmodelled(answer),
         before_after=figures.before_after(answer),
         shown=answer.shown,
         places=[

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from .notebook import Page
+    from .unmodelled import Unmodelled
 
 Traces = Mapping[str, "Mapping[str, NDArray[np.float64]]"]
 
@@ -198,9 +199,19 @@ class Diagnosis:
 
     @property
     def model(self) -> Mapping[str, Any]:
-        """The model that was settled on: `effects` and `base`, as in the JSON answer."""
+        """The model that was settled on: `effects` and `base`, and `unmodelled` where the verdict is
+        unknown, as in the JSON answer.
+        """
         model: Mapping[str, Any] = self.data["model"]
         return model
+
+    @property
+    def unmodelled(self) -> Unmodelled | None:
+        """Where the verdict is unknown, the map of what no candidate explains; else None."""
+        from .unmodelled import Unmodelled
+
+        entry = self.model.get("unmodelled")
+        return None if entry is None else Unmodelled.of(entry)
 
     @property
     def shown(self) -> str | None:

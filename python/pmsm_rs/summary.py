@@ -74,6 +74,8 @@ def diagnosis(answer: Diagnosis) -> str:
                 else ""
             )
             lines.append(f"  {percent(candidate.probability):>6}  {candidate.effect}{twins}")
+    if answer.unmodelled is not None:
+        lines += ["", "Unmodelled", hung("  ", answer.unmodelled.sentence)]
     chosen = [c for c in answer.ranking if c.effect in answer.effects]
     found = [(f"{c.effect}.{name}", entry) for c in chosen for name, entry in c.parameters.items()]
     lines += _parameters([*found, *answer.base.items()])

@@ -18,6 +18,7 @@ pub mod search;
 pub mod shortlist;
 #[cfg(test)]
 mod testing;
+pub mod unmodelled;
 pub mod verdict;
 
 use crate::effect::Site;
@@ -203,7 +204,7 @@ fn undetermined(data: &Data, finding: Finding) -> Answer {
         data_quality,
         located: Vec::new(),
         ranking: Vec::new(),
-        model: FoundModel { effects: Vec::new(), base: BTreeMap::new() },
+        model: FoundModel { effects: Vec::new(), base: BTreeMap::new(), unmodelled: None },
         path: Vec::new(),
         cannot_see: Vec::new(),
         next_experiment: Some("Record a rich manoeuvre: reversals, two levels of i_q, steps of i_d.".into()),
@@ -267,7 +268,14 @@ fn conclude(
     (outcome.base, outcome.best) = (first, end);
     let best = &outcome.best;
     let located = located(data, &outcome, verdict);
-    let model_outputs = Outputs::new(data, &best.fitted);
+    // What stays unknown is at least described, so that the model predicts.
+    let described = if verdict == Verdict::Unknown && !monitor.cancelled() {
+        Some(unmodelled::explain(data, judge, &best.fitted, monitor)?)
+    } else {
+        None
+    };
+    let settled = described.as_ref().map_or(&best.fitted, |(fitted, _)| fitted);
+    let model_outputs = Outputs::new(data, settled);
     // Steady points have no dynamics to tell an effect from the base parameters that it is entangled with.
     let steady = data.signals.kind == Kind::OperatingPoints;
     let ties = if steady { model_outputs.inseparable() } else { Vec::new() };
@@ -278,12 +286,11 @@ fn conclude(
         Some(judge) => Some((
             judge,
             hypothesis::transfer(judge, &outcome.base.fitted, monitor)?,
-            hypothesis::transfer(judge, &best.fitted, monitor)?,
+            hypothesis::transfer(judge, settled, monitor)?,
         )),
         None => None,
     };
-    let mut traces =
-        Traces { recording: traces(data, &outcome.base.fitted, &best.fitted), ..Traces::default() };
+    let mut traces = Traces { recording: traces(data, &outcome.base.fitted, settled), ..Traces::default() };
     let mut fit = FitTable { recording: table(&traces.recording, data), ..FitTable::default() };
     if let Some((judge, before, after)) = &validation {
         traces.validation = self::traces(judge, before, after);
@@ -300,6 +307,7 @@ fn conclude(
         model: FoundModel {
             effects: outcome.order().iter().map(|e| e.id().to_string()).collect(),
             base: model_outputs.base(),
+            unmodelled: described.map(|(_, unmodelled)| unmodelled),
         },
         path: outcome.path.iter().map(|judged| step(data, &judged.fitted)).collect(),
         cannot_see: power::cannot_see(&outcome),

@@ -128,6 +128,10 @@ impl<'a> Experiment<'a> {
         if index < BASE {
             return index < BaseParameter::J.index();
         }
+        let mapped = self.model.map_parameters();
+        if mapped.contains(&index) {
+            return self.model.map().is_some_and(|map| map.is_electrical(index - mapped.start));
+        }
         let slot = self.model.slots().iter().find(|s| s.parameters.contains(&index));
         slot.is_some_and(|s| s.effect.info().site != Site::Mechanical)
     }

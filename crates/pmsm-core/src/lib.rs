@@ -8,7 +8,7 @@
 //!   no motor.
 //! - [`machine`] (nameplate), [`base`] (its parameters in the equations), [`recording`] (checked columns).
 //! - [`effect`] (what an omitted effect is), [`terms`] (what effects share), [`effects`] (the catalogue), [`model`] (machine
-//!   plus effects).
+//!   plus effects), [`map`] (missing voltage or torque without a name).
 //! - [`signals`] (a recording as it drives a model), [`simulate`] (free runs), [`start`] (first values).
 //! - [`drive`] (a closed-loop drive that makes recordings).
 //! - [`noise`], [`input_noise`] and [`whitening`] (what a log can tell), [`load_steps`].
@@ -35,6 +35,7 @@ pub mod lanes;
 pub mod least_squares;
 pub mod load_steps;
 pub mod machine;
+pub mod map;
 pub mod model;
 pub mod monitor;
 pub mod noise;

@@ -62,7 +62,10 @@ impl Grid {
     fn new(model: &Model, signals: &Signals, p: &[f64], tau_e: &[f64], free: &[usize]) -> Self {
         let rigid: Vec<EffectId> =
             model.effects().into_iter().filter(|e| e.mechanical_state_count() == 0).collect();
-        let kept = Model::new(*model.context(), &rigid);
+        let mut kept = Model::new(*model.context(), &rigid);
+        if let Some(map) = model.map() {
+            kept = kept.with_map(map.clone());
+        }
         let (values, places) = restrict(model, &kept, p);
         let seeds: Vec<usize> =
             free.iter().filter_map(|k| places.get(*k).copied().flatten()).take(LANES).collect();
@@ -291,6 +294,10 @@ fn restrict(model: &Model, kept: &Model, p: &[f64]) -> (Vec<f64>, Vec<Option<usi
                 places.push(None);
             }
         }
+    }
+    for k in model.map_parameters() {
+        places.push(Some(values.len()));
+        values.push(p[k]);
     }
     (values, places)
 }

@@ -9,6 +9,7 @@ use crate::effect::{
 };
 use crate::effects::EffectId;
 use crate::machine::BaseParameter;
+use crate::map::{Map, Point};
 use crate::real::Real;
 use crate::transforms::{inverse_park, park};
 use std::ops::Range;
@@ -35,6 +36,7 @@ pub struct Model {
     has_sensor: bool,
     electrical_count: usize,
     is_magnetic: bool,
+    map: Option<Map>,
 }
 
 /// Magnetic state that belongs to a flux linkage.
@@ -71,7 +73,23 @@ impl Model {
             .any(|e| e.info().needs.iter().any(|n| matches!(n, Need::Angle | Need::AngleOrSteady)));
         let has_sensor = effects.iter().any(|e| e.info().site == Site::Sensor);
         let is_magnetic = effects.iter().any(|e| e.is_magnetic());
-        Self { context, slots, uses_angle, has_sensor, electrical_count: electrical, is_magnetic }
+        Self { context, slots, uses_angle, has_sensor, electrical_count: electrical, is_magnetic, map: None }
+    }
+
+    /// The same with a map of missing voltage or torque, whose coefficients follow the effects' parameters.
+    pub fn with_map(self, map: Map) -> Self {
+        Self { map: Some(map), ..self }
+    }
+
+    /// Its map, if it has one.
+    pub fn map(&self) -> Option<&Map> {
+        self.map.as_ref()
+    }
+
+    /// Place of the map's coefficients in the parameter vector; empty without one.
+    pub fn map_parameters(&self) -> Range<usize> {
+        let start = self.slots.last().map_or(BASE, |s| s.parameters.end);
+        start..start + self.map.as_ref().map_or(0, Map::count)
     }
 
     /// The scales it was built for.
@@ -89,9 +107,9 @@ impl Model {
         self.slots.iter().map(|s| s.effect).collect()
     }
 
-    /// Length of the parameter vector: six base parameters, then each effect's.
+    /// Length of the parameter vector: six base parameters, then each effect's, then the coefficients of a map.
     pub fn parameter_count(&self) -> usize {
-        self.slots.last().map_or(BASE, |s| s.parameters.end)
+        self.map_parameters().end
     }
 
     /// Number of electrical extra states.
@@ -119,6 +137,9 @@ impl Model {
     pub fn bounds(&self, index: usize) -> (f64, f64) {
         if index < BASE {
             return BaseParameter::ALL[index].physical_range();
+        }
+        if self.map_parameters().contains(&index) {
+            return (f64::NEG_INFINITY, f64::INFINITY);
         }
         let slot =
             self.slots.iter().find(|s| s.parameters.contains(&index)).expect("index within the vector");
@@ -219,6 +240,10 @@ impl Model {
                 s.effect.voltage(own, &x[s.electrical.clone()], &at, &self.context, &mut lost);
             }
         }
+        if let Some(map) = &self.map {
+            let point = Point { env: *env, i, tau_e: T::zero() };
+            map.voltage(&p[self.map_parameters()], &point, &mut lost);
+        }
         let emf = [v[0] - lost[0] - r_s * i[0], v[1] - lost[1] - r_s * i[1]];
         derivative[0] = emf[0] + env.omega_e * flux[1];
         derivative[1] = emf[1] - env.omega_e * flux[0];
@@ -305,6 +330,9 @@ impl Model {
         for s in &self.slots {
             any |= s.effect.turned(&mut turned[s.parameters.clone()], shift);
         }
+        if let Some(map) = &self.map {
+            any |= map.turned(&mut turned[self.map_parameters()], shift);
+        }
         any.then_some(turned)
     }
 
@@ -353,6 +381,10 @@ impl Model {
         for s in &self.slots {
             let x = &x[s.mechanical.clone()];
             s.effect.rotor(&p[s.parameters.clone()], x, at, &self.context, &mut rotor);
+        }
+        if let Some(map) = &self.map {
+            let point = Point { env: at.env, i: [T::zero(); 2], tau_e: at.tau_e };
+            rotor.loss += map.torque(&p[self.map_parameters()], &point);
         }
         (at.tau_e - rotor.loss - rotor.load) / rotor.inertia
     }
@@ -411,5 +443,64 @@ impl Model {
         }
         let (s, c) = (theta_measured - sensor.angle).sin_cos();
         park(truth, c, s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects;
+    use crate::effects::testing::{CX, MACHINE, env};
+    use crate::map::{Equation, Factor, Part, Spline, Variable};
+
+    fn map() -> Map {
+        let line = Spline { variable: Variable::IQ, low: -8.0, high: 8.0, degree: 3, pieces: 4 };
+        let wave = Factor::Harmonics { angle: Variable::ThetaM, order: 1, count: 3 };
+        let both = vec![Equation::D, Equation::Q];
+        let voltage = Part { equations: both, first: wave, second: Some(Factor::Spline(line)) };
+        let torque = Part { equations: vec![Equation::Mechanical], first: wave, second: None };
+        Map { parts: vec![voltage, torque] }
+    }
+
+    /// Derivatives of the electrical and of the mechanical state at some point.
+    fn slopes(model: &Model, p: &[f64]) -> ([f64; 12], [f64; 9]) {
+        let (base, env) = (Base::new(p), env(2.3, 410.0));
+        let electrical = model.electrical_rhs(p, &base, &[0.21; 12], [13.0, -40.0], &env);
+        (electrical, model.mechanical_rhs(p, &base, &[136.7; 9], 4.1, 1.3, &env))
+    }
+
+    #[test]
+    fn a_map_without_strength_changes_no_bit() {
+        for effects in [vec![], vec![effects::EffectId::DeadTime, effects::EffectId::CoulombFriction]] {
+            let plain = Model::new(CX, &effects);
+            let mapped = plain.clone().with_map(map());
+            let mut p = MACHINE.to_vec();
+            p.extend(effects.iter().flat_map(|e| e.info().parameters).map(|x| (x.typical)(&CX)));
+            let before = slopes(&plain, &p);
+            assert_eq!(plain.parameter_count(), p.len());
+            p.resize(mapped.parameter_count(), 0.0);
+            let after = slopes(&mapped, &p);
+            assert!(before.0.iter().zip(after.0).all(|(a, b)| a.to_bits() == b.to_bits()));
+            assert!(before.1.iter().zip(after.1).all(|(a, b)| a.to_bits() == b.to_bits()));
+            assert_eq!(mapped.map_parameters().len(), 2 * 6 * 7 + 6);
+        }
+    }
+
+    #[test]
+    fn a_map_takes_voltage_from_the_winding_and_torque_from_the_shaft() {
+        let plain = Model::new(CX, &[]);
+        let mapped = plain.clone().with_map(map());
+        let mut p = MACHINE.to_vec();
+        let before = slopes(&plain, &p);
+        p.resize(mapped.parameter_count(), 0.0);
+        let last = p.len() - 6;
+        // q voltage: 2 V · cos θ_m at any i_q, the splines being a partition of unity; torque: 0.5 N·m · sin θ_m.
+        p[BASE + 42..BASE + 49].fill(2.0);
+        p[last + 1] = 0.5;
+        let after = slopes(&mapped, &p);
+        let theta = 2.3 / CX.n_p;
+        assert_eq!(before.0[0], after.0[0]);
+        assert!((before.0[1] - after.0[1] - 2.0 * theta.cos()).abs() < 1e-12);
+        assert!((before.1[0] - after.1[0] - 0.5 * theta.sin() / MACHINE[4]).abs() < 1e-9);
     }
 }

@@ -85,7 +85,7 @@ impl<'a> Objective<'a> {
     /// Compares `model` with `signals`; `windows` are those of [`crate::simulate::mechanical::windows`].
     pub fn new(drive: Drive, model: &'a Model, signals: &'a Signals, windows: &'a [Range<usize>]) -> Self {
         let mut objective = Self::with_track(drive, model, signals, windows, None);
-        if drive == Drive::Coupled && model.slots().is_empty() {
+        if drive == Drive::Coupled && model.slots().is_empty() && model.map().is_none() {
             let [i_d, _, omega_e] = [0, 1, 2].map(|k| objective.experiment.channels[k].1.powi(-2));
             objective.track = Track::new(signals, i_d, omega_e).map(Arc::new);
         }

@@ -1,6 +1,7 @@
 //! The answer of a diagnosis, in the shape of the file contract (section 4).
 
 use super::locate::Located;
+use super::unmodelled::Unmodelled;
 use crate::signals::Finding;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -62,6 +63,9 @@ pub struct FoundModel {
     pub effects: Vec<String>,
     /// Its base parameters.
     pub base: BTreeMap<String, Estimate>,
+    /// Where the verdict is `unknown`: what no candidate explains as a map without a name.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unmodelled: Option<Unmodelled>,
 }
 
 /// One step on the way from the bare machine to the model.

@@ -239,5 +239,12 @@ pub fn free_parameters(data: &Data, model: &Model) -> (Vec<usize>, Vec<usize>, V
             Site::Sensor => sensors.extend(fitted),
         }
     }
+    if let Some(map) = model.map() {
+        let start = model.map_parameters().start;
+        for (part, place) in map.places() {
+            let side = if part.is_electrical() { &mut electrical } else { &mut rotor };
+            side.extend(place.map(|k| start + k));
+        }
+    }
     (electrical, rotor, sensors)
 }

@@ -1,0 +1,254 @@
+//! What no candidate explains, modelled without a name: a map of the missing voltage or torque over the variables on which
+//! it depends, added to the equations and fitted by simulation like any effect, if it predicts what it was not fitted to.
+//!
+//! The map and its stiffness are chosen on blocks of the recording that are left out ([`choice`]); then the whole model is
+//! fitted with it, and it is kept only if it beats the model without it by the rule that holds for effects. It has no place in the
+//! catalogue and takes part in no ranking.
+
+mod candidates;
+mod choice;
+mod words;
+
+use super::data::Data;
+use super::hypothesis::{self, Hypothesis};
+use super::locate::{self, Located};
+use super::verdict::{Judged, Scale};
+use crate::error::Result;
+use crate::map::Map;
+use crate::monitor::Monitor;
+use crate::recording::Load;
+use choice::Choice;
+use serde::Serialize;
+
+/// Largest chance probability of an excess over which a map is laid.
+const CHANCE: f64 = 1e-3;
+
+/// Voltage equations or equation of motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Side {
+    Electrical,
+    Mechanical,
+}
+
+/// A factor of a term: its functions of one variable.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "basis", rename_all = "snake_case")]
+pub enum Basis {
+    /// cos(order·x), sin(order·x) for each order in turn; of time, the orders are angular frequencies in rad/s.
+    Harmonic {
+        /// Column name.
+        variable: &'static str,
+        /// Unit of the variable.
+        unit: &'static str,
+        /// Periods per 2π of the variable.
+        orders: Vec<f64>,
+    },
+    /// (1 + tanh(x/width))/2 and (1 − tanh(x/width))/2: either direction of rotation.
+    Direction {
+        /// Column name.
+        variable: &'static str,
+        /// Unit of the variable.
+        unit: &'static str,
+        /// Speed over which the direction turns over.
+        width: f64,
+    },
+    /// Uniform B-splines of this degree, `pieces + degree` of them; outside the range its ends hold.
+    BSpline {
+        /// Column name.
+        variable: &'static str,
+        /// Unit of the variable.
+        unit: &'static str,
+        /// Lower end of the range.
+        low: f64,
+        /// Upper end of the range.
+        high: f64,
+        /// Degree.
+        degree: usize,
+        /// Pieces of the range.
+        pieces: usize,
+    },
+}
+
+/// What a map adds to one equation.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Term {
+    /// `d`, `q` or `mechanical`.
+    pub equation: crate::map::Equation,
+    /// In plain words.
+    pub sentence: String,
+    /// Where it enters.
+    pub formula: &'static str,
+    /// Its variables; the term is the sum over all products of their functions.
+    pub variables: Vec<Basis>,
+    /// One coefficient per product, the last variable's functions counting fastest.
+    pub coefficients: Vec<f64>,
+    /// SI unit of the coefficients and of the term.
+    pub unit: &'static str,
+    /// Largest absolute value over the recording.
+    pub peak: f64,
+}
+
+/// A map of what no candidate explains.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Unmodelled {
+    /// In plain words: what is modelled without a name, or that no map helps.
+    pub sentence: String,
+    /// Share of the held-out residual's squares above the floor that it removes; none without a map.
+    pub gain_held_out: Option<f64>,
+    /// What it adds to each equation; empty if no map improves the prediction.
+    pub terms: Vec<Term>,
+}
+
+/// Fits maps on top of `best` where it leaves more than noise, and says what they are. The model that comes back is `best`
+/// itself if none improves the prediction: of `judge`, or of every other stretch of the recording without one.
+///
+/// # Errors
+/// Those of the least-squares fits.
+pub fn explain(
+    data: &Data,
+    judge: Option<&Data>,
+    best: &Hypothesis,
+    monitor: &dyn Monitor,
+) -> Result<(Hypothesis, Unmodelled)> {
+    let located = locate::locate(data, best);
+    let mut ridged = data.clone();
+    let mut current = best.clone();
+    let mut gain = 0.0;
+    let mut tried = Vec::new();
+    for side in sides(data, &located) {
+        monitor.report("map of what is left", 0.98);
+        let places: Vec<Located> = located.iter().filter(|l| side.holds(&l.equation)).cloned().collect();
+        tried.push(side);
+        let Some(choice) = choice::choose(data, &current, side, &places, monitor) else { continue };
+        let richer = with_prior(&ridged, &current, &choice);
+        let judged = Trial { data: &richer, judge, monitor };
+        if let Some((fitted, share)) = judged.improves(&current, &choice, side)? {
+            (current, ridged) = (fitted, richer);
+            gain = share;
+        }
+    }
+    let unmodelled = words::unmodelled(data, &current, &tried, gain);
+    Ok((current, unmodelled))
+}
+
+/// Sides on which something significant is left, the larger excess first.
+fn sides(data: &Data, located: &[Located]) -> Vec<Side> {
+    let mut sides = Vec::new();
+    for place in located.iter().filter(|l| l.p_value < CHANCE) {
+        let side = if place.equation == "mechanical" { Side::Mechanical } else { Side::Electrical };
+        let held = side == Side::Mechanical && data.signals.load == Load::Locked;
+        if !sides.contains(&side) && !held {
+            sides.push(side);
+        }
+    }
+    sides
+}
+
+impl Side {
+    fn holds(self, equation: &str) -> bool {
+        (equation == "mechanical") == (self == Self::Mechanical)
+    }
+}
+
+/// The recording with what is believed of a further part's coefficients beforehand.
+fn with_prior(data: &Data, current: &Hypothesis, choice: &Choice) -> Data {
+    let mut data = data.clone();
+    let start = current.own().len();
+    data.prior.extend((start..start + choice.part.count()).map(|k| (k, 0.0, choice.spread)));
+    data
+}
+
+/// Fits with and without a map, and what they are judged on.
+struct Trial<'a> {
+    data: &'a Data,
+    judge: Option<&'a Data>,
+    monitor: &'a dyn Monitor,
+}
+
+impl Trial<'_> {
+    /// The model with the chosen part, fitted to the whole recording, and the share of the held-out excess that it removes, if it beats
+    /// the model without.
+    fn improves(
+        &self,
+        current: &Hypothesis,
+        choice: &Choice,
+        side: Side,
+    ) -> Result<Option<(Hypothesis, f64)>> {
+        let mut map: Map = current.model.map().cloned().unwrap_or_default();
+        map.parts.push(choice.part.clone());
+        let model = current.model.clone().with_map(map);
+        let start: Vec<f64> = current.own().iter().chain(&choice.start).copied().collect();
+        let fit = |data: &Data| hypothesis::fit(data, &model, &start, side == Side::Mechanical, self.monitor);
+        let halves = if self.judge.is_none() { super::halves(self.data) } else { None };
+        let (before, after) = match &halves {
+            Some((fitted, held_out)) => {
+                let bare = super::refit(fitted, current, self.monitor)?;
+                (self.judged(bare, Some(held_out))?, self.judged(fit(fitted)?, Some(held_out))?)
+            }
+            None => (self.judged(current.clone(), self.judge)?, self.judged(fit(self.data)?, self.judge)?),
+        };
+        if !Scale::new([&before, &after].into_iter()).beats(&after, &before) {
+            return Ok(None);
+        }
+        let (left, more) = (after.held_out_squares(), before.held_out_squares());
+        let share = if more > 0.0 { ((more - left) / more).clamp(-1.0, 1.0) } else { 0.0 };
+        let whole = if halves.is_some() { fit(self.data)? } else { after.fitted };
+        Ok(Some((hypothesis::efficient(self.data, &whole, self.monitor)?, share)))
+    }
+
+    fn judged(&self, fitted: Hypothesis, held_out: Option<&Data>) -> Result<Judged> {
+        let transferred =
+            held_out.map(|data| hypothesis::transfer(data, &fitted, self.monitor)).transpose()?;
+        Ok(Judged { fitted, held_out: transferred.into_iter().collect() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{choice, data, setup, speeds};
+    use crate::experiment::Channel;
+    use crate::map::Equation;
+    use crate::monitor::Silent;
+
+    fn manoeuvre() -> crate::drive::Manoeuvre {
+        speeds(2.0, &[(0.2, 60.0), (0.6, 100.0), (1.0, -40.0), (1.4, -90.0), (1.8, 70.0)])
+    }
+
+    #[test]
+    fn a_torque_over_the_revolution_is_found_again_without_a_name() {
+        let pulsating = choice("load_torque_pulsation", "tau_pul", 0.4);
+        let (data, base) = data(&setup(manoeuvre(), vec![pulsating]));
+        assert!(base.square(Channel::OmegaE) > 2.0);
+        let (fitted, unmodelled) = explain(&data, None, &base, &Silent).unwrap();
+        assert!(fitted.square(Channel::OmegaE) < 1.15, "{}", fitted.square(Channel::OmegaE));
+        assert_eq!(fitted.effects(), base.effects());
+        let [term] = &unmodelled.terms[..] else { panic!("{unmodelled:?}") };
+        assert_eq!((term.equation, term.unit), (Equation::Mechanical, "N m"));
+        assert!((term.peak - 0.4).abs() < 0.04, "{}", term.peak);
+        assert!(term.sentence.contains("theta_m"), "{}", term.sentence);
+        assert!(unmodelled.gain_held_out.unwrap() > 0.9);
+    }
+
+    #[test]
+    fn a_voltage_over_the_current_is_found_again_without_a_name() {
+        let inverter = choice("dead_time", "v_err", 3.0);
+        let (data, base) = data(&setup(manoeuvre(), vec![inverter]));
+        let (fitted, unmodelled) = explain(&data, None, &base, &Silent).unwrap();
+        assert!(unmodelled.terms.iter().all(|t| t.equation.is_electrical()));
+        assert!(!unmodelled.terms.is_empty(), "{}", unmodelled.sentence);
+        let left = |h: &Hypothesis| h.square(Channel::ID) + h.square(Channel::IQ) - 2.0;
+        assert!(left(&fitted) < 0.5 * left(&base), "{} {}", left(&fitted), left(&base));
+    }
+
+    #[test]
+    fn where_only_noise_is_left_no_map_is_laid() {
+        let (data, base) = data(&setup(manoeuvre(), Vec::new()));
+        for side in [Side::Electrical, Side::Mechanical] {
+            assert!(choice::choose(&data, &base, side, &[], &Silent).is_none(), "{side:?}");
+        }
+        let (fitted, unmodelled) = explain(&data, None, &base, &Silent).unwrap();
+        assert!(unmodelled.terms.is_empty() && unmodelled.gain_held_out.is_none());
+        assert_eq!(fitted.parameters, base.parameters);
+    }
+}

@@ -1,0 +1,182 @@
+//! Maps that are tried: harmonics where a residual repeats with the angle, splines over what else the equations know, and
+//! products of two.
+
+use super::Side;
+use crate::diagnose::data::Data;
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::locate::{Located, equation_of};
+use crate::map::{Equation, Factor, MOST, Part, Spline, Variable};
+use crate::recording::Kind;
+use crate::simulate::mechanical;
+use std::f64::consts::{PI, TAU};
+
+/// Splines over one variable: degree and pieces.
+const CURVE: (usize, usize) = (3, 4);
+/// Splines in each direction of a map over two variables.
+const SURFACE: (usize, usize) = (2, 2);
+/// Splines with which a harmonic changes along a variable.
+const LINE: (usize, usize) = (1, 1);
+/// Harmonics that change along a variable.
+const CHANGING: usize = 2;
+/// Share of a variable's samples that its range leaves out at either end.
+const TAIL: f64 = 0.002;
+/// A variable whose range is narrower than this share of its larger end is a setting.
+const NARROW: f64 = 0.02;
+/// Speed over which the direction turns over, share of the largest.
+const DIRECTION: f64 = 0.002;
+/// Speed in either direction from which a recording counts as one with reversals, share of the largest.
+const REVERSED: f64 = 0.05;
+/// Harmonics are tried up to this share of the sampling theorem's limit.
+const SAMPLED: f64 = 0.5;
+/// Steps on either side by which a located frequency is refined, over one line of the spectrum.
+const REFINED: i32 = 12;
+
+/// Parts to try on one side, for all equations of that side.
+pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located]) -> Vec<Part> {
+    let mut waves = waves(data, side, located);
+    waves.extend(swings(data, best, located));
+    let variables = variables(data, best, side);
+    let line = |v: &(Variable, f64, f64), (degree, pieces): (usize, usize)| {
+        Factor::Spline(Spline { variable: v.0, low: v.1, high: v.2, degree, pieces })
+    };
+    let mut pairs: Vec<(Factor, Option<Factor>)> = waves.iter().map(|wave| (*wave, None)).collect();
+    for (k, x) in variables.iter().enumerate() {
+        pairs.push((line(x, CURVE), None));
+        for y in &variables[k + 1..] {
+            pairs.push((line(x, SURFACE), Some(line(y, SURFACE))));
+        }
+        for wave in &waves {
+            let fewer = match *wave {
+                Factor::Harmonics { angle, order, count } => {
+                    Factor::Harmonics { angle, order, count: count.min(CHANGING) }
+                }
+                other => other,
+            };
+            pairs.push((fewer, Some(line(x, LINE))));
+        }
+    }
+    if side == Side::Mechanical && reverses(data) {
+        let direction = Factor::Direction { width: DIRECTION * data.signals.context.omega_e_max };
+        pairs.extend(waves.iter().map(|wave| (*wave, Some(direction))));
+        let load = variables.iter().filter(|v| v.0 == Variable::TauE);
+        pairs.extend(load.map(|x| (line(x, CURVE), Some(direction))));
+    }
+    if located.iter().any(|l| l.trend.is_some()) {
+        let t = (Variable::T, 0.0, data.signals.context.duration);
+        pairs.push((line(&t, CURVE), None));
+    }
+    let equations = side.equations(data);
+    pairs.into_iter().map(|(first, second)| Part { equations: equations.clone(), first, second }).collect()
+}
+
+/// Harmonics of the electrical and the mechanical turn and of the located orders.
+fn waves(data: &Data, side: Side, located: &[Located]) -> Vec<Factor> {
+    let s = &data.signals;
+    let mut waves: Vec<Factor> = Vec::new();
+    if s.kind == Kind::OperatingPoints {
+        return waves;
+    }
+    let turn = |angle: Variable| if angle == Variable::ThetaE { 1.0 } else { s.n_p };
+    let mut add = |angle: Variable, order: u32| {
+        // Angle by which the lowest harmonic turns between two samples at full speed.
+        let step = s.context.omega_e_max / turn(angle) * f64::from(order) * s.period;
+        let count = ((SAMPLED * PI / step.max(f64::MIN_POSITIVE)) as usize).min(MOST / 2);
+        let wave = Factor::Harmonics { angle, order, count };
+        if count > 0 && !waves.contains(&wave) {
+            waves.push(wave);
+        }
+    };
+    let whole = |order: Option<f64>| order.filter(|o| *o >= 1.0 && o.fract() == 0.0).map(|o| o as u32);
+    if s.angle_known {
+        for place in located {
+            whole(place.order_electrical).into_iter().for_each(|o| add(Variable::ThetaE, o));
+            whole(place.order_mechanical).into_iter().for_each(|o| add(Variable::ThetaM, o));
+        }
+        add(Variable::ThetaE, 1);
+        let revolved = s.theta_m.iter().fold(f64::NEG_INFINITY, |m, x| m.max(*x))
+            - s.theta_m.iter().fold(f64::INFINITY, |m, x| m.min(*x));
+        if side == Side::Mechanical && s.n_p > 1.0 && revolved > TAU {
+            add(Variable::ThetaM, 1);
+        }
+    }
+    waves
+}
+
+/// Swings at the located frequencies, each moved to where the residual of its channel swings most: a spectrum's own steps are
+/// too coarse to keep step over a whole recording.
+fn swings(data: &Data, best: &Hypothesis, located: &[Located]) -> Vec<Factor> {
+    let (t, duration) = (&data.signals.t, data.signals.context.duration);
+    let experiment = data.whole(best);
+    let residual = experiment.residual(&best.parameters);
+    let refined = |place: &Located| -> Option<Factor> {
+        let from = place.frequency_hz?;
+        let at = experiment.channels.iter().position(|(c, _)| equation_of(*c) == place.equation)?;
+        let rows = &residual.as_slice()[at * t.len()..(at + 1) * t.len()];
+        let power = |f: f64| {
+            let (mut c, mut q) = (0.0, 0.0);
+            for (r, t) in rows.iter().zip(t) {
+                let (sin, cos) = (TAU * f * t).sin_cos();
+                c += r * cos;
+                q += r * sin;
+            }
+            c * c + q * q
+        };
+        let tried = (-REFINED..=REFINED).map(|k| from + f64::from(k) / f64::from(REFINED) / duration);
+        let frequency = tried.map(|f| (f, power(f))).max_by(|a, b| a.1.total_cmp(&b.1))?.0;
+        Some(Factor::Swing { frequency })
+    };
+    located.iter().filter_map(refined).collect()
+}
+
+/// What the equations of one side know besides angle and time, each with its range in the recording.
+fn variables(data: &Data, best: &Hypothesis, side: Side) -> Vec<(Variable, f64, f64)> {
+    let s = &data.signals;
+    let mut out = vec![(Variable::OmegaE, range(&s.omega_e))];
+    match (side, &s.i) {
+        (Side::Electrical, Some([d, q])) => {
+            out.extend([(Variable::ID, range(d)), (Variable::IQ, range(q))]);
+        }
+        (Side::Mechanical, _) => {
+            out.push((Variable::TauE, range(&torque(data, best))));
+        }
+        _ => {}
+    }
+    out.into_iter()
+        .filter(|(_, (low, high))| high - low > NARROW * low.abs().max(high.abs()))
+        .map(|(variable, (low, high))| (variable, low, high))
+        .collect()
+}
+
+/// Whether the rotor turns in both directions, so that what rubs shows its sign.
+fn reverses(data: &Data) -> bool {
+    let s = &data.signals;
+    let least = REVERSED * s.context.omega_e_max;
+    let beyond = |sign: f64| s.omega_e.iter().any(|w| sign * w > least);
+    beyond(1.0) && beyond(-1.0)
+}
+
+/// Motor torque per sample, recorded or from the measured currents, N·m.
+pub fn torque(data: &Data, best: &Hypothesis) -> Vec<f64> {
+    mechanical::torque(&best.model, &data.signals, best.own())
+}
+
+/// Range of a signal without its tails.
+fn range(x: &[f64]) -> (f64, f64) {
+    let mut sorted = x.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let tail = (TAIL * sorted.len() as f64) as usize;
+    (sorted[tail], sorted[sorted.len() - 1 - tail])
+}
+
+impl Side {
+    /// The equations of this side that the recording shows.
+    fn equations(self, data: &Data) -> Vec<Equation> {
+        match self {
+            Self::Mechanical => vec![Equation::Mechanical],
+            Self::Electrical => {
+                let both = [Equation::D, Equation::Q].into_iter().zip(data.signals.axes);
+                both.filter(|(_, shown)| *shown).map(|(equation, _)| equation).collect()
+            }
+        }
+    }
+}

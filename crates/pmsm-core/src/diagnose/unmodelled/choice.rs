@@ -1,0 +1,291 @@
+//! Which map, how large and how stiff: judged to first order on blocks that were left out.
+//!
+//! The derivatives of the exact simulation with respect to the coefficients, at zero, and those with respect to the fitted
+//! parameters give normal equations block by block. The blocks are dealt to a few folds; coefficients from all folds but one,
+//! held back by a ridge, are judged on that one. So every tried size and stiffness costs one small solution, and the
+//! simulation is differentiated once per map.
+
+use super::{Side, candidates};
+use crate::diagnose::data::Data;
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::locate::Located;
+use crate::diagnose::shortlist::orthonormal;
+use crate::experiment::Experiment;
+use crate::least_squares::Normal;
+use crate::map::{Factor, Part};
+use crate::monitor::Monitor;
+use crate::recording::Kind;
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use std::borrow::Cow;
+use std::ops::Range;
+
+/// Parts into which the blocks are dealt; each is left out once.
+const FOLDS: usize = 4;
+/// Blocks of a recording without windows enough.
+const BLOCKS: usize = 16;
+/// Variances of the coefficients' prior, in units of what the recording says of one of them, inverted.
+const RIDGES: [f64; 4] = [1e-4, 1e-3, 1e-2, 1e-1];
+/// Harmonics tried of a factor that has more.
+const HARMONICS: [usize; 4] = [1, 2, 4, 8];
+/// Share of the excess mean square that a map must take away on the blocks left out.
+const LEAST: f64 = 0.1;
+/// The map with the fewest coefficients that gains this share of what the best one does is taken.
+const NEARLY: f64 = 0.9;
+/// Largest number of derivatives held for one map.
+const CELLS: usize = 8_000_000;
+/// Ridge that leaves a base parameter where it is if the blocks in use do not show it.
+const UNSHOWN: f64 = 1e-8;
+
+/// A map chosen to first order.
+#[derive(Debug, Clone)]
+pub struct Choice {
+    /// The part to be added.
+    pub part: Part,
+    /// First-order coefficients.
+    pub start: Vec<f64>,
+    /// Standard deviation of the coefficients' prior, in their unit.
+    pub spread: f64,
+}
+
+/// One way to use a candidate's columns.
+struct Trial {
+    part: Part,
+    ridge: f64,
+    left: f64,
+}
+
+/// The map of one side that predicts left-out blocks best, if any does; and how many were tried.
+pub fn choose(
+    data: &Data,
+    best: &Hypothesis,
+    side: Side,
+    located: &[Located],
+    monitor: &dyn Monitor,
+) -> Option<Choice> {
+    let folds = folds(data, side)?;
+    let torque = candidates::torque(data, best);
+    let view = View::new(data, best, side, &torque);
+    let rows = view.residual.len();
+    let candidates: Vec<Part> = candidates::candidates(data, best, side, located)
+        .into_iter()
+        .filter(|part| part.count() * rows <= CELLS)
+        .collect();
+    let bare = left(&view.normals(&DMatrix::zeros(rows, 0), &folds), view.basis.ncols(), &[], 0.0);
+    let floor = (data.counted() * view.experiment(&best.model).channels.len()) as f64;
+    let least = LEAST * (bare - floor).max(0.0);
+    let trials: Vec<Trial> = candidates
+        .par_iter()
+        .filter(|_| !monitor.cancelled())
+        .flat_map_iter(|part| view.trials(part, &folds))
+        .collect();
+    let most = trials.iter().map(|t| bare - t.left).fold(0.0, f64::max);
+    if most <= least {
+        return None;
+    }
+    let chosen = trials
+        .into_iter()
+        .filter(|t| bare - t.left >= NEARLY * most)
+        .min_by(|a, b| a.part.count().cmp(&b.part.count()).then(a.left.total_cmp(&b.left)))?;
+    Some(view.settled(chosen, &folds))
+}
+
+/// The recording as one side sees it: what the fitted parameters can do, and what they leave.
+struct View<'a> {
+    data: &'a Data,
+    best: &'a Hypothesis,
+    side: Side,
+    torque: &'a [f64],
+    starts: Option<Vec<f64>>,
+    basis: DMatrix<f64>,
+    residual: DVector<f64>,
+}
+
+impl<'a> View<'a> {
+    fn new(data: &'a Data, best: &'a Hypothesis, side: Side, torque: &'a [f64]) -> Self {
+        let (basis, residual) = (DMatrix::zeros(0, 0), DVector::zeros(0));
+        let mut view = Self { data, best, side, torque, starts: None, basis, residual };
+        let experiment = view.experiment(&best.model);
+        let electrical = |k: usize| experiment.is_electrical(k);
+        let free: Vec<usize> =
+            best.free.iter().copied().filter(|k| electrical(*k) == (side == Side::Electrical)).collect();
+        let starts = experiment.estimated_starts(&best.parameters);
+        let linear = Experiment { starts: starts.as_deref().map(Cow::Borrowed), ..experiment }
+            .linearise(&best.parameters, &free);
+        (view.starts, view.basis, view.residual) = (starts, orthonormal(&linear.jacobian), linear.residual);
+        view
+    }
+
+    fn experiment<'b>(&'b self, model: &'b crate::model::Model) -> Experiment<'b> {
+        let electrical = self.side == Side::Electrical;
+        let channels = self.data.channels(electrical, !electrical);
+        let mut experiment = self.data.experiment(model, self.best.nuisance, channels);
+        experiment.torque = (!electrical).then_some(self.torque);
+        experiment.starts = self.starts.as_deref().map(Cow::Borrowed);
+        experiment
+    }
+
+    /// Derivatives of the residual with respect to the coefficients of a part, at zero.
+    fn columns(&self, part: &Part) -> DMatrix<f64> {
+        let own = self.best.own();
+        let mut map = self.best.model.map().cloned().unwrap_or_default();
+        map.parts.push(part.clone());
+        let model = self.best.model.clone().with_map(map);
+        let mut parameters = own.to_vec();
+        parameters.resize(own.len() + part.count(), 0.0);
+        parameters.extend(&self.best.parameters[own.len()..]);
+        let free: Vec<usize> = (own.len()..own.len() + part.count()).collect();
+        self.experiment(&model).linearise(&parameters, &free).jacobian
+    }
+
+    /// Normal equations of each fold: what the fitted parameters can do first, then the columns.
+    fn normals(&self, columns: &DMatrix<f64>, folds: &[Vec<Range<usize>>]) -> Vec<Normal> {
+        let (b, k) = (self.basis.ncols(), columns.ncols());
+        let n = self.data.signals.len();
+        let channels = self.residual.len() / n;
+        let fold = |ranges: &Vec<Range<usize>>| {
+            let mut normal =
+                Normal { cost: 0.0, jtj: DMatrix::zeros(b + k, b + k), jtr: DVector::zeros(b + k) };
+            for range in
+                (0..channels).flat_map(|c| ranges.iter().map(move |r| c * n + r.start..c * n + r.end))
+            {
+                let rows = range.len();
+                let (base, own) = (self.basis.rows(range.start, rows), columns.rows(range.start, rows));
+                let residual = self.residual.rows(range.start, rows);
+                normal.cost += residual.norm_squared();
+                let mut add = |at: (usize, usize), block: DMatrix<f64>| {
+                    let mut view = normal.jtj.view_mut(at, block.shape());
+                    view += block;
+                };
+                let cross = base.tr_mul(&own);
+                add((0, 0), base.tr_mul(&base));
+                add((b, 0), cross.transpose());
+                add((0, b), cross);
+                add((b, b), own.tr_mul(&own));
+                let mut first = normal.jtr.rows_mut(0, b);
+                first += base.tr_mul(&residual);
+                let mut second = normal.jtr.rows_mut(b, k);
+                second += own.tr_mul(&residual);
+            }
+            normal
+        };
+        folds.iter().map(fold).collect()
+    }
+
+    /// All sizes and ridges of one candidate.
+    fn trials(&self, part: &Part, folds: &[Vec<Range<usize>>]) -> Vec<Trial> {
+        let normals = self.normals(&self.columns(part), folds);
+        let base = self.basis.ncols();
+        let mut out = Vec::new();
+        for (part, columns) in sizes(part) {
+            for ridge in RIDGES {
+                let left = left(&normals, base, &columns, ridge);
+                out.push(Trial { part: part.clone(), ridge, left });
+            }
+        }
+        out
+    }
+
+    /// First-order coefficients of a trial from all blocks, and the prior in their unit.
+    fn settled(&self, trial: Trial, folds: &[Vec<Range<usize>>]) -> Choice {
+        let whole = sum(&self.normals(&self.columns(&trial.part), folds), None);
+        let base = self.basis.ncols();
+        let columns: Vec<usize> = (0..trial.part.count()).collect();
+        let step = step(&whole, base, &columns, trial.ridge);
+        let spread = 1.0 / weight(&whole, base, &columns, trial.ridge).max(f64::MIN_POSITIVE).sqrt();
+        let start =
+            step.map_or(vec![0.0; columns.len()], |s| s.rows(base, columns.len()).iter().copied().collect());
+        Choice { part: trial.part, start, spread }
+    }
+}
+
+/// The blocks of a recording dealt to folds; none if there are too few.
+fn folds(data: &Data, side: Side) -> Option<Vec<Vec<Range<usize>>>> {
+    let n = data.signals.len();
+    let blocks: Vec<Range<usize>> = if data.signals.kind == Kind::OperatingPoints {
+        (0..n).map(|k| k..k + 1).collect()
+    } else if side == Side::Mechanical || data.windows.len() >= 2 * FOLDS {
+        data.windows.clone()
+    } else {
+        (0..BLOCKS).map(|b| b * n / BLOCKS..(b + 1) * n / BLOCKS).collect()
+    };
+    let mut folds = vec![Vec::new(); FOLDS];
+    for (k, block) in blocks.iter().enumerate() {
+        folds[k % FOLDS].push(block.clone());
+    }
+    (blocks.len() >= FOLDS).then_some(folds)
+}
+
+/// Smaller parts within one: each equation alone or both, fewer harmonics; with their columns.
+fn sizes(part: &Part) -> Vec<(Part, Vec<usize>)> {
+    let size = part.size();
+    let mut wanted: Vec<Vec<usize>> = (0..part.equations.len()).map(|e| vec![e]).collect();
+    if part.equations.len() > 1 {
+        wanted.push((0..part.equations.len()).collect());
+    }
+    let second = part.second.as_ref().map_or(1, Factor::count);
+    let firsts: Vec<Factor> = match part.first {
+        Factor::Harmonics { angle, order, count } => {
+            let mut counts: Vec<usize> = HARMONICS.into_iter().filter(|h| *h < count).collect();
+            counts.push(count);
+            counts.into_iter().map(|count| Factor::Harmonics { angle, order, count }).collect()
+        }
+        other => vec![other],
+    };
+    let mut out = Vec::new();
+    for first in &firsts {
+        for equations in &wanted {
+            let columns =
+                equations.iter().flat_map(|e| e * size..e * size + first.count() * second).collect();
+            let equations = equations.iter().map(|e| part.equations[*e]).collect();
+            out.push((Part { equations, first: *first, second: part.second }, columns));
+        }
+    }
+    out
+}
+
+/// Sum of normal equations, without one of them.
+fn sum(normals: &[Normal], without: Option<usize>) -> Normal {
+    let size = normals[0].jtr.len();
+    let mut sum = Normal { cost: 0.0, jtj: DMatrix::zeros(size, size), jtr: DVector::zeros(size) };
+    for normal in normals.iter().enumerate().filter(|(k, _)| Some(*k) != without).map(|(_, n)| n) {
+        sum.cost += normal.cost;
+        sum.jtj += &normal.jtj;
+        sum.jtr += &normal.jtr;
+    }
+    sum
+}
+
+/// Weight of the ridge on each of the columns (counted behind the base).
+fn weight(normal: &Normal, base: usize, columns: &[usize], ridge: f64) -> f64 {
+    let mean =
+        columns.iter().map(|k| normal.jtj[(base + k, base + k)]).sum::<f64>() / columns.len().max(1) as f64;
+    ridge * mean
+}
+
+/// Least-squares step of the base and of some columns under a ridge.
+fn step(normal: &Normal, base: usize, columns: &[usize], ridge: f64) -> Option<DVector<f64>> {
+    let (at, weight) = (places(base, columns), weight(normal, base, columns, ridge));
+    let mut matrix = normal.jtj.select_rows(&at).select_columns(&at);
+    for k in 0..at.len() {
+        matrix[(k, k)] += if k < base { UNSHOWN } else { weight };
+    }
+    let right = normal.jtr.select_rows(&at);
+    Some(-matrix.cholesky()?.solve(&right))
+}
+
+fn places(base: usize, columns: &[usize]) -> Vec<usize> {
+    (0..base).chain(columns.iter().map(|k| base + k)).collect()
+}
+
+/// Sum of squares that a step from the other folds leaves on each fold, summed; infinite if there is none.
+fn left(normals: &[Normal], base: usize, columns: &[usize], ridge: f64) -> f64 {
+    let at = places(base, columns);
+    let on = |fold: usize| -> f64 {
+        let Some(step) = step(&sum(normals, Some(fold)), base, columns, ridge) else { return f64::INFINITY };
+        let own = &normals[fold];
+        let gram = own.jtj.select_rows(&at).select_columns(&at);
+        own.cost + 2.0 * own.jtr.select_rows(&at).dot(&step) + step.dot(&(gram * &step))
+    };
+    (0..normals.len()).map(on).sum()
+}

@@ -1,0 +1,121 @@
+//! A fitted map as numbers that can be used elsewhere, and in plain words.
+
+use super::{Basis, Side, Term, Unmodelled, candidates};
+use crate::diagnose::data::Data;
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::map::{Equation, Factor, Map, Part, Point, Variable};
+use crate::simulate::electrical::measured_env;
+use std::f64::consts::TAU;
+
+/// Says what the maps of `fitted` are, or that none of those tried on some sides helps.
+pub fn unmodelled(data: &Data, fitted: &Hypothesis, tried: &[Side], gain: f64) -> Unmodelled {
+    let map = fitted.model.map().cloned().unwrap_or_default();
+    let coefficients = &fitted.parameters[fitted.model.map_parameters()];
+    let peaks = peaks(data, fitted, &map, coefficients);
+    let mut terms = Vec::new();
+    for ((part, place), peaks) in map.places().zip(peaks) {
+        let own = coefficients[place].chunks_exact(part.size());
+        for ((equation, own), peak) in part.equations.iter().zip(own).zip(peaks) {
+            terms.push(term(part, *equation, own, peak));
+        }
+    }
+    let sentence = if terms.is_empty() { nothing(tried) } else { something(&terms, gain) };
+    Unmodelled { sentence, gain_held_out: (!terms.is_empty()).then_some(gain), terms }
+}
+
+fn something(terms: &[Term], gain: f64) -> String {
+    let parts: Vec<&str> = terms.iter().map(|t| t.sentence.as_str()).collect();
+    format!(
+        "What the catalogue does not explain is described without a name: {}. On data that were not used for fitting this takes away {:.0} % of what \
+         was left above the noise. It predicts, but it is no cause.",
+        parts.join(", and "),
+        100.0 * gain
+    )
+}
+
+fn nothing(tried: &[Side]) -> String {
+    let over = |side: &Side| match side {
+        Side::Electrical => "of the missing voltage over angle, speed and currents",
+        Side::Mechanical => "of the missing torque over angle, speed and motor torque",
+    };
+    if tried.is_empty() {
+        return "Nothing significant is left on the recording itself over which a map could be laid.".into();
+    }
+    let over: Vec<&str> = tried.iter().map(over).collect();
+    format!(
+        "No map {} predicts data that were not used for fitting: the rest stays.",
+        over.join(" and none ")
+    )
+}
+
+fn term(part: &Part, equation: Equation, coefficients: &[f64], peak: f64) -> Term {
+    let (what, formula) = match equation {
+        Equation::D => ("d-axis voltage", "v_d = r_s·i_d + dλ_d/dt − ω·λ_q + term"),
+        Equation::Q => ("q-axis voltage", "v_q = r_s·i_q + dλ_q/dt + ω·λ_d + term"),
+        Equation::Mechanical => ("torque", "j·dω_m/dt = τ_e − τ_load − b·ω_m − term"),
+    };
+    let over: Vec<String> = part.factors().map(over).collect();
+    let unit = equation.unit();
+    let decimals = (1.0 - peak.max(1e-300).log10().floor()).clamp(0.0, 12.0) as usize;
+    Term {
+        equation,
+        sentence: format!("unmodelled {what} over {}, up to {peak:.decimals$} {unit}", over.join(" and ")),
+        formula,
+        variables: part.factors().map(basis).collect(),
+        coefficients: coefficients.to_vec(),
+        unit,
+        peak,
+    }
+}
+
+fn over(factor: &Factor) -> String {
+    match factor {
+        Factor::Harmonics { angle, order, count } => {
+            let orders: Vec<String> = (1..=*count).map(|k| (k as u32 * order).to_string()).collect();
+            let word = if *count == 1 { "order" } else { "orders" };
+            let list = match orders.split_last() {
+                Some((last, rest)) if !rest.is_empty() => format!("{} and {last}", rest.join(", ")),
+                _ => orders.concat(),
+            };
+            format!("{} ({word} {list})", angle.name())
+        }
+        Factor::Swing { frequency } => format!("time ({frequency:.2} Hz)"),
+        Factor::Direction { .. } => "the direction of rotation".into(),
+        Factor::Spline(spline) if spline.variable == Variable::T => "time".into(),
+        Factor::Spline(spline) => spline.variable.name().into(),
+    }
+}
+
+fn basis(factor: &Factor) -> Basis {
+    let (variable, unit) = (factor.variable().name(), factor.variable().unit());
+    match *factor {
+        Factor::Harmonics { order, count, .. } => {
+            let orders = (1..=count).map(|k| f64::from(order) * k as f64).collect();
+            Basis::Harmonic { variable, unit, orders }
+        }
+        Factor::Swing { frequency } => Basis::Harmonic { variable, unit, orders: vec![TAU * frequency] },
+        Factor::Direction { width } => Basis::Direction { variable, unit, width },
+        Factor::Spline(s) => {
+            Basis::BSpline { variable, unit, low: s.low, high: s.high, degree: s.degree, pieces: s.pieces }
+        }
+    }
+}
+
+/// Largest absolute value of each part's equations over the recording.
+fn peaks(data: &Data, fitted: &Hypothesis, map: &Map, coefficients: &[f64]) -> Vec<Vec<f64>> {
+    let s = &data.signals;
+    let mut peaks: Vec<Vec<f64>> = map.parts.iter().map(|p| vec![0.0; p.equations.len()]).collect();
+    let torque = candidates::torque(data, fitted);
+    for k in 0..if map.parts.is_empty() { 0 } else { s.len() } {
+        let i = s.i.as_ref().map_or([0.0; 2], |[d, q]| [d[k], q[k]]);
+        let at = Point { env: measured_env(s, k), i, tau_e: torque[k] };
+        for ((part, place), peaks) in map.places().zip(&mut peaks) {
+            let mut out = [0.0; 2];
+            part.add(&coefficients[place], &at, &mut out);
+            for (equation, peak) in part.equations.iter().zip(peaks) {
+                *peak = peak.max(out[usize::from(*equation == Equation::Q)].abs());
+            }
+        }
+    }
+    peaks
+}

@@ -1,0 +1,231 @@
+//! Missing voltage or torque as a map over operating variables: what no effect of the catalogue explains, modelled without
+//! a name.
+//!
+//! A map is a sum of parts. Each part acts on the voltage equations or on the equation of motion, and is a tensor product of one
+//! or two [`Factor`]s with one coefficient per product and equation:
+//!
+//! > v_lost,d += Σ_ab c_ab f_a(x) g_b(y)  (q alike),  τ_loss += Σ_ab c_ab f_a(x) g_b(y).
+//!
+//! It is linear in its coefficients, and with all of them at zero the model is the same bit for bit.
+
+mod factor;
+
+pub use factor::{Factor, MOST, Point, Spline, Variable};
+
+use crate::real::Real;
+use serde::Serialize;
+
+/// An equation that a map adds to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Equation {
+    /// Voltage equation of the d axis, V.
+    D,
+    /// Voltage equation of the q axis, V.
+    Q,
+    /// Equation of motion, N·m against positive rotation.
+    Mechanical,
+}
+
+impl Equation {
+    /// Whether it is a voltage equation.
+    pub fn is_electrical(self) -> bool {
+        self != Self::Mechanical
+    }
+
+    /// SI unit of what the map adds.
+    pub fn unit(self) -> &'static str {
+        if self.is_electrical() { "V" } else { "N m" }
+    }
+}
+
+/// One tensor product with its coefficients' equations.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Part {
+    /// Equations it adds to, with coefficients of their own: voltage equations, or that of motion.
+    pub equations: Vec<Equation>,
+    /// The first factor; its functions count slowest among the coefficients.
+    pub first: Factor,
+    /// The second factor, if it depends on two variables.
+    pub second: Option<Factor>,
+}
+
+impl Part {
+    /// Coefficients per equation.
+    pub fn size(&self) -> usize {
+        self.first.count() * self.second.as_ref().map_or(1, Factor::count)
+    }
+
+    /// All coefficients: those of the first equation, then those of the second.
+    pub fn count(&self) -> usize {
+        self.equations.len() * self.size()
+    }
+
+    /// Whether it adds to the voltage equations.
+    pub fn is_electrical(&self) -> bool {
+        self.equations.iter().all(|e| e.is_electrical())
+    }
+
+    /// Its factors.
+    pub fn factors(&self) -> impl Iterator<Item = &Factor> {
+        std::iter::once(&self.first).chain(&self.second)
+    }
+
+    /// Adds its values at a point: d and q voltage, V, or torque in the first place, N·m.
+    #[inline(always)]
+    pub fn add<T: Real>(&self, p: &[T], at: &Point<T>, out: &mut [T; 2]) {
+        let (mut first, mut second) = ([T::zero(); MOST], [T::zero(); MOST]);
+        second[0] = T::one();
+        let n = self.first.fill(at, &mut first);
+        let m = self.second.as_ref().map_or(1, |factor| factor.fill(at, &mut second));
+        for (own, equation) in p.chunks_exact(n * m).zip(&self.equations) {
+            let mut sum = T::zero();
+            for (row, f) in own.chunks_exact(m).zip(&first) {
+                let mut inner = T::zero();
+                for (c, g) in row.iter().zip(&second) {
+                    inner += *c * *g;
+                }
+                sum += inner * *f;
+            }
+            out[usize::from(*equation == Equation::Q)] += sum;
+        }
+    }
+
+    /// Turns its coefficients to a mechanical zero that lies `shift` (rad) further; says whether that changes them.
+    fn turned(&self, p: &mut [f64], shift: f64) -> bool {
+        let m = self.second.as_ref().map_or(1, Factor::count);
+        let Factor::Harmonics { angle: Variable::ThetaM, order, count } = self.first else { return false };
+        for own in p.chunks_exact_mut(self.size()) {
+            for k in 0..count {
+                let (s, c) = (f64::from(order) * (k + 1) as f64 * shift).sin_cos();
+                for b in 0..m {
+                    let (x, y) = (2 * k * m + b, (2 * k + 1) * m + b);
+                    (own[x], own[y]) = (own[x] * c - own[y] * s, own[x] * s + own[y] * c);
+                }
+            }
+        }
+        true
+    }
+}
+
+/// A sum of parts.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Map {
+    /// Its parts, whose coefficients follow one another.
+    pub parts: Vec<Part>,
+}
+
+impl Map {
+    /// Number of coefficients.
+    pub fn count(&self) -> usize {
+        self.parts.iter().map(Part::count).sum()
+    }
+
+    /// Each part with the place of its coefficients.
+    #[inline(always)]
+    pub fn places(&self) -> impl Iterator<Item = (&Part, std::ops::Range<usize>)> {
+        self.parts.iter().scan(0, |at, part| {
+            let from = *at;
+            *at += part.count();
+            Some((part, from..*at))
+        })
+    }
+
+    /// Whether coefficient `index` belongs to a voltage equation.
+    pub fn is_electrical(&self, index: usize) -> bool {
+        self.places().any(|(part, place)| part.is_electrical() && place.contains(&index))
+    }
+
+    /// Adds the voltage (d, q) that is lost between command and winding, V.
+    #[inline(always)]
+    pub fn voltage<T: Real>(&self, p: &[T], at: &Point<T>, lost: &mut [T; 2]) {
+        for (part, place) in self.places().filter(|(part, _)| part.is_electrical()) {
+            part.add(&p[place], at, lost);
+        }
+    }
+
+    /// The torque that is lost against positive rotation, N·m.
+    #[inline(always)]
+    pub fn torque<T: Real>(&self, p: &[T], at: &Point<T>) -> T {
+        let mut loss = [T::zero(); 2];
+        for (part, place) in self.places().filter(|(part, _)| !part.is_electrical()) {
+            part.add(&p[place], at, &mut loss);
+        }
+        loss[0]
+    }
+
+    /// Turns the coefficients `p` to a mechanical zero that lies `shift` (rad) further; says whether that changes any.
+    pub fn turned(&self, p: &mut [f64], shift: f64) -> bool {
+        let mut any = false;
+        for (part, place) in self.places() {
+            any |= part.turned(&mut p[place], shift);
+        }
+        any
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::env;
+
+    fn point(theta_e: f64, omega_e: f64, i_q: f64) -> Point<f64> {
+        Point { env: env(theta_e, omega_e), i: [0.0, i_q], tau_e: 0.0 }
+    }
+
+    fn harmonics(angle: Variable) -> Factor {
+        Factor::Harmonics { angle, order: 2, count: 2 }
+    }
+
+    #[test]
+    fn a_product_of_two_factors_adds_to_each_equation_its_own_sum() {
+        let line = Spline { variable: Variable::IQ, low: -4.0, high: 4.0, degree: 1, pieces: 1 };
+        let part = Part {
+            equations: vec![Equation::D, Equation::Q],
+            first: harmonics(Variable::ThetaE),
+            second: Some(Factor::Spline(line)),
+        };
+        assert_eq!((part.size(), part.count()), (8, 16));
+        let mut p = vec![0.0; 16];
+        // d: cos 2θ, rising from 1 to 3 with i_q; q: sin 4θ at any i_q.
+        (p[0], p[1]) = (1.0, 3.0);
+        (p[8 + 6], p[8 + 7]) = (0.5, 0.5);
+        let mut lost = [0.0; 2];
+        Map { parts: vec![part] }.voltage(&p, &point(0.3, 10.0, 2.0), &mut lost);
+        assert!((lost[0] - 2.5 * 0.6f64.cos()).abs() < 1e-12);
+        assert!((lost[1] - 0.5 * 1.2f64.sin()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn parts_keep_to_their_equations() {
+        let wave = |equations, angle| Part { equations, first: harmonics(angle), second: None };
+        let map = Map {
+            parts: vec![
+                wave(vec![Equation::Q], Variable::ThetaE),
+                wave(vec![Equation::Mechanical], Variable::ThetaM),
+            ],
+        };
+        let p = [1.0, 0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0];
+        assert!(map.is_electrical(3) && !map.is_electrical(4));
+        let at = point(0.6, 10.0, 0.0);
+        let mut lost = [0.0; 2];
+        map.voltage(&p, &at, &mut lost);
+        assert_eq!(lost, [0.0, 1.2f64.cos()]);
+        assert!((map.torque(&p, &at) - 2.0 * (2.0 * at.env.theta_m).sin()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_map_over_the_revolution_turns_with_its_zero() {
+        let part =
+            Part { equations: vec![Equation::Mechanical], first: harmonics(Variable::ThetaM), second: None };
+        let map = Map { parts: vec![part] };
+        let (p, mut q) = ([0.3, -0.2, 0.1, 0.4], [0.3, -0.2, 0.1, 0.4]);
+        assert!(map.turned(&mut q, 0.7));
+        let mut behind = point(3.0, 0.0, 0.0);
+        behind.env.theta_m -= 0.7;
+        assert!((map.torque(&q, &point(3.0, 0.0, 0.0)) - map.torque(&p, &behind)).abs() < 1e-12);
+        let electrical =
+            Part { equations: vec![Equation::Q], first: harmonics(Variable::ThetaE), second: None };
+        assert!(!Map { parts: vec![electrical] }.turned(&mut q, 0.7));
+    }
+}

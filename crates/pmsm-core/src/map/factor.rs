@@ -1,0 +1,243 @@
+//! Functions of one variable from which a map is made: harmonics of an angle, a swing in time, the direction of rotation,
+//! B-splines.
+
+use crate::effect::Env;
+use crate::real::Real;
+use serde::Serialize;
+use std::f64::consts::TAU;
+
+/// Most functions of one factor.
+pub const MOST: usize = 16;
+
+/// A variable over which a map is laid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Variable {
+    /// Electrical angle, rad.
+    ThetaE,
+    /// Mechanical angle, rad.
+    ThetaM,
+    /// Electrical speed, rad/s.
+    OmegaE,
+    /// d-axis current, A.
+    ID,
+    /// q-axis current, A.
+    IQ,
+    /// Motor torque, N·m.
+    TauE,
+    /// Time since the first sample, s.
+    T,
+}
+
+impl Variable {
+    /// Column name.
+    pub fn name(self) -> &'static str {
+        ["theta_e", "theta_m", "omega_e", "i_d", "i_q", "tau_e", "t"][self as usize]
+    }
+
+    /// SI unit.
+    pub fn unit(self) -> &'static str {
+        ["rad", "rad", "rad/s", "A", "A", "N m", "s"][self as usize]
+    }
+}
+
+/// Where a map is evaluated.
+#[derive(Debug, Clone, Copy)]
+pub struct Point<T> {
+    /// Where the machine is.
+    pub env: Env<T>,
+    /// Stator current d, q, A; the voltage equations know it.
+    pub i: [T; 2],
+    /// Motor torque, N·m; the equation of motion knows it.
+    pub tau_e: T,
+}
+
+impl<T: Real> Point<T> {
+    /// The value of a variable.
+    #[inline(always)]
+    pub fn value(&self, variable: Variable) -> T {
+        match variable {
+            Variable::ThetaE => self.env.theta_e,
+            Variable::ThetaM => self.env.theta_m,
+            Variable::OmegaE => self.env.omega_e,
+            Variable::ID => self.i[0],
+            Variable::IQ => self.i[1],
+            Variable::TauE => self.tau_e,
+            Variable::T => T::constant(self.env.t),
+        }
+    }
+}
+
+/// Uniform B-splines of degree 1, 2 or 3 (de Boor, A Practical Guide to Splines, 1978, chapter IX) over a range, whose ends
+/// hold outside it. On the range they are a partition of unity.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Spline {
+    /// The variable.
+    pub variable: Variable,
+    /// Lower end of the range, in the variable's unit.
+    pub low: f64,
+    /// Upper end of the range.
+    pub high: f64,
+    /// Degree of the pieces, 1 to 3.
+    pub degree: usize,
+    /// Pieces into which the range is divided.
+    pub pieces: usize,
+}
+
+impl Spline {
+    #[inline(always)]
+    fn fill<T: Real>(&self, at: &Point<T>, out: &mut [T; MOST]) {
+        let pieces = self.pieces as f64;
+        let x = (at.value(self.variable) - T::constant(self.low)) * (pieces / (self.high - self.low));
+        let x = x.if_positive(x, T::zero());
+        let rest = T::constant(pieces) - x;
+        let x = rest.if_positive(x, T::constant(pieces));
+        let positive = |x: T| x.if_positive(x, T::zero());
+        for (k, value) in out.iter_mut().enumerate().take(self.pieces + self.degree) {
+            // Function k lies symmetrically about its centre; truncated powers of the distance from there.
+            let a = (x - T::constant(k as f64 + 0.5 * (1.0 - self.degree as f64))).abs();
+            *value = match self.degree {
+                1 => positive(T::one() - a),
+                2 => {
+                    let (outer, inner) = (positive(T::constant(1.5) - a), positive(T::constant(0.5) - a));
+                    (outer.squared() - inner.squared() * 3.0) * 0.5
+                }
+                _ => {
+                    let (outer, inner) = (positive(T::constant(2.0) - a), positive(T::one() - a));
+                    (outer.squared() * outer - inner.squared() * inner * 4.0) * (1.0 / 6.0)
+                }
+            };
+        }
+    }
+}
+
+/// Functions of one variable.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Factor {
+    /// cos and sin of `order`, 2·`order`, … `count`·`order` times an angle.
+    Harmonics {
+        /// `ThetaE` or `ThetaM`.
+        angle: Variable,
+        /// Lowest order, periods per revolution.
+        order: u32,
+        /// Number of orders, at most half of [`MOST`].
+        count: usize,
+    },
+    /// cos and sin of time at one frequency, Hz.
+    Swing {
+        /// Frequency, Hz.
+        frequency: f64,
+    },
+    /// One function for either direction of rotation, (1 ± tanh(ω_e/width))/2.
+    Direction {
+        /// Electrical speed over which it turns over, rad/s.
+        width: f64,
+    },
+    /// B-splines.
+    Spline(Spline),
+}
+
+impl Factor {
+    /// Number of functions.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::Harmonics { count, .. } => 2 * count,
+            Self::Swing { .. } | Self::Direction { .. } => 2,
+            Self::Spline(spline) => spline.pieces + spline.degree,
+        }
+    }
+
+    /// The variable on which they depend.
+    pub fn variable(&self) -> Variable {
+        match self {
+            Self::Harmonics { angle, .. } => *angle,
+            Self::Swing { .. } => Variable::T,
+            Self::Direction { .. } => Variable::OmegaE,
+            Self::Spline(spline) => spline.variable,
+        }
+    }
+
+    /// Writes the functions' values and returns their number.
+    #[inline(always)]
+    pub fn fill<T: Real>(&self, at: &Point<T>, out: &mut [T; MOST]) -> usize {
+        match self {
+            Self::Harmonics { angle, order, count } => {
+                let (s, c) = (at.value(*angle) * f64::from(*order)).sin_cos();
+                let (mut sine, mut cosine) = (s, c);
+                for pair in out.chunks_exact_mut(2).take(*count) {
+                    (pair[0], pair[1]) = (cosine, sine);
+                    (cosine, sine) = (cosine * c - sine * s, sine * c + cosine * s);
+                }
+            }
+            Self::Swing { frequency } => {
+                let (s, c) = (TAU * frequency * at.env.t).sin_cos();
+                (out[0], out[1]) = (T::constant(c), T::constant(s));
+            }
+            Self::Direction { width } => {
+                let half = (at.env.omega_e * (1.0 / width)).tanh() * 0.5;
+                (out[0], out[1]) = (half + 0.5, -half + 0.5);
+            }
+            Self::Spline(spline) => spline.fill(at, out),
+        }
+        self.count()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::env;
+
+    fn at_speed(omega_e: f64) -> Point<f64> {
+        Point { env: env(0.4, omega_e), i: [0.0; 2], tau_e: 0.0 }
+    }
+
+    fn values(factor: Factor, at: &Point<f64>) -> Vec<f64> {
+        let mut out = [f64::NAN; MOST];
+        let count = factor.fill(at, &mut out);
+        out[..count].to_vec()
+    }
+
+    #[test]
+    fn splines_are_a_partition_of_unity_and_hold_their_ends() {
+        for degree in 1..=3 {
+            let spline = Spline { variable: Variable::OmegaE, low: -50.0, high: 150.0, degree, pieces: 4 };
+            let at = |omega| values(Factor::Spline(spline), &at_speed(omega));
+            for k in 0..=100 {
+                let b = at(-50.0 + 2.0 * f64::from(k));
+                assert_eq!(b.len(), 4 + degree);
+                assert!((b.iter().sum::<f64>() - 1.0).abs() < 1e-12, "degree {degree}");
+                assert!(b.iter().all(|x| *x >= -1e-15));
+            }
+            assert_eq!(at(-80.0), at(-50.0));
+            assert_eq!(at(1e4), at(150.0));
+        }
+    }
+
+    #[test]
+    fn a_spline_of_its_nodes_is_the_variable_itself() {
+        let spline = Spline { variable: Variable::OmegaE, low: 0.0, high: 4.0, degree: 3, pieces: 4 };
+        for omega in [0.0, 0.7, 1.9, 3.3, 4.0] {
+            let b = values(Factor::Spline(spline), &at_speed(omega));
+            let sum: f64 = b.iter().enumerate().map(|(k, b)| b * (k as f64 - 1.0)).sum();
+            assert!((sum - omega).abs() < 1e-12, "{omega}");
+        }
+    }
+
+    #[test]
+    fn either_direction_has_its_own_function() {
+        let at = |omega| values(Factor::Direction { width: 2.0 }, &at_speed(omega));
+        assert_eq!((at(400.0), at(-400.0), at(0.0)), (vec![1.0, 0.0], vec![0.0, 1.0], vec![0.5, 0.5]));
+        assert!((at(1.3).iter().sum::<f64>() - 1.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn harmonics_are_multiples_of_the_lowest_order() {
+        let factor = Factor::Harmonics { angle: Variable::ThetaE, order: 3, count: 4 };
+        let found = values(factor, &at_speed(0.0));
+        for (k, pair) in found.chunks(2).enumerate() {
+            let (s, c) = (3.0 * (k + 1) as f64 * 0.4f64).sin_cos();
+            assert!((pair[0] - c).abs() < 1e-12 && (pair[1] - s).abs() < 1e-12);
+        }
+    }
+}
