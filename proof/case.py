@@ -18,6 +18,7 @@ from .bench import degrade
 from .effects import EQUATION, Effects, build, effect_values
 from .manoeuvres import Manoeuvre, make
 from .parameters import Machine
+from .peers import simulate_by
 from .plant import Run, simulate
 from .reference import fit_plain, park
 
@@ -156,12 +157,14 @@ def make_case(
     degraded: str | None = None,
     stator_hold: bool = False,
     log_v_dc: bool = False,
+    simulator: str = "plant",
 ) -> dict[str, Any]:
     """Make recording.parquet, validation.parquet and machine.toml in `folder`, the truth in `truth_folder`.
 
     The validation run is another manoeuvre of the same kind on the same machine, with its own load unless
     that is known and constant.  `degraded` names a poorer logger (`bench.KINDS`); the truth's `runs` describe
-    the log before it.  Effects outside the package's catalogue begin with x_; "unknown" is then expected.
+    the log before it.  `simulator` is this folder's plant or one of
+    `peers.SIMULATORS`.  Effects outside the package's catalogue begin with x_; "unknown" is then expected.
     Returns what truth.json holds; clean.npz beside it holds the validation run without sensor noise.  Raises
     ValueError if the truth would end up where the tool may see it, and whatever `manoeuvres.make`,
     `plant.simulate` and `bench.degrade` raise.
@@ -181,7 +184,10 @@ def make_case(
         moves[1] = replace(moves[1], tau_load=np.full_like(moves[1].tau_load, moves[0].tau_load[0]))
     for number, name in enumerate(("recording", "validation")):
         m, run_seed = replace(moves[number], log_v_dc=log_v_dc), 1000 * seed + number
-        run = simulate(machine, effects, m, seed=run_seed, nameplate=nameplate, stator_hold=stator_hold)
+        if simulator == "plant":
+            run = simulate(machine, effects, m, seed=run_seed, nameplate=nameplate, stator_hold=stator_hold)
+        else:
+            run = simulate_by(simulator, machine, effects, m, seed=run_seed, nameplate=nameplate)
         runs[name] = account(machine, effects, m, run)
         clean = {k: v.astype(np.float32) for k, v in clean_channels(machine, effects, run).items()}
         if degraded is not None:
@@ -195,7 +201,7 @@ def make_case(
     label = "+".join(filled) if filled else "none"
     truth: dict[str, Any] = {
         "version": "1.0",
-        "source": "proof/plant",
+        "source": simulator,
         "effect": label,
         "components": [] if unknown else list(filled),
         "expected": "unknown" if unknown else label,

@@ -144,7 +144,7 @@ def fit_plain(
 
     x = np.zeros(len(names) + max(len(edges) - 1, 0))
     if len(x):
-        x = least_squares(mechanical, x, x_scale="jac", method="trf").x
+        x = least_squares(mechanical, x, x_scale="jac", method="lm").x
     residual["omega_e"] = mechanical(x)
     base.update({k: base[k] * float(np.exp(x[c])) for c, k in enumerate(names)})
     return Fit(base, [float(v) for v in x[len(names) :]], residual)
