@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 
 from .bench import degrade
 from .effects import EQUATION, Effects, build, effect_values
+from .lookalikes import lookalikes
 from .manoeuvres import Manoeuvre, make
 from .parameters import Machine
 from .peers import simulate_by
@@ -109,6 +110,11 @@ def clean_channels(machine: Machine, effects: Effects, run: Run) -> dict[str, np
     return out
 
 
+def base_of(machine: Machine) -> dict[str, float]:
+    """The parameters of the plain machine."""
+    return {k: float(getattr(machine, k)) for k in BASE}
+
+
 def account(machine: Machine, effects: Effects, manoeuvre: Manoeuvre, run: Run) -> dict[str, Any]:
     """Noise of a run, and the plain machine's residual over it at the true and at re-fitted base
     parameters."""
@@ -121,7 +127,7 @@ def account(machine: Machine, effects: Effects, manoeuvre: Manoeuvre, run: Run) 
     }
     load = manoeuvre.tau_load[manoeuvre.settle :]
     breaks = tuple(int(k) for k in np.flatnonzero(np.diff(load)) + 1) if "unknown" in manoeuvre.load else ()
-    base = {k: float(getattr(machine, k)) for k in BASE}
+    base = base_of(machine)
     out: dict[str, Any] = {"noise_rms": rms, "load_breaks": list(breaks)}
     for name, refit in (("plain_true", False), ("plain_refit", True)):
         fit = fit_plain(
@@ -176,6 +182,7 @@ def make_case(
     sealed.mkdir(parents=True, exist_ok=True)
     filled, nameplate = effect_values(effects), nameplate_of(machine, seed)
     runs: dict[str, Any] = {}
+    similar: list[str] = []
     clean: dict[str, np.ndarray] = {}
     unknown = any(k.startswith("x_") for k in filled)
     moves = [make(machine, manoeuvre, load, duration=duration, seed=1000 * seed + k) for k in (0, 1)]
@@ -189,6 +196,8 @@ def make_case(
         else:
             run = simulate_by(simulator, machine, effects, m, seed=run_seed, nameplate=nameplate)
         runs[name] = account(machine, effects, m, run)
+        if name == "recording":
+            similar = lookalikes(machine, effects, m, run, base_of(machine))
         clean = {k: v.astype(np.float32) for k, v in clean_channels(machine, effects, run).items()}
         if degraded is not None:
             run = degrade(run, degraded, machine, run_seed)
@@ -209,7 +218,7 @@ def make_case(
         "accept": {k: list(EQUATION[k]) for k in filled},
         "parameters": stated(filled),
         "also_accept": [],
-        "indistinguishable": [],
+        "indistinguishable": similar,
         "base_true": {k: getattr(machine, k) for k in BASE},
         "nameplate": {k: getattr(nameplate, k) for k in BASE},
         "machine": machine.name,

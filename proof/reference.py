@@ -102,12 +102,14 @@ def fit_plain(
     load: str = "none",
     load_value: float = 0.0,
     breaks: tuple[int, ...] = (),
+    shapes: tuple[np.ndarray, ...] = (),
     refit: bool = True,
 ) -> Fit:
     """Fit the plain machine to a recording, electrical part first, from `start` (Machine's base names and
     n_p).
 
-    load and load_value are what is known of the load; `breaks` are the rows at which an unknown load changes.
+    load and load_value are what is known of the load; `breaks` are the rows at which an unknown load changes;
+    `shapes`, each (n,), are torques against the motion whose size is fitted, too.
     refit=False keeps the base parameters and estimates initial values and load levels only.
     """
     base, n_p = dict(start), int(start["n_p"])
@@ -140,11 +142,13 @@ def fit_plain(
         u = torque.copy()
         for c in range(len(edges) - 1):
             u[edges[c] : edges[c + 1]] -= x[len(names) + c]
+        for c, shape in enumerate(shapes, 1):
+            u -= x[-c] * shape
         return speed_residual(trial, u, log["omega_e"], t_s, n_p)
 
-    x = np.zeros(len(names) + max(len(edges) - 1, 0))
+    x = np.zeros(len(names) + max(len(edges) - 1, 0) + len(shapes))
     if len(x):
         x = least_squares(mechanical, x, x_scale="jac", method="lm").x
     residual["omega_e"] = mechanical(x)
     base.update({k: base[k] * float(np.exp(x[c])) for c, k in enumerate(names)})
-    return Fit(base, [float(v) for v in x[len(names) :]], residual)
+    return Fit(base, [float(v) for v in x[len(names) : len(x) - len(shapes)]], residual)

@@ -1,4 +1,4 @@
-"""Writes what the score amounts to: table.md, score.json, calibration.png and calibration.svg."""
+"""Writes what the score amounts to: table.md, score.json, seed, calibration.png and calibration.svg."""
 
 from __future__ import annotations
 
@@ -174,6 +174,7 @@ def write_results(rows: Sequence[Judged], out: Path, *, cases: int, seed: int, c
         "rows": [asdict(r) for r in rows],
     }
     write_text(out / "table.md", markdown(rows, facts))
+    write_text(out / "seed", f"{seed}\n")
     write_text(out / "score.json", json.dumps(score, indent=1) + "\n")
     figure = picture(rows)
     for kind in ("png", "svg"):
