@@ -21,7 +21,7 @@ from .manoeuvres import Manoeuvre, make
 from .parameters import Machine
 from .peers import simulate_by
 from .plant import Run, simulate
-from .reference import fit_plain, park
+from .reference import fit_plain, park, speed_residual, torque_of
 
 BASE = ("r_s", "l_d", "l_q", "psi_m", "n_p", "j", "b")
 
@@ -116,8 +116,12 @@ def base_of(machine: Machine) -> dict[str, float]:
 
 
 def account(machine: Machine, effects: Effects, manoeuvre: Manoeuvre, run: Run) -> dict[str, Any]:
-    """Noise of a run, and the plain machine's residual over it at the true and at re-fitted base
-    parameters."""
+    """Noise of a run, the least that true equations leave, and the plain machine's residual over the noise at
+    the true and at re-fitted base parameters.
+
+    True equations leave more than the noise in the speed: their free run is driven by the torque of noisy
+    currents, less a noisy load torque where that is measured.
+    """
     clean, theta = clean_channels(machine, effects, run), run.log["theta_e"]
     noise = {k: run.log[k] - v for k, v in clean.items()}
     n_d, n_q = park(noise["i_a"], noise["i_b"], noise["i_c"], theta)
@@ -127,8 +131,15 @@ def account(machine: Machine, effects: Effects, manoeuvre: Manoeuvre, run: Run) 
     }
     load = manoeuvre.tau_load[manoeuvre.settle :]
     breaks = tuple(int(k) for k in np.flatnonzero(np.diff(load)) + 1) if "unknown" in manoeuvre.load else ()
-    base = base_of(machine)
-    out: dict[str, Any] = {"noise_rms": rms, "load_breaks": list(breaks)}
+    base, least = base_of(machine), dict(rms)
+    if not manoeuvre.locked:
+        i_d, i_q = park(*(clean[k] for k in ("i_a", "i_b", "i_c")), theta)
+        push = torque_of(base, i_d + n_d, i_q + n_q) - torque_of(base, i_d, i_q)
+        if "tau_m" in run.log:
+            push -= run.log["tau_m"] - load
+        rest = speed_residual(base, push, noise["omega_e"], 1.0 / machine.f_sample, machine.n_p)
+        least["omega_e"] = float(np.sqrt(np.mean(rest**2)))
+    out: dict[str, Any] = {"noise_rms": rms, "least_rms": least, "load_breaks": list(breaks)}
     for name, refit in (("plain_true", False), ("plain_refit", True)):
         fit = fit_plain(
             base,

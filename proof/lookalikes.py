@@ -12,7 +12,7 @@ from .effects import Effects, effect_values
 from .manoeuvres import Manoeuvre
 from .parameters import Machine
 from .plant import Run
-from .reference import fit_plain, park
+from .reference import fit_plain, park, torque_of
 
 # a rival that leaves no more than this times what the true law leaves is a look-alike
 CLOSE = 1.02
@@ -49,7 +49,7 @@ def lookalikes(
     (name, values), *_ = effect_values(effects).items()
     w = run.log["omega_e"] / machine.n_p
     i_d, i_q = park(run.log["i_a"], run.log["i_b"], run.log["i_c"], run.log["theta_e"])
-    torque = 1.5 * machine.n_p * (machine.psi_m + (machine.l_d - machine.l_q) * i_d) * i_q
+    torque = torque_of(base, i_d, i_q)
     load = manoeuvre.tau_load[manoeuvre.settle :]
     breaks = tuple(int(k) for k in np.flatnonzero(np.diff(load)) + 1) if "unknown" in manoeuvre.load else ()
 

@@ -28,12 +28,12 @@ def work(number: int, cases: int, seed: int, out: Path, code: str) -> str:
 
 
 def stop(_number: int, _frame: FrameType | None) -> None:
-    """End a worker at once: what it was writing is not in place yet."""
+    """End at once: what is being written is not in place yet."""
     raise KeyboardInterrupt
 
 
 def ready() -> None:
-    """Set a worker up to end on an interrupt."""
+    """Let this process end by a request to terminate as it ends by Ctrl-C."""
     signal.signal(signal.SIGTERM, stop)
 
 

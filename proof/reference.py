@@ -59,6 +59,11 @@ def currents(base: dict[str, float], log: dict[str, np.ndarray], t_s: float, fir
     return chain(phi, forced, first)
 
 
+def torque_of(base: dict[str, float], i_d: np.ndarray, i_q: np.ndarray) -> np.ndarray:
+    """Torque (n,) in N·m of the plain machine at currents (n,) in A."""
+    return 1.5 * base["n_p"] * (base["psi_m"] * i_q + (base["l_d"] - base["l_q"]) * i_d * i_q)
+
+
 def speed_residual(
     base: dict[str, float], drive_torque: np.ndarray, omega_e: np.ndarray, t_s: float, n_p: int
 ) -> np.ndarray:
@@ -129,7 +134,7 @@ def fit_plain(
     residual = {"i_d": rest[:, 0], "i_q": rest[:, 1]}
     if load == "locked":
         return Fit(base, [], residual)
-    torque = 1.5 * n_p * (base["psi_m"] * i_q + (base["l_d"] - base["l_q"]) * i_d * i_q)
+    torque = torque_of(base, i_d, i_q)
     if load == "known_constant":
         torque = torque - load_value
     elif load == "measured":

@@ -11,7 +11,7 @@ from .score import Judged
 
 SEVERITIES = ((0.0, 3.0, "below 3"), (3.0, 6.0, "3 to 6"), (6.0, float("inf"), "6 and more"))
 BINS = 10
-# acceptable held-out residual over noise: the mended model predicts to within the noise
+# acceptable held-out residual over the least that true equations leave
 HELD_OUT = 1.1
 
 
@@ -124,13 +124,13 @@ def headline(rows: Sequence[Judged]) -> dict[str, Rate | Value]:
         "right equation located first": rate(rows, lambda r: r.equation_right),
         "parameter error, median": statistic(singles, lambda r: r.parameter_error, median, "{:.2%}"),
         "95 % intervals that cover (identifiable singles)": Rate(sum(inside), len(inside)),
-        "held-out residual / noise before, median (right ones)": statistic(
+        "held-out residual / least possible, before, median (right ones)": statistic(
             right, lambda r: r.held_out_before, median, "{:.2f}"
         ),
-        "held-out residual / noise after, median (right ones)": statistic(
+        "held-out residual / least possible, after, median (right ones)": statistic(
             right, lambda r: r.held_out_after, median, "{:.3f}"
         ),
-        f"held-out residual after within {HELD_OUT:g} × noise (right ones)": rate(
+        f"… after within {HELD_OUT:g} (right ones)": rate(
             right, lambda r: None if r.held_out_after is None else r.held_out_after <= HELD_OUT
         ),
         "trajectories flagged as copied": rate(rows, lambda r: r.copied),
