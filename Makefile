@@ -1,5 +1,5 @@
 # `make demo` and `make test` need Python >= 3.11, cargo and a C linker, and fetch the rest into .venv and target.
-# Other goals: readme, accuracy, wheel, format, docs, doc, clean.
+# Other goals: readme, proof, proof-docs, accuracy, wheel, format, docs, doc, clean.
 
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -14,15 +14,19 @@ REPORT := out/demo.html
 MANUAL := out/docs
 CONCEALED ?= ../shared/concealed
 ANSWERS ?= out/accuracy
+# The set of cases of `make proof`: its folder, and the seed of the table in the manual.
+OUT ?= out/proof
+SEED ?= $(shell cat docs/proof/seed)
 
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md \
   $(shell find crates python -type f -not -name '*.so' -not -name '*.pyc' -not -path '*/target/*')
 
-.PHONY: help need demo test lint rustfmt clippy ruff mypy rust python readme readme-check accuracy wheel format docs doc clean
+.PHONY: help need demo test lint rustfmt clippy ruff mypy rust python readme readme-check proof proof-docs accuracy wheel format docs doc clean
 
 help:
 	@echo 'make demo      install into $(VENV) and diagnose the recording that ships with the package'
 	@echo 'make test      lints, Rust tests, and Python tests against the installed wheel'
+	@echo 'make proof     make 300 sealed cases, diagnose and score them; CASES= SEED= OUT= JOBS=2'
 	@echo 'make accuracy  score the diagnosis on concealed cases, where CONCEALED=folder has them'
 	@echo 'make readme    put real output and the picture into README.md'
 	@echo 'make wheel     build the wheel only'
@@ -52,6 +56,10 @@ $(VENV)/.installed: $(VENV)/.wheel
 
 $(VENV)/.test: $(VENV)/.installed
 	@$(PIP) install "$$(echo $(WHEELS)/pmsm_rs-*.whl)[test,proof]"
+	@touch $@
+
+$(VENV)/.proof: $(VENV)/.installed
+	@$(PIP) install "$$(echo $(WHEELS)/pmsm_rs-*.whl)[proof,peers]"
 	@touch $@
 
 $(VENV)/.docs: $(VENV)/.installed
@@ -97,6 +105,18 @@ readme-check: $(VENV)/.test
 
 readme: $(VENV)/.installed
 	$(BIN)/python docs/readme.py
+
+# Interrupted, the same command goes on where it stopped.
+proof: CASES ?= 300
+proof: JOBS ?= 2
+proof: $(VENV)/.proof
+	@$(BIN)/python -m proof --out $(OUT) --cases $(CASES) --seed $(SEED) --jobs $(JOBS)
+
+# Puts the results of the last `make proof` into the manual.
+proof-docs:
+	@if [ ! -f $(OUT)/table.md ]; then echo 'No results at $(OUT); run make proof first.'; exit 1; fi
+	@mkdir -p docs/proof
+	@cp $(OUT)/table.md $(OUT)/calibration.png $(OUT)/seed docs/proof/
 
 accuracy: $(VENV)/.test
 	@if [ ! -d $(CONCEALED)/open ]; then \

@@ -21,7 +21,7 @@ FILTER_HZ = 250.0
 def degrade(run: Run, kind: str, machine: Machine, seed: int) -> Run:
     """The run as a lesser logger would have kept it; its truth keeps the rows of the log.
 
-    voltage_noise: white noise of 0.25 % of v_dc on both axes; noisy: four times the currents' and the speed's
+    voltage_noise: white noise of 0.25 % of v_dc on both axes; noisy: √10 times the currents' and the speed's
     noise; decimated: every fifth row, voltages averaged over the rows left out; two_currents: no i_c;
     speed_filter: first-order low pass of 250 Hz; gaps: three stretches of 2 % each are missing; short: the
     first fifth.  Raises ValueError for an unknown kind.

@@ -16,10 +16,12 @@ import pyarrow.parquet as pq
 
 from .bench import degrade
 from .effects import EQUATION, Effects, build, effect_values
+from .lookalikes import lookalikes
 from .manoeuvres import Manoeuvre, make
 from .parameters import Machine
+from .peers import simulate_by
 from .plant import Run, simulate
-from .reference import fit_plain, park
+from .reference import fit_plain, park, speed_residual, torque_of
 
 BASE = ("r_s", "l_d", "l_q", "psi_m", "n_p", "j", "b")
 
@@ -108,9 +110,18 @@ def clean_channels(machine: Machine, effects: Effects, run: Run) -> dict[str, np
     return out
 
 
+def base_of(machine: Machine) -> dict[str, float]:
+    """The parameters of the plain machine."""
+    return {k: float(getattr(machine, k)) for k in BASE}
+
+
 def account(machine: Machine, effects: Effects, manoeuvre: Manoeuvre, run: Run) -> dict[str, Any]:
-    """Noise of a run, and the plain machine's residual over it at the true and at re-fitted base
-    parameters."""
+    """Noise of a run, the least that true equations leave, and the plain machine's residual over the noise at
+    the true and at re-fitted base parameters.
+
+    True equations leave more than the noise in the speed: their free run is driven by the torque of noisy
+    currents, less a noisy load torque where that is measured.
+    """
     clean, theta = clean_channels(machine, effects, run), run.log["theta_e"]
     noise = {k: run.log[k] - v for k, v in clean.items()}
     n_d, n_q = park(noise["i_a"], noise["i_b"], noise["i_c"], theta)
@@ -120,8 +131,15 @@ def account(machine: Machine, effects: Effects, manoeuvre: Manoeuvre, run: Run) 
     }
     load = manoeuvre.tau_load[manoeuvre.settle :]
     breaks = tuple(int(k) for k in np.flatnonzero(np.diff(load)) + 1) if "unknown" in manoeuvre.load else ()
-    base = {k: float(getattr(machine, k)) for k in BASE}
-    out: dict[str, Any] = {"noise_rms": rms, "load_breaks": list(breaks)}
+    base, least = base_of(machine), dict(rms)
+    if not manoeuvre.locked:
+        i_d, i_q = park(*(clean[k] for k in ("i_a", "i_b", "i_c")), theta)
+        push = torque_of(base, i_d + n_d, i_q + n_q) - torque_of(base, i_d, i_q)
+        if "tau_m" in run.log:
+            push -= run.log["tau_m"] - load
+        rest = speed_residual(base, push, noise["omega_e"], 1.0 / machine.f_sample, machine.n_p)
+        least["omega_e"] = float(np.sqrt(np.mean(rest**2)))
+    out: dict[str, Any] = {"noise_rms": rms, "least_rms": least, "load_breaks": list(breaks)}
     for name, refit in (("plain_true", False), ("plain_refit", True)):
         fit = fit_plain(
             base,
@@ -156,12 +174,14 @@ def make_case(
     degraded: str | None = None,
     stator_hold: bool = False,
     log_v_dc: bool = False,
+    simulator: str = "plant",
 ) -> dict[str, Any]:
     """Make recording.parquet, validation.parquet and machine.toml in `folder`, the truth in `truth_folder`.
 
     The validation run is another manoeuvre of the same kind on the same machine, with its own load unless
     that is known and constant.  `degraded` names a poorer logger (`bench.KINDS`); the truth's `runs` describe
-    the log before it.  Effects outside the package's catalogue begin with x_; "unknown" is then expected.
+    the log before it.  `simulator` is this folder's plant or one of
+    `peers.SIMULATORS`.  Effects outside the package's catalogue begin with x_; "unknown" is then expected.
     Returns what truth.json holds; clean.npz beside it holds the validation run without sensor noise.  Raises
     ValueError if the truth would end up where the tool may see it, and whatever `manoeuvres.make`,
     `plant.simulate` and `bench.degrade` raise.
@@ -173,6 +193,7 @@ def make_case(
     sealed.mkdir(parents=True, exist_ok=True)
     filled, nameplate = effect_values(effects), nameplate_of(machine, seed)
     runs: dict[str, Any] = {}
+    similar: list[str] = []
     clean: dict[str, np.ndarray] = {}
     unknown = any(k.startswith("x_") for k in filled)
     moves = [make(machine, manoeuvre, load, duration=duration, seed=1000 * seed + k) for k in (0, 1)]
@@ -181,8 +202,13 @@ def make_case(
         moves[1] = replace(moves[1], tau_load=np.full_like(moves[1].tau_load, moves[0].tau_load[0]))
     for number, name in enumerate(("recording", "validation")):
         m, run_seed = replace(moves[number], log_v_dc=log_v_dc), 1000 * seed + number
-        run = simulate(machine, effects, m, seed=run_seed, nameplate=nameplate, stator_hold=stator_hold)
+        if simulator == "plant":
+            run = simulate(machine, effects, m, seed=run_seed, nameplate=nameplate, stator_hold=stator_hold)
+        else:
+            run = simulate_by(simulator, machine, effects, m, seed=run_seed, nameplate=nameplate)
         runs[name] = account(machine, effects, m, run)
+        if name == "recording":
+            similar = lookalikes(machine, effects, m, run, base_of(machine))
         clean = {k: v.astype(np.float32) for k, v in clean_channels(machine, effects, run).items()}
         if degraded is not None:
             run = degrade(run, degraded, machine, run_seed)
@@ -195,7 +221,7 @@ def make_case(
     label = "+".join(filled) if filled else "none"
     truth: dict[str, Any] = {
         "version": "1.0",
-        "source": "proof/plant",
+        "source": simulator,
         "effect": label,
         "components": [] if unknown else list(filled),
         "expected": "unknown" if unknown else label,
@@ -203,7 +229,7 @@ def make_case(
         "accept": {k: list(EQUATION[k]) for k in filled},
         "parameters": stated(filled),
         "also_accept": [],
-        "indistinguishable": [],
+        "indistinguishable": similar,
         "base_true": {k: getattr(machine, k) for k in BASE},
         "nameplate": {k: getattr(nameplate, k) for k in BASE},
         "machine": machine.name,

@@ -73,6 +73,8 @@ def leg_voltages(
     for x in range(3):
         a = angle - x * GAMMA
         v[x] = (v_d * math.cos(a) - v_q * math.sin(a)) * (y[8] / p.v_dc)
+        if x == 0:
+            v[x] *= 1.0 - p.leg_loss
         power += v[x] * i[x]
         v[x] -= p.v_err * math.tanh(i[x] / p.i_th) + p.r_on * i[x]
     return power
@@ -94,6 +96,7 @@ def mechanics(t: float, y: np.ndarray, tau_e: float, tau_load: float, p: Paramet
     away = th - p.place_rub
     away -= 2.0 * math.pi * np.rint(away / (2.0 * math.pi))
     friction += p.tau_rub * math.exp(-((away / p.width_rub) ** 2)) * sign
+    friction += p.tau_hump * math.exp(-(((abs(w) - p.w_hump) / p.width_hump) ** 2)) * sign
     a = p.order_cog * th + p.phase_cog
     rotor = tau_e - friction + p.tau_cog * (math.cos(a) + p.second_cog * math.cos(2.0 * a))
     load = tau_load + p.tau_pul * math.cos(p.order_pul * (th - y[4]) + p.phase_pul)

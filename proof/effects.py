@@ -37,8 +37,11 @@ CATALOGUE: dict[str, dict[str, float]] = {
     "current_gain_imbalance": {"g_a": 0.0, "g_b": 0.0, "g_c": 0.0},
     "encoder_angle_offset": {"offset_el_rad": 0.0},
     "encoder_eccentricity": {"amplitude_el_rad": 0.0, "phase": 0.0},
-    # outside the package's catalogue: a spot where the rotor rubs, a terminal of phase a that rattles
+    # outside the package's catalogue: a spot where the rotor rubs, friction that is higher around one speed,
+    # an inverter leg whose voltage falls short by a share, a terminal of phase a that rattles
     "x_tight_spot": {"tau": 0.0, "width": 0.3, "place": 1.0},
+    "x_friction_hump": {"tau": 0.0, "w_hump": 60.0, "width": 15.0},
+    "x_weak_leg": {"loss_rel": 0.0},
     "x_loose_terminal": {"r_extra": 0.0, "f": 7.0},
 }
 
@@ -56,6 +59,7 @@ EQUATION: dict[str, tuple[str, ...]] = {
             "time_varying_load",
             "two_mass_shaft",
             "x_tight_spot",
+            "x_friction_hump",
         ),
         ("mechanical",),
     ),
@@ -71,6 +75,7 @@ EQUATION: dict[str, tuple[str, ...]] = {
             "phase_resistance_imbalance",
             "inter_turn_short",
             "x_loose_terminal",
+            "x_weak_leg",
         ),
         ("q", "d"),
     ),
@@ -189,6 +194,10 @@ def build(machine: Machine, effects: Effects, *, locked: bool = False) -> Parame
             p.update(eccentricity=v["amplitude_el_rad"], phase_ecc=v["phase"])
         elif name == "x_tight_spot":
             p.update(tau_rub=v["tau"], width_rub=v["width"], place_rub=v["place"])
+        elif name == "x_friction_hump":
+            p.update(tau_hump=v["tau"], w_hump=v["w_hump"], width_hump=v["width"])
+        elif name == "x_weak_leg":
+            p["leg_loss"] = v["loss_rel"]
         elif name == "x_loose_terminal":
             p.update(r_loose=v["r_extra"], f_loose=v["f"])
     return Parameters(**p)

@@ -88,4 +88,67 @@ PUMP = Machine(
     noise_tau=0.03,
 )
 
-MACHINES = {m.name: m for m in (SERVO, HUB, TRACTION, PUMP)}
+# fast spindle: two pole pairs, light rotor, no saliency
+SPINDLE = Machine(
+    "spindle",
+    r_s=0.35,
+    l_d=1.1e-3,
+    l_q=1.1e-3,
+    psi_m=0.055,
+    n_p=2,
+    j=4.5e-4,
+    b=8e-5,
+    i_rated=12.0,
+    w_rated=1200.0,
+    v_dc=325.0,
+    f_sample=20_000.0,
+    noise_i=0.03,
+    lsb_i=0.012,
+    noise_w=0.3,
+    encoder_bits=18,
+    noise_tau=0.01,
+)
+
+# joint of a robot: flat outrunner behind a low voltage
+JOINT = Machine(
+    "joint48",
+    r_s=0.19,
+    l_d=1.3e-4,
+    l_q=1.45e-4,
+    psi_m=0.0095,
+    n_p=14,
+    j=1.6e-3,
+    b=1.5e-3,
+    i_rated=20.0,
+    w_rated=95.0,
+    v_dc=48.0,
+    f_sample=20_000.0,
+    noise_i=0.05,
+    lsb_i=0.02,
+    noise_w=0.25,
+    encoder_bits=17,
+    noise_tau=0.01,
+)
+
+# compressor with buried magnets: l_q is twice l_d
+COMPRESSOR = Machine(
+    "compressor3k",
+    r_s=0.9,
+    l_d=8.5e-3,
+    l_q=0.017,
+    psi_m=0.24,
+    n_p=3,
+    j=2.9e-3,
+    b=9e-4,
+    i_rated=10.0,
+    w_rated=290.0,
+    v_dc=540.0,
+    f_sample=12_500.0,
+    noise_i=0.025,
+    lsb_i=0.01,
+    noise_w=0.12,
+    encoder_bits=17,
+    noise_tau=0.02,
+)
+
+MACHINES = {m.name: m for m in (SERVO, HUB, TRACTION, PUMP, SPINDLE, JOINT, COMPRESSOR)}

@@ -92,6 +92,7 @@ class Parameters(NamedTuple):
     i_th: float = 1.0
     r_on: float = 0.0
     delay: float = 0.0
+    leg_loss: float = 0.0
     r_source: float = 0.0
     c_dc: float = 1e-3
     # mechanics
@@ -118,6 +119,9 @@ class Parameters(NamedTuple):
     tau_rub: float = 0.0
     width_rub: float = 1.0
     place_rub: float = 0.0
+    tau_hump: float = 0.0
+    w_hump: float = 0.0
+    width_hump: float = 1.0
     j_load: float = 0.0
     k_shaft: float = 0.0
     d_shaft: float = 0.0

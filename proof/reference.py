@@ -59,6 +59,11 @@ def currents(base: dict[str, float], log: dict[str, np.ndarray], t_s: float, fir
     return chain(phi, forced, first)
 
 
+def torque_of(base: dict[str, float], i_d: np.ndarray, i_q: np.ndarray) -> np.ndarray:
+    """Torque (n,) in N·m of the plain machine at currents (n,) in A."""
+    return 1.5 * base["n_p"] * (base["psi_m"] * i_q + (base["l_d"] - base["l_q"]) * i_d * i_q)
+
+
 def speed_residual(
     base: dict[str, float], drive_torque: np.ndarray, omega_e: np.ndarray, t_s: float, n_p: int
 ) -> np.ndarray:
@@ -102,12 +107,14 @@ def fit_plain(
     load: str = "none",
     load_value: float = 0.0,
     breaks: tuple[int, ...] = (),
+    shapes: tuple[np.ndarray, ...] = (),
     refit: bool = True,
 ) -> Fit:
     """Fit the plain machine to a recording, electrical part first, from `start` (Machine's base names and
     n_p).
 
-    load and load_value are what is known of the load; `breaks` are the rows at which an unknown load changes.
+    load and load_value are what is known of the load; `breaks` are the rows at which an unknown load changes;
+    `shapes`, each (n,), are torques against the motion whose size is fitted, too.
     refit=False keeps the base parameters and estimates initial values and load levels only.
     """
     base, n_p = dict(start), int(start["n_p"])
@@ -127,7 +134,7 @@ def fit_plain(
     residual = {"i_d": rest[:, 0], "i_q": rest[:, 1]}
     if load == "locked":
         return Fit(base, [], residual)
-    torque = 1.5 * n_p * (base["psi_m"] * i_q + (base["l_d"] - base["l_q"]) * i_d * i_q)
+    torque = torque_of(base, i_d, i_q)
     if load == "known_constant":
         torque = torque - load_value
     elif load == "measured":
@@ -140,11 +147,13 @@ def fit_plain(
         u = torque.copy()
         for c in range(len(edges) - 1):
             u[edges[c] : edges[c + 1]] -= x[len(names) + c]
+        for c, shape in enumerate(shapes, 1):
+            u -= x[-c] * shape
         return speed_residual(trial, u, log["omega_e"], t_s, n_p)
 
-    x = np.zeros(len(names) + max(len(edges) - 1, 0))
+    x = np.zeros(len(names) + max(len(edges) - 1, 0) + len(shapes))
     if len(x):
-        x = least_squares(mechanical, x, x_scale="jac", method="trf").x
+        x = least_squares(mechanical, x, x_scale="jac", method="lm").x
     residual["omega_e"] = mechanical(x)
     base.update({k: base[k] * float(np.exp(x[c])) for c, k in enumerate(names)})
-    return Fit(base, [float(v) for v in x[len(names) :]], residual)
+    return Fit(base, [float(v) for v in x[len(names) : len(x) - len(shapes)]], residual)

@@ -55,6 +55,8 @@ STRENGTH: dict[str, dict[str, float]] = {
     "encoder_angle_offset": {"offset_el_rad": 0.03},
     "encoder_eccentricity": {"amplitude_el_rad": 0.01},
     "x_tight_spot": {"tau": 0.5},
+    "x_friction_hump": {"tau": 0.5},
+    "x_weak_leg": {"loss_rel": 0.02},
     "x_loose_terminal": {"r_extra": 0.3},
 }
 # parameters that shape an effect without giving it strength
@@ -72,6 +74,7 @@ SHAPE = {
     "dead_time": {"v_err": 0.0, "i_th": 0.5},
     "dc_link_sag": {"r_source": 0.0, "c_dc": 5e-3},
     "inter_turn_short": {"share": 0.0, "r_fault": 0.2},
+    "x_friction_hump": {"tau": 0.0, "w_hump": 30.0, "width": 5.0},
 }
 
 

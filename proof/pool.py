@@ -1,0 +1,62 @@
+"""Makes and answers the cases of a set in several processes."""
+
+from __future__ import annotations
+
+import signal
+import time
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
+from multiprocessing import active_children, get_context
+from pathlib import Path
+from types import FrameType
+
+from . import answers, generate
+from .plan import name_of, plan
+
+
+def work(number: int, cases: int, seed: int, out: Path, code: str) -> str:
+    """Make and answer one case where that has not been done; a line that says so, empty if nothing was to
+    do."""
+    said = []
+    if not generate.is_made(number, out):
+        began = time.process_time()
+        truth = generate.generate(number, seed, plan(cases, seed)[number], out)
+        said.append(f"made in {time.process_time() - began:.0f} s ({truth['kind']})")
+    if code and not answers.is_answered(number, out, code):
+        cost = answers.answer(number, out, code)
+        said.append(f"answered in {cost.seconds:.0f} s" + (f", exit {cost.exit}" if cost.exit != 0 else ""))
+    return f"{name_of(number)} {', '.join(said)}" if said else ""
+
+
+def stop(_number: int, _frame: FrameType | None) -> None:
+    """End at once: what is being written is not in place yet."""
+    raise KeyboardInterrupt
+
+
+def ready() -> None:
+    """Let this process end by a request to terminate as it ends by Ctrl-C."""
+    signal.signal(signal.SIGTERM, stop)
+
+
+def run(numbers: list[int], cases: int, seed: int, out: Path, code: str, jobs: int) -> list[str]:
+    """Make and answer the cases; returns a sentence for each that could not be made."""
+    failed = []
+    # spawned, so that a worker starts without the parent's threads
+    with ProcessPoolExecutor(jobs, get_context("spawn"), ready) as pool:
+        futures = {pool.submit(work, n, cases, seed, out, code): n for n in numbers}
+        try:
+            for done, future in enumerate(as_completed(futures), 1):
+                try:
+                    line = future.result()
+                except BrokenExecutor:
+                    raise
+                except (RuntimeError, ValueError, ImportError) as error:
+                    line = f"{name_of(futures[future])} not made: {error}"
+                    failed.append(line)
+                if line:
+                    print(f"{done:4d} of {len(numbers)}  {line}", flush=True)
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in active_children():
+                process.terminate()
+            raise
+    return failed

@@ -1,0 +1,136 @@
+"""How strong each effect is made, in the machine's own units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from .parameters import Machine
+
+Values = dict[str, dict[str, float]]
+Rule = Callable[[Machine, float, Callable[[float, float], float], np.random.Generator], dict[str, float]]
+
+
+def spread(machine: Machine, s: float, rng: np.random.Generator, size: float, names: str) -> dict[str, float]:
+    """Three values of size·s whose mean is zero: a common part would be another machine, not a fault."""
+    x = rng.standard_normal(3)
+    x -= x.mean()
+    x *= size * s / np.abs(x).max()
+    return {f"{names}_{phase}": float(v) for phase, v in zip("abc", x, strict=True)}
+
+
+# effect -> (greatest s, parameters at strength s); s = 1 is a moderate case in the machine's own units:
+# torque against rated torque, voltage against the DC link, inductance and flux against themselves
+RULES: dict[str, tuple[float, Rule]] = {
+    "coulomb_friction": (5, lambda m, s, u, g: {"tau_c": 0.03 * s * m.tau_rated}),
+    "stribeck_friction": (
+        5,
+        lambda m, s, u, g: {
+            "tau_c": 0.02 * s * m.tau_rated,
+            "tau_s": 0.02 * s * m.tau_rated * u(1.6, 3.0),
+            "w_s": u(0.02, 0.1) * m.w_rated,
+        },
+    ),
+    "asymmetric_friction": (
+        5,
+        lambda m, s, u, g: {
+            "tau_c_pos": 0.03 * s * m.tau_rated,
+            "tau_c_neg": 0.03 * s * m.tau_rated * (u(0.2, 0.6) if u(0, 1) < 0.5 else u(1.5, 3.0)),
+        },
+    ),
+    "load_dependent_friction": (5, lambda m, s, u, g: {"mu": 0.05 * s}),
+    "quadratic_drag": (8, lambda m, s, u, g: {"k": 0.05 * s * m.tau_rated / m.w_rated**2}),
+    "cogging_torque": (
+        8,
+        lambda m, s, u, g: {
+            "tau_cog": 0.02 * s * m.tau_rated,
+            "order_mech": float(m.n_p * g.choice([2, 4, 6])),
+            "phase": u(-math.pi, math.pi),
+            "second_rel": u(0.0, 0.4),
+        },
+    ),
+    "load_torque_pulsation": (
+        8,
+        lambda m, s, u, g: {
+            "tau_pul": 0.03 * s * m.tau_rated,
+            "per_rev": float(g.choice([1, 1, 2, 3])),
+            "phase": u(-math.pi, math.pi),
+        },
+    ),
+    "time_varying_load": (
+        8,
+        lambda m, s, u, g: {
+            "amplitude": 0.05 * s * m.tau_rated,
+            "f": u(1.5, 8.0),
+            "phase": u(-math.pi, math.pi),
+        },
+    ),
+    "two_mass_shaft": (
+        8,
+        lambda m, s, u, g: {
+            "f_antires": (f := u(20.0, 80.0)),
+            "f_res": f * (1.0 + 0.25 * s),
+            "damping": u(0.01, 0.05),
+        },
+    ),
+    "back_emf_harmonics": (
+        5,
+        lambda m, s, u, g: {
+            "phase5": (math.pi if g.choice([-1, 1]) < 0 else 0.0),
+            "phase7": (math.pi if (e7 := u(-0.8, 0.8)) < 0 else 0.0),
+            "e5_rel": 0.03 * s,
+            "e7_rel": abs(e7) * 0.03 * s,
+        },
+    ),
+    "saturation_d": (5, lambda m, s, u, g: {"drop_at_rated": 0.1 * s}),
+    "saturation_q": (5, lambda m, s, u, g: {"drop_at_rated": 0.1 * s}),
+    "cross_saturation": (5, lambda m, s, u, g: {"psi_drop_at_rated": 0.05 * s}),
+    "inductance_harmonics": (5, lambda m, s, u, g: {"rel_6": 0.05 * s, "rel_4": u(0.0, 0.5) * 0.05 * s}),
+    "rs_thermal_drift": (3, lambda m, s, u, g: {"rise_at_rated": 0.3 * s, "tau": u(0.5, 2.0)}),
+    "magnet_thermal_drift": (
+        5,
+        lambda m, s, u, g: {"psi_drop_final": 0.04 * s, "tau": u(0.5, 2.0), "speed_share": u(0.0, 0.5)},
+    ),
+    "iron_loss": (8, lambda m, s, u, g: {"r_c": m.w_rated * m.n_p * m.psi_m / (0.03 * s * m.i_rated)}),
+    "dead_time": (6, lambda m, s, u, g: {"v_err": 0.004 * s * m.v_dc}),
+    "voltage_delay": (4, lambda m, s, u, g: {"extra_samples": 0.25 * s}),
+    "dc_link_sag": (
+        5,
+        lambda m, s, u, g: {
+            "r_source": 0.04 * s * m.v_dc**2 / (m.tau_rated * m.w_rated),
+            "c_dc": u(0.5e-3, 3e-3),
+        },
+    ),
+    "phase_resistance_imbalance": (
+        8,
+        lambda m, s, u, g: {"r_excess_rel": 0.1 * s, "phase_index": float(g.integers(3))},
+    ),
+    "inter_turn_short": (5, lambda m, s, u, g: {"share": 0.03 * s, "r_fault": u(0.2, 1.0) * m.r_s}),
+    "current_offset": (6, lambda m, s, u, g: spread(m, s, g, 0.005 * m.i_rated, "o")),
+    "current_gain_imbalance": (6, lambda m, s, u, g: spread(m, s, g, 0.02, "g")),
+    "encoder_angle_offset": (8, lambda m, s, u, g: {"offset_el_rad": float(g.choice([-1, 1])) * 0.03 * s}),
+    "encoder_eccentricity": (
+        6,
+        lambda m, s, u, g: {"amplitude_el_rad": 0.03 * s, "phase": u(-math.pi, math.pi)},
+    ),
+    "x_tight_spot": (
+        8,
+        lambda m, s, u, g: {
+            "tau": 0.1 * s * m.tau_rated,
+            "width": u(0.2, 0.5),
+            "place": u(-math.pi, math.pi),
+        },
+    ),
+    "x_friction_hump": (
+        8,
+        lambda m, s, u, g: {
+            "tau": 0.05 * s * m.tau_rated,
+            "w_hump": u(0.25, 0.45) * m.w_rated,
+            "width": u(0.04, 0.08) * m.w_rated,
+        },
+    ),
+    "x_weak_leg": (8, lambda m, s, u, g: {"loss_rel": 0.01 * s}),
+    "x_loose_terminal": (8, lambda m, s, u, g: {"r_extra": 0.3 * s * m.r_s, "f": u(3.0, 15.0)}),
+}

@@ -1,0 +1,351 @@
+"""The proof judges fairly, hides the truth, goes on where it stopped, and gives the same cases for the same
+seed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("numba")
+pytest.importorskip("pyarrow")
+pytest.importorskip("scipy")
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+
+from proof import answers, bench, generate  # noqa: E402
+from proof.lookalikes import lookalikes  # noqa: E402
+from proof.machines import MACHINES, SERVO  # noqa: E402
+from proof.manoeuvres import make  # noqa: E402
+from proof.peers import simulate_by  # noqa: E402
+from proof.plan import FOREIGN, KNOWN, Planned, plan  # noqa: E402
+from proof.plant import simulate  # noqa: E402
+from proof.score import Judged, held_out, judge  # noqa: E402
+from proof.summary import brier, calibration, headline  # noqa: E402
+from proof.table import markdown, write_results  # noqa: E402
+
+
+def truth(kind: str, *effects: str, **more: Any) -> dict[str, Any]:
+    """What a sealed truth says that matters to the judge."""
+    return {
+        "kind": kind,
+        "effect": "+".join(effects) or "none",
+        "components": [e for e in effects if not e.startswith("x_")],
+        "accept": {e: ["mechanical"] for e in effects},
+        "parameters": {"coulomb_friction": {"tau_c": 0.2, "w_smooth": 0.05}},
+        "indistinguishable": [],
+        "also_accept": [],
+        "severity": 4.0,
+        "manoeuvre": "poor" if kind == "poor" else "rich",
+        "load": "none",
+        "machine": "servo",
+        "source": "plant",
+        **more,
+    }
+
+
+def answer(verdict: str, *ranking: tuple[str, float], **more: Any) -> dict[str, Any]:
+    """An answer with this ranking; `near` are the equivalents of the first."""
+    near = more.pop("near", [])
+    return {
+        "verdict": verdict,
+        "located": [{"equation": "mechanical"}],
+        "ranking": [
+            {"effect": e, "probability": p, "equivalent_to": near, "parameters": {}} for e, p in ranking
+        ],
+        "model": {"effects": [e for e, _ in ranking[:1]]},
+        **more,
+    }
+
+
+def judged(what: dict[str, Any], said: dict[str, Any]) -> Judged:
+    return judge("v000", what, said, {})
+
+
+COULOMB, DRAG = "coulomb_friction", "quadratic_drag"
+
+
+def test_the_right_name_is_right_and_a_wrong_one_is_wrong() -> None:
+    right = judged(truth("single", COULOMB), answer("named", (COULOMB, 0.97)))
+    assert (right.right, right.named_first, right.first_two, right.wrong_confident) == (
+        True,
+        True,
+        True,
+        False,
+    )
+    wrong = judged(truth("single", COULOMB), answer("named", (DRAG, 0.9), (COULOMB, 0.05)))
+    assert (wrong.right, wrong.named_first, wrong.first_two, wrong.wrong_confident) == (
+        False,
+        False,
+        True,
+        True,
+    )
+    assert not judged(truth("single", COULOMB), answer("named", (DRAG, 0.4))).wrong_confident
+
+
+def test_an_ambiguous_set_is_honest_but_does_not_name() -> None:
+    row = judged(truth("single", COULOMB), answer("ambiguous", (DRAG, 0.5), near=[COULOMB]))
+    assert (row.right, row.ambiguity_honest, row.wrong_confident) == (False, True, False)
+    assert not judged(truth("single", COULOMB), answer("ambiguous", (DRAG, 0.5))).ambiguity_honest
+
+
+def test_look_alikes_are_accepted_and_make_a_case_unidentifiable() -> None:
+    twins = truth("single", "stribeck_friction", indistinguishable=[COULOMB])
+    for said in (answer("named", (COULOMB, 0.9)), answer("ambiguous", (DRAG, 0.5), near=[COULOMB])):
+        row = judged(twins, said)
+        assert row.right
+        assert not row.identifiable
+        assert not row.wrong_confident
+    assert judged(truth("single", COULOMB), {}).identifiable
+    assert not judged(truth("single", COULOMB, severity=1.4), {}).identifiable
+    assert not judged(truth("single", COULOMB, shortened=True, degraded="short"), {}).identifiable
+
+
+@pytest.mark.parametrize(
+    ("verdict", "right", "alarm"),
+    [
+        ("no_mismatch", True, False),
+        ("undetermined", False, False),
+        ("named", False, True),
+        ("ambiguous", False, True),
+        ("unknown", False, True),
+    ],
+)
+def test_a_clean_case_must_be_called_clean(verdict: str, right: bool, alarm: bool) -> None:
+    row = judged(truth("clean"), answer(verdict, (DRAG, 0.8)))
+    assert (row.right, row.false_alarm) == (right, alarm)
+    assert row.wrong_confident == (verdict == "named")
+
+
+def test_physics_outside_the_catalogue_must_not_get_a_name() -> None:
+    outside = truth("unknown", "x_tight_spot")
+    assert judged(outside, answer("unknown")).right
+    named = judged(outside, answer("named", (COULOMB, 0.8)))
+    assert (named.right, named.wrong_confident) == (False, True)
+    assert judged({**outside, "also_accept": [COULOMB]}, answer("named", (COULOMB, 0.8))).right
+
+
+def test_a_pair_needs_both_names() -> None:
+    both = answer("named", (COULOMB, 0.9), model={"effects": ["dead_time", COULOMB]})
+    one = answer("named", (COULOMB, 0.9))
+    what = truth("pair", COULOMB, "dead_time")
+    assert judged(what, both).right
+    assert (judged(what, one).right, judged(what, one).one_of_two) == (False, True)
+
+
+def test_a_poor_manoeuvre_asks_for_honesty() -> None:
+    what = truth("poor", COULOMB)
+    assert judged(what, answer("ambiguous", (DRAG, 0.5), near=[COULOMB])).right
+    assert judged(what, answer("named", (COULOMB, 0.9))).right
+    assert not judged(what, answer("no_mismatch")).right
+    assert judged({**what, "severity": 1.1}, answer("no_mismatch")).right
+    assert judged(what, answer("named", (DRAG, 0.9))).wrong_confident
+    assert judged(what, answer("no_mismatch")).equation_right is None
+
+
+def test_no_answer_is_wrong_but_no_alarm() -> None:
+    for kind, effects in (("clean", ()), ("single", (COULOMB,)), ("unknown", ("x_weak_leg",))):
+        row = judged(truth(kind, *effects), {})
+        assert not row.right
+        assert not row.wrong_confident
+        assert not row.false_alarm
+        assert row.verdict == "no answer"
+
+
+def test_the_equation_is_the_first_one_located() -> None:
+    said = answer("named", (COULOMB, 0.9), located=[{"equation": "q"}, {"equation": "mechanical"}])
+    assert judged(truth("single", COULOMB), said).equation_right is False
+    assert judged(truth("single", COULOMB), answer("unknown")).equation_right is True
+    assert judged(truth("clean"), answer("no_mismatch")).equation_right is None
+
+
+def test_parameters_and_intervals_are_compared_under_their_binding_names() -> None:
+    said = answer("named", (COULOMB, 0.9))
+    said["ranking"][0]["parameters"] = {
+        "tau_c": {"value": 0.21, "ci95": [0.19, 0.23]},
+        "w_smooth": {"value": 9.0, "ci95": [8.0, 10.0]},
+    }
+    row = judged(truth("single", COULOMB), said)
+    assert row.parameter_error == pytest.approx(0.05)
+    assert row.intervals == [True]
+    said["ranking"][0]["parameters"]["tau_c"]["ci95"] = [0.205, 0.215]
+    assert judged(truth("single", COULOMB), said).intervals == [False]
+    said["ranking"][0]["parameters"]["tau_c"] = {"value": None, "ci95": None}
+    assert judged(truth("single", COULOMB), said).parameter_error is None
+
+
+def test_the_held_out_residual_is_judged_from_the_trajectories() -> None:
+    rng = np.random.default_rng(3)
+    n = 4000
+    theta = np.linspace(0.0, 60.0, n)
+    phases = [5.0 * np.cos(theta - k * 2.0 * np.pi / 3.0) for k in range(3)]
+    clean = {"a": phases[0], "b": phases[1], "c": phases[2], "omega": 300.0 + np.zeros(n)}
+    noise = rng.standard_normal((4, n))
+    measured = {"t": np.arange(n) * 1e-4, "theta_e": theta, "omega_e": clean["omega"] + noise[3]}
+    measured |= {f"i_{k}": clean[k] + noise[c] for c, k in enumerate("abc")}
+    floor = {"i_d": np.sqrt(2.0 / 3.0), "i_q": np.sqrt(2.0 / 3.0), "omega_e": 1.0}
+    honest = {"i_d_before": 5.0 + np.full(n, 3.0), "i_d_after": np.full(n, 5.0), "i_q_after": np.zeros(n)}
+    before, after, copied = held_out(honest, measured, clean, floor)
+    assert before == pytest.approx(np.sqrt(1.0 + 9.0 * 1.5), rel=0.05)
+    assert after == pytest.approx(1.0, abs=0.05)
+    assert not copied
+    told = {"omega_e_after": clean["omega"] + 0.3 * noise[3]}
+    assert held_out(told, measured, clean, floor)[2]
+    short = {"t": measured["t"][::5], "i_q_after": np.zeros(n // 5)}
+    assert held_out(short, measured, clean, floor)[1] == pytest.approx(1.0, abs=0.05)
+    assert held_out({}, measured, clean, floor) == (None, None, False)
+
+
+def test_calibration_and_brier_count_every_first_name() -> None:
+    rows = [judged(truth("single", COULOMB), answer("named", (COULOMB, 0.9))) for _ in range(3)]
+    rows.append(judged(truth("clean"), answer("named", (DRAG, 0.9))))
+    rows.append(judged(truth("single", COULOMB), answer("unknown", (DRAG, 1.0))))
+    rows.append(judged(truth("clean"), answer("no_mismatch")))
+    found = calibration(rows)
+    assert [(b.low, b.count) for b in found] == [(0.9, 5)]
+    assert found[0].stated == pytest.approx(0.92)
+    assert found[0].observed == pytest.approx(0.6)
+    assert brier(rows).value == pytest.approx((3 * 0.01 + 0.81 + 1.0) / 5)
+    assert brier([]).value is None
+
+
+def test_bench_like_logs_are_counted_apart(tmp_path: Path) -> None:
+    rows = [
+        judged(truth("single", COULOMB), answer("named", (COULOMB, 0.9))),
+        judged(truth("single", COULOMB, degraded="gaps"), answer("named", (DRAG, 0.9))),
+    ]
+    printed = write_results(rows, tmp_path, cases=2, seed=4, code="abc")
+    assert "1 of 1 (100.0 %)" in printed
+    score = json.loads((tmp_path / "score.json").read_text())
+    name = "identifiable single effects named"
+    assert (score["full"][name], score["bench"][name]) == ({"count": 1, "of": 1}, {"count": 0, "of": 1})
+    table = (tmp_path / "table.md").read_text()
+    assert f"| {name} | 1 of 1 (100.0 %) | 0 of 1 (0.0 %) |" in table
+    assert "| v000 | coulomb friction | 4.00 | gaps | rich | none | named | quadratic drag | 0.90 |" in table
+    assert (tmp_path / "calibration.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "calibration.svg").read_bytes().startswith(b"<?xml")
+
+
+def test_a_set_without_cases_of_a_kind_says_so() -> None:
+    assert all(str(v) == "–" for v in headline([]).values())
+    assert "There is none." in markdown(
+        [], {"cases": 1, "seed": 1, "version": "1", "commit": "", "code": "a"}
+    )
+
+
+def test_the_plan_holds_what_the_manual_promises() -> None:
+    cases = plan(300, 11)
+    assert len(cases) == 300
+    assert cases == plan(300, 11)
+    assert cases != plan(300, 12)
+    full = [c for c in cases if c.log == "full"]
+    logs = [c for c in cases if c.log != "full"]
+    assert len(logs) == 75
+    assert {c.log for c in logs} == set(bench.KINDS)
+    assert sum(c.kind == "clean" for c in full) >= 40
+    assert sum(c.kind == "clean" for c in logs) >= 10
+    for group in (full, logs):
+        assert {c.effects[0] for c in group if c.kind == "single"} == set(KNOWN)
+    assert {c.effects[0] for c in cases if c.kind == "unknown"} == set(FOREIGN)
+    assert all(len(set(c.effects)) == 2 for c in cases if c.kind == "pair")
+    assert len(MACHINES) == 7
+    assert set(Counter(c.machine for c in full if c.kind == "clean")) == set(MACHINES)
+    assert Counter(c.simulator for c in cases) == {"plant": 267, "motulator": 21, "gym-electric-motor": 12}
+    for count in (1, 2, 24, 61):
+        assert len(plan(count, 3)) == count
+
+
+def hashes(folder: Path) -> dict[str, str]:
+    """Content of every file below a folder."""
+    files = sorted(p for p in folder.rglob("*") if p.is_file())
+    return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+
+
+def test_a_case_depends_on_its_seed_alone_and_a_torn_one_is_made_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(generate, "DURATION", (0.3, 0.4))
+    planned = Planned("single", (COULOMB,), "servo", "none", "two_currents", "plant")
+    first = generate.generate(2, 5, planned, tmp_path / "a")
+    torn = tmp_path / "b" / ".v002" / "open"
+    torn.mkdir(parents=True)
+    (torn / "recording.parquet").write_bytes(b"half")
+    assert not generate.is_made(2, tmp_path / "b")
+    generate.generate(2, 5, planned, tmp_path / "b")
+    assert generate.is_made(2, tmp_path / "b")
+    assert hashes(tmp_path / "a") == hashes(tmp_path / "b")
+    assert first["kind"] == "single"
+    assert 1.3 < first["severity"] < 22.0
+    assert {p.name for p in (tmp_path / "a" / "open" / "v002").iterdir()} == {
+        "machine.toml", "recording.parquet", "validation.parquet"
+    }  # fmt: skip
+
+
+TOOL = """#!{python}
+import json, pathlib, sys
+told = sys.argv[1:]
+pathlib.Path({log!r}).open("a").write(json.dumps(told) + "\\n")
+pathlib.Path(told[told.index("--json") + 1]).write_text('{{"verdict": "no_mismatch"}}')
+print("a word on standard error", file=sys.stderr)
+sys.exit(4)
+"""
+
+
+def test_the_tool_is_given_the_open_files_alone_and_asked_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tool, log = tmp_path / "tool", tmp_path / "calls"
+    tool.write_text(TOOL.format(python=sys.executable, log=str(log)))
+    tool.chmod(0o755)
+    monkeypatch.setattr(answers, "TOOL", tool)
+    assert not answers.is_answered(7, tmp_path, "abc")
+    cost = answers.answer(7, tmp_path, "abc")
+    assert (cost.exit, cost.said, cost.code) == (4, "a word on standard error", "abc")
+    assert cost.cpu_seconds >= 0.0
+    assert cost.memory_mb > 1.0
+    assert json.loads((tmp_path / "answers" / "v007.json").read_text()) == {"verdict": "no_mismatch"}
+    called = log.read_text()
+    assert "sealed" not in called
+    assert called.count(str(tmp_path / "open" / "v007")) == 3
+    assert answers.is_answered(7, tmp_path, "abc")
+    assert not answers.is_answered(7, tmp_path, "changed")
+
+
+def test_a_tool_that_does_not_end_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tool = tmp_path / "tool"
+    tool.write_text(f"#!{sys.executable}\nimport time\ntime.sleep(60)\n")
+    tool.chmod(0o755)
+    monkeypatch.setattr(answers, "TOOL", tool)
+    monkeypatch.setattr(answers, "TIMEOUT", 0.2)
+    assert answers.answer(1, tmp_path, "abc").exit is None
+
+
+def test_a_weak_stribeck_is_coulomb_friction_and_a_strong_one_is_not() -> None:
+    manoeuvre = make(SERVO, "rich", "none", duration=1.0, seed=3)
+    base = {k: float(getattr(SERVO, k)) for k in ("r_s", "l_d", "l_q", "psi_m", "n_p", "j", "b")}
+    found = []
+    for size in (0.07, 1.0):
+        effects = {"stribeck_friction": {"tau_c": 0.2 * size, "tau_s": 0.4 * size, "w_s": 8.0}}
+        run = simulate(SERVO, effects, manoeuvre, seed=8)
+        found.append(lookalikes(SERVO, effects, manoeuvre, run, base))
+    assert found == [["coulomb_friction"], []]
+
+
+@pytest.mark.parametrize("simulator", ["motulator", "gym-electric-motor"])
+def test_other_simulators_agree_with_the_plant_where_nothing_is_switched_on(simulator: str) -> None:
+    pytest.importorskip(simulator.replace("-", "_"), reason="pip install pmsm-rs[peers]")
+    manoeuvre = make(SERVO, "rich", "unknown_piecewise", duration=0.15, seed=3)
+    theirs = simulate_by(simulator, SERVO, {}, manoeuvre, seed=8)
+    ours = simulate(SERVO, {}, manoeuvre, seed=8, stator_hold=simulator == "motulator")
+    # a rounding of the last digit may move a sample across a step of the converter
+    assert np.abs(theirs.truth["i_a"] - ours.truth["i_a"]).max() < 1.5 * SERVO.lsb_i
+    assert np.abs(theirs.truth["omega_m"] - ours.truth["omega_m"]).max() < 1e-5 * SERVO.w_rated
+    with pytest.raises(ValueError, match="dead_time"):
+        simulate_by(simulator, SERVO, {"dead_time": {"v_err": 1.0}}, manoeuvre, seed=8)
