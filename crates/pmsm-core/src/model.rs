@@ -449,7 +449,6 @@ impl Model {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects;
     use crate::effects::testing::{CX, MACHINE, env};
     use crate::map::{Equation, Factor, Part, Spline, Variable};
 
@@ -471,7 +470,7 @@ mod tests {
 
     #[test]
     fn a_map_without_strength_changes_no_bit() {
-        for effects in [vec![], vec![effects::EffectId::DeadTime, effects::EffectId::CoulombFriction]] {
+        for effects in [vec![], vec![EffectId::DeadTime, EffectId::CoulombFriction]] {
             let plain = Model::new(CX, &effects);
             let mapped = plain.clone().with_map(map());
             let mut p = MACHINE.to_vec();
