@@ -19,6 +19,7 @@ use crate::machine::{BaseParameter, Machine};
 use crate::model::Model;
 use crate::monitor::Monitor;
 use crate::objective::{Drive, Objective};
+use crate::pairs;
 use crate::recording::Recording;
 use crate::signals::Signals;
 use crate::simulate::mechanical;
@@ -27,7 +28,7 @@ use crate::swarm::SwarmSettings;
 use crate::uncertainty::{Estimate, NotShown};
 pub use fitness::Fitness;
 use plan::Plan;
-use serde::{Deserialize, Serialize, Serializer};
+use serde::{Deserialize, Serialize};
 use std::str::FromStr;
 
 /// A parameter that can be fitted. It is written to files by name.
@@ -164,7 +165,7 @@ impl Default for Request {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Identification {
     /// Estimates by name; what was asked for and cannot be fitted has no value.
-    #[serde(serialize_with = "as_map")]
+    #[serde(serialize_with = "pairs::as_map")]
     pub parameters: Vec<(&'static str, Estimate)>,
     /// The fitness (9) at the answer; with least squares its initial values are estimated (see [`Objective::residual`]).
     pub cost: f64,
@@ -181,7 +182,7 @@ pub struct Identification {
     /// True if the monitor stopped the search: this is the best so far.
     pub interrupted: bool,
     /// Root mean square of measured minus model per channel, in the channel's SI unit.
-    #[serde(serialize_with = "as_map")]
+    #[serde(serialize_with = "pairs::as_map")]
     pub rms: Vec<(&'static str, f64)>,
     /// Parameters, or combinations of them, that the recording does not show.
     pub cannot_show: Vec<NotShown>,
@@ -197,13 +198,6 @@ impl Identification {
     pub fn get(&self, name: &str) -> Option<&Estimate> {
         self.parameters.iter().find(|(n, _)| *n == name).map(|(_, e)| e)
     }
-}
-
-fn as_map<T: Serialize, S: Serializer>(
-    pairs: &[(&'static str, T)],
-    serializer: S,
-) -> std::result::Result<S::Ok, S::Error> {
-    serializer.collect_map(pairs.iter().map(|(name, value)| (name, value)))
 }
 
 /// The best point of a search and how it was reached.

@@ -40,6 +40,7 @@ pub mod model;
 pub mod monitor;
 pub mod noise;
 pub mod objective;
+mod pairs;
 pub mod random;
 pub mod real;
 pub mod recording;

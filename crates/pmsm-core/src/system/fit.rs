@@ -5,9 +5,10 @@ use crate::experiment::Linearisation;
 use crate::identify::Method;
 use crate::least_squares::{self, Normal, Problem, Settings, Status};
 use crate::monitor::Monitor;
+use crate::pairs;
 use crate::swarm::{self, Swarm, SwarmSettings};
 use crate::uncertainty::{self, Estimate, Judge, NotShown};
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
@@ -62,7 +63,7 @@ impl Default for Request {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SystemFit {
     /// Estimates by name, in the order given. Their unit is empty: it is the caller's.
-    #[serde(serialize_with = "as_map")]
+    #[serde(serialize_with = "pairs::as_map")]
     pub parameters: Vec<(String, Estimate)>,
     /// Weighted sum of squares at the answer.
     pub cost: f64,
@@ -89,13 +90,6 @@ impl SystemFit {
     pub fn get(&self, name: &str) -> Option<&Estimate> {
         self.parameters.iter().find(|(n, _)| n == name).map(|(_, e)| e)
     }
-}
-
-fn as_map<S: Serializer>(
-    pairs: &[(String, Estimate)],
-    serializer: S,
-) -> std::result::Result<S::Ok, S::Error> {
-    serializer.collect_map(pairs.iter().map(|(name, value)| (name, value)))
 }
 
 /// Finds the parameters, named in `names`, that lower the sum of squares within `bounds`. Once `monitor` says stop, the

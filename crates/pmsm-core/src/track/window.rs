@@ -8,10 +8,11 @@ use crate::identify::{self, Identification, Request, Target, Warm};
 use crate::machine::Machine;
 use crate::monitor::Monitor;
 use crate::noise::white_noise;
+use crate::pairs;
 use crate::recording::{FEWEST_SAMPLES, Load, Recording};
 use crate::signals::{Finding, Signals};
 use crate::uncertainty::{Estimate, NotShown};
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 
 /// A window with less than this share of its samples is not identified.
 const LEAST_SHARE: f64 = 0.25;
@@ -46,7 +47,7 @@ pub struct Window {
     /// What happened to the log in it: gaps, lost rows, a restart, an early end.
     pub notes: Vec<Finding>,
     /// Estimates by name.
-    #[serde(serialize_with = "as_map")]
+    #[serde(serialize_with = "pairs::as_map")]
     pub parameters: Vec<(&'static str, Estimate)>,
     /// Disturbed load torque (4), N·m, mean over the window: what the load seems to be with the nameplate's J and B.
     pub disturbed_load_torque: Option<f64>,
@@ -65,10 +66,10 @@ pub struct Window {
     /// Parameters, or combinations of them, that this window does not show.
     pub cannot_show: Vec<NotShown>,
     /// Root mean square of measured minus model per channel, in the channel's SI unit.
-    #[serde(serialize_with = "as_map")]
+    #[serde(serialize_with = "pairs::as_map")]
     pub rms: Vec<(&'static str, f64)>,
     /// White noise of the measurement per channel, in the channel's SI unit.
-    #[serde(serialize_with = "as_map")]
+    #[serde(serialize_with = "pairs::as_map")]
     pub noise: Vec<(&'static str, f64)>,
     /// What moved since earlier windows, and what that looks like.
     pub drift: Drift,
@@ -104,13 +105,6 @@ impl Window {
             drift,
         }
     }
-}
-
-fn as_map<T: Serialize, S: Serializer>(
-    pairs: &[(&'static str, T)],
-    serializer: S,
-) -> std::result::Result<S::Ok, S::Error> {
-    serializer.collect_map(pairs.iter().map(|(name, value)| (name, value)))
 }
 
 /// Identifies a window and notes its result. A window that cannot be identified is returned as skipped and moves nothing.
