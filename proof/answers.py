@@ -16,7 +16,8 @@ from pathlib import Path
 from .case import write_text
 from .plan import name_of
 
-TIMEOUT = 300.0
+# generous: it stops what hangs, and must not stop what a busy machine makes slow
+TIMEOUT = 1200.0
 TOOL = Path(sys.executable).parent / "pmsm-rs"
 
 
