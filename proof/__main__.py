@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -24,7 +25,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 from . import answers, generate  # noqa: E402
 from .case import write_text  # noqa: E402
 from .plan import name_of  # noqa: E402
-from .pool import ready, run  # noqa: E402
+from .pool import run  # noqa: E402
 from .score import judge_case  # noqa: E402
 from .table import write_results  # noqa: E402
 
@@ -75,7 +76,7 @@ def main() -> int:
     began = time.monotonic()
     if a.only != "score":
         try:
-            ready()
+            signal.signal(signal.SIGTERM, signal.default_int_handler)
             # compiles the plant once, so that the workers find it compiled
             generate.warm_up()
             failed = run(numbers, a.cases, a.seed, a.out, code, a.jobs)

@@ -16,7 +16,8 @@ from pathlib import Path
 from .case import write_text
 from .plan import name_of
 
-TIMEOUT = 300.0
+# generous: it stops what hangs, and must not stop what a busy machine makes slow
+TIMEOUT = 1200.0
 TOOL = Path(sys.executable).parent / "pmsm-rs"
 
 
@@ -78,7 +79,10 @@ def answer(number: int, out: Path, code: str) -> Cost:
             "--json", f"{work}/answer.json", "--trajectories", f"{work}/answer.parquet",
         ]  # fmt: skip
         began = time.monotonic()
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=errors, cwd=work)
+        # out of reach of a terminal's Ctrl-C: on that it would write the best so far, which is no answer
+        process = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=errors, cwd=work, start_new_session=True
+        )
         code_of_exit, usage = wait(process, began + TIMEOUT)
         seconds = time.monotonic() - began
         for name, path in zip(("answer.json", "answer.parquet"), results, strict=False):

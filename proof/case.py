@@ -207,11 +207,14 @@ def make_case(
         else:
             run = simulate_by(simulator, machine, effects, m, seed=run_seed, nameplate=nameplate)
         runs[name] = account(machine, effects, m, run)
-        if name == "recording":
-            similar = lookalikes(machine, effects, m, run, base_of(machine))
         clean = {k: v.astype(np.float32) for k, v in clean_channels(machine, effects, run).items()}
+        full = run
         if degraded is not None:
-            run = degrade(run, degraded, machine, run_seed)
+            logged = degrade(run, degraded, machine, run_seed)
+            # more noise hides more; the other logs do not keep the rows that the fit needs
+            run, full = logged, logged if degraded == "noisy" else run
+        if name == "recording":
+            similar = lookalikes(machine, effects, m, full, base_of(machine))
         write_parquet(opened / f"{name}.parquet", run)
     write_arrays(
         sealed / "clean.npz",

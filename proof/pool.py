@@ -16,7 +16,9 @@ from .plan import name_of, plan
 def work(number: int, cases: int, seed: int, out: Path, code: str) -> str:
     """Make and answer one case where that has not been done; a line that says so, empty if nothing was to
     do."""
-    said = []
+    said: list[str] = []
+    if ending:
+        return ""
     if not generate.is_made(number, out):
         began = time.process_time()
         truth = generate.generate(number, seed, plan(cases, seed)[number], out)
@@ -27,13 +29,20 @@ def work(number: int, cases: int, seed: int, out: Path, code: str) -> str:
     return f"{name_of(number)} {', '.join(said)}" if said else ""
 
 
+# set when this worker has been asked to end: the executor hands it what it had queued all the same
+ending = False
+
+
 def stop(_number: int, _frame: FrameType | None) -> None:
     """End at once: what is being written is not in place yet."""
+    global ending
+    ending = True
     raise KeyboardInterrupt
 
 
 def ready() -> None:
-    """Let this process end by a request to terminate as it ends by Ctrl-C."""
+    """Let a worker end when the parent says so, which hears Ctrl-C for all."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, stop)
 
 

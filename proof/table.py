@@ -90,7 +90,7 @@ def markdown(rows: Sequence[Judged], facts: dict[str, object]) -> str:
         ]
         lines += [f"| {k.replace('_', ' ')} | {a} | {b} | {c} |" for k, a, b, c in found]
     wrong = [r for r in rows if not r.right]
-    lines += ["", "## Every case that is not right", ""]
+    lines += ["", "### Every case that is not right", ""]
     if wrong:
         lines += [
             "| case | put in | severity | log | manoeuvre | load | verdict | first | p |",
