@@ -34,6 +34,11 @@ impl Floor {
     pub fn total(&self) -> f64 {
         self.sensor.hypot(self.driven)
     }
+
+    /// Share of the driven noise in the mean square of a speed; currents forget what drove them within a few samples.
+    pub fn chance(&self) -> f64 {
+        if self.channel.is_electrical() { 0.0 } else { (self.driven / self.total()).powi(2) }
+    }
 }
 
 /// Standard deviation of white noise on a smooth signal, from third differences (binomial weights 1, 3, 3, 1: the

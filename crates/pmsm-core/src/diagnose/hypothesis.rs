@@ -10,7 +10,7 @@ use crate::experiment::{Channel, Experiment};
 use crate::machine::BaseParameter;
 use crate::model::Model;
 use crate::monitor::Monitor;
-use crate::noise::{self};
+use crate::noise::{self, Floor};
 use crate::simulate::mechanical::Nuisance;
 use crate::start;
 use crate::whitening::Whitening;
@@ -52,6 +52,9 @@ pub struct Hypothesis {
     pub squares: Vec<(Channel, f64)>,
     /// Independent samples that each channel's mean square rests on.
     pub samples: Vec<f64>,
+    /// How far each channel's mean square may lie above one by chance. Noise on the inputs of a simulation comes out integrated:
+    /// most of its energy is in a few slow swings, so that in one run it is off by about its mean.
+    pub chance: Vec<f64>,
 }
 
 impl Hypothesis {
@@ -64,6 +67,7 @@ impl Hypothesis {
             nuisance: Nuisance::known(0),
             squares: Vec::new(),
             samples: Vec::new(),
+            chance: Vec::new(),
         }
     }
 
@@ -186,7 +190,7 @@ fn finish(
     free: Vec<usize>,
     nuisance: Nuisance,
 ) -> Hypothesis {
-    let mut out = Hypothesis { model, parameters, free, nuisance, squares: Vec::new(), samples: Vec::new() };
+    let mut out = Hypothesis { free, nuisance, ..Hypothesis::bare(model, parameters) };
     let experiment = data.whole(&out);
     let residual = experiment.residual(&out.parameters);
     let squares = experiment.mean_squares(&residual);
@@ -198,6 +202,7 @@ fn finish(
         .collect();
     let squares = experiment.channels.iter().zip(squares).map(|((c, _), (s, _))| (*c, s)).collect();
     (out.squares, out.samples) = (squares, samples);
+    out.chance = data.floors.iter().map(Floor::chance).collect();
     out
 }
 

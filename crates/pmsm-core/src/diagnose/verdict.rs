@@ -128,15 +128,14 @@ impl Judged {
             .fold(on_recording, f64::max)
     }
 
-    /// Largest excess mean square of any channel on the held-out recordings; zero without any.
+    /// Largest excess mean square of any channel on the held-out recordings, beyond chance; zero without any.
     pub fn held_out_excess(&self) -> f64 {
-        let all = self.held_out.iter().flat_map(|h| &h.squares);
-        all.map(|(_, s)| s - 1.0).fold(0.0, f64::max)
+        self.held_out.iter().flat_map(beyond_chance).fold(0.0, f64::max)
     }
 
-    /// Largest excess mean square of any channel on the recording.
+    /// Largest excess mean square of any channel on the recording, beyond chance.
     pub fn excess(&self) -> f64 {
-        self.fitted.squares.iter().map(|(_, s)| s - 1.0).fold(0.0, f64::max)
+        beyond_chance(&self.fitted).fold(0.0, f64::max)
     }
 }
 
@@ -145,20 +144,27 @@ fn excess(hypothesis: &Hypothesis) -> f64 {
 }
 
 fn misfit(hypothesis: &Hypothesis, worth: &[f64]) -> f64 {
-    hypothesis.squares.iter().zip(worth).map(|((_, s), w)| 0.5 * w * log_square(*s)).sum()
+    let channels = hypothesis.squares.iter().zip(&hypothesis.chance).zip(worth);
+    channels.map(|(((_, s), chance), w)| 0.5 * w * log_square(*s, *chance)).sum()
 }
 
-/// Logarithm of a mean square; what falls below the floor is chance and earns nothing, what is not a number costs all.
-fn log_square(square: f64) -> f64 {
-    if square.is_finite() { square.max(0.9).ln() } else { 1e6 }
+/// Logarithm of a mean square; what falls below the floor or within chance of it earns nothing, what is not a number costs
+/// all.
+fn log_square(square: f64, chance: f64) -> f64 {
+    if square.is_finite() { square.max(0.9 + chance).ln() } else { 1e6 }
+}
+
+/// Excess mean square of each channel, beyond chance.
+fn beyond_chance(hypothesis: &Hypothesis) -> impl Iterator<Item = f64> {
+    hypothesis.squares.iter().zip(&hypothesis.chance).map(|((_, s), chance)| s - 1.0 - chance)
 }
 
 fn unexplained(hypothesis: &Hypothesis, base: &Hypothesis, (share, floor): (f64, f64)) -> f64 {
-    let worst = |channel: Channel| {
-        let allowed = share * (base.square(channel) - 1.0).max(0.0) + floor;
+    let worst = |channel: Channel, chance: f64| {
+        let allowed = share * (base.square(channel) - 1.0).max(0.0) + floor + chance;
         (hypothesis.square(channel) - 1.0) / allowed
     };
-    hypothesis.squares.iter().map(|(c, _)| worst(*c)).fold(0.0, f64::max)
+    hypothesis.squares.iter().zip(&hypothesis.chance).map(|((c, _), x)| worst(*c, *x)).fold(0.0, f64::max)
 }
 
 #[cfg(test)]
@@ -188,6 +194,7 @@ mod tests {
         out.free = (0..free).collect();
         out.squares = vec![(Channel::ID, d), (Channel::OmegaE, speed)];
         out.samples = vec![1e4, 1e4];
+        out.chance = vec![0.0, 0.0];
         out
     }
 
@@ -216,6 +223,19 @@ mod tests {
         let base = judged(60.0, 4.0, 60.0, 4);
         assert!(judged(1.0, 4.0, 1.0, 5).unexplained(&base) > 1.0);
         assert!(judged(1.0, 1.1, 1.0, 5).unexplained(&base) <= 1.0);
+    }
+
+    #[test]
+    fn what_driven_noise_may_do_by_chance_decides_nothing() {
+        let (mut base, mut other) = (judged(1.0, 1.3, 1.0, 4), judged(1.0, 1.0, 1.0, 5));
+        let scale = Scale::new([&base, &other].into_iter());
+        assert!(scale.loss(&other) < scale.loss(&base));
+        for j in [&mut base, &mut other] {
+            j.fitted.chance[1] = 0.5;
+        }
+        assert!(scale.loss(&other) > scale.loss(&base));
+        assert_eq!(base.excess(), 0.0);
+        assert!(judged(1.0, 3.0, 1.0, 4).excess() > 1.9);
     }
 
     #[test]
