@@ -136,16 +136,17 @@ impl Map {
         self.places().any(|(part, place)| part.is_electrical() && place.contains(&index))
     }
 
-    /// Adds the voltage (d, q) that is lost between command and winding, V.
-    #[inline(always)]
+    /// Adds the voltage (d, q) that is lost between command and winding, V. Never inlined: models without a map must not carry it
+    /// in their loops.
+    #[inline(never)]
     pub fn voltage<T: Real>(&self, p: &[T], at: &Point<T>, lost: &mut [T; 2]) {
         for (part, place) in self.places().filter(|(part, _)| part.is_electrical()) {
             part.add(&p[place], at, lost);
         }
     }
 
-    /// The torque that is lost against positive rotation, N·m.
-    #[inline(always)]
+    /// The torque that is lost against positive rotation, N·m; never inlined either.
+    #[inline(never)]
     pub fn torque<T: Real>(&self, p: &[T], at: &Point<T>) -> T {
         let mut loss = [T::zero(); 2];
         for (part, place) in self.places().filter(|(part, _)| !part.is_electrical()) {
@@ -170,7 +171,7 @@ mod tests {
     use crate::effects::testing::env;
 
     fn point(theta_e: f64, omega_e: f64, i_q: f64) -> Point<f64> {
-        Point { env: env(theta_e, omega_e), i: [0.0, i_q], tau_e: 0.0 }
+        Point { env: env(theta_e, omega_e), i: [0.0, i_q], v: [0.0; 2], tau_e: 0.0 }
     }
 
     fn harmonics(angle: Variable) -> Factor {

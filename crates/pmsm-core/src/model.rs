@@ -241,7 +241,7 @@ impl Model {
             }
         }
         if let Some(map) = &self.map {
-            let point = Point { env: *env, i, tau_e: T::zero() };
+            let point = Point { env: *env, i, v, tau_e: T::zero() };
             map.voltage(&p[self.map_parameters()], &point, &mut lost);
         }
         let emf = [v[0] - lost[0] - r_s * i[0], v[1] - lost[1] - r_s * i[1]];
@@ -383,7 +383,7 @@ impl Model {
             s.effect.rotor(&p[s.parameters.clone()], x, at, &self.context, &mut rotor);
         }
         if let Some(map) = &self.map {
-            let point = Point { env: at.env, i: [T::zero(); 2], tau_e: at.tau_e };
+            let point = Point { env: at.env, i: [T::zero(); 2], v: [T::zero(); 2], tau_e: at.tau_e };
             rotor.loss += map.torque(&p[self.map_parameters()], &point);
         }
         (at.tau_e - rotor.loss - rotor.load) / rotor.inertia

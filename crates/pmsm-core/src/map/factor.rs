@@ -23,6 +23,10 @@ pub enum Variable {
     ID,
     /// q-axis current, A.
     IQ,
+    /// Commanded d-axis voltage, V.
+    VD,
+    /// Commanded q-axis voltage, V.
+    VQ,
     /// Motor torque, N·m.
     TauE,
     /// Time since the first sample, s.
@@ -32,12 +36,12 @@ pub enum Variable {
 impl Variable {
     /// Column name.
     pub fn name(self) -> &'static str {
-        ["theta_e", "theta_m", "omega_e", "i_d", "i_q", "tau_e", "t"][self as usize]
+        ["theta_e", "theta_m", "omega_e", "i_d", "i_q", "v_d", "v_q", "tau_e", "t"][self as usize]
     }
 
     /// SI unit.
     pub fn unit(self) -> &'static str {
-        ["rad", "rad", "rad/s", "A", "A", "N m", "s"][self as usize]
+        ["rad", "rad", "rad/s", "A", "A", "V", "V", "N m", "s"][self as usize]
     }
 }
 
@@ -48,6 +52,8 @@ pub struct Point<T> {
     pub env: Env<T>,
     /// Stator current d, q, A; the voltage equations know it.
     pub i: [T; 2],
+    /// Commanded voltage d, q, V; the voltage equations know it.
+    pub v: [T; 2],
     /// Motor torque, N·m; the equation of motion knows it.
     pub tau_e: T,
 }
@@ -62,6 +68,8 @@ impl<T: Real> Point<T> {
             Variable::OmegaE => self.env.omega_e,
             Variable::ID => self.i[0],
             Variable::IQ => self.i[1],
+            Variable::VD => self.v[0],
+            Variable::VQ => self.v[1],
             Variable::TauE => self.tau_e,
             Variable::T => T::constant(self.env.t),
         }
@@ -189,7 +197,7 @@ mod tests {
     use crate::effects::testing::env;
 
     fn at_speed(omega_e: f64) -> Point<f64> {
-        Point { env: env(0.4, omega_e), i: [0.0; 2], tau_e: 0.0 }
+        Point { env: env(0.4, omega_e), i: [0.0; 2], v: [0.0; 2], tau_e: 0.0 }
     }
 
     fn values(factor: Factor, at: &Point<f64>) -> Vec<f64> {

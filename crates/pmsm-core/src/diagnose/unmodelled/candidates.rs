@@ -5,6 +5,7 @@ use super::Side;
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::locate::{Located, equation_of};
+use crate::experiment::Channel;
 use crate::map::{Equation, Factor, MOST, Part, Spline, Variable};
 use crate::recording::Kind;
 use crate::simulate::mechanical;
@@ -20,8 +21,8 @@ const LINE: (usize, usize) = (1, 1);
 const CHANGING: usize = 2;
 /// Share of a variable's samples that its range leaves out at either end.
 const TAIL: f64 = 0.002;
-/// A variable whose range is narrower than this share of its larger end is a setting.
-const NARROW: f64 = 0.02;
+/// A variable whose range is narrower than this share of its larger end, or than this many times its noise, is a setting.
+const NARROW: (f64, f64) = (0.02, 25.0);
 /// Speed over which the direction turns over, share of the largest.
 const DIRECTION: f64 = 0.002;
 /// Speed in either direction from which a recording counts as one with reversals, share of the largest.
@@ -36,6 +37,7 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
     let mut waves = waves(data, side, located);
     waves.extend(swings(data, best, located));
     let variables = variables(data, best, side);
+    let commands = commands(data, side);
     let line = |v: &(Variable, f64, f64), (degree, pieces): (usize, usize)| {
         Factor::Spline(Spline { variable: v.0, low: v.1, high: v.2, degree, pieces })
     };
@@ -45,6 +47,8 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
         for y in &variables[k + 1..] {
             pairs.push((line(x, SURFACE), Some(line(y, SURFACE))));
         }
+    }
+    for x in variables.iter().chain(&commands) {
         for wave in &waves {
             let fewer = match *wave {
                 Factor::Harmonics { angle, order, count } => {
@@ -131,19 +135,41 @@ fn swings(data: &Data, best: &Hypothesis, located: &[Located]) -> Vec<Factor> {
 /// What the equations of one side know besides angle and time, each with its range in the recording.
 fn variables(data: &Data, best: &Hypothesis, side: Side) -> Vec<(Variable, f64, f64)> {
     let s = &data.signals;
-    let mut out = vec![(Variable::OmegaE, range(&s.omega_e))];
+    let noise =
+        |channel: Channel| data.floors.iter().find(|f| f.channel == channel).map_or(0.0, |f| f.sensor);
+    let mut out = vec![(Variable::OmegaE, range(&s.omega_e), noise(Channel::OmegaE))];
     match (side, &s.i) {
         (Side::Electrical, Some([d, q])) => {
-            out.extend([(Variable::ID, range(d)), (Variable::IQ, range(q))]);
+            out.push((Variable::ID, range(d), noise(Channel::ID)));
+            out.push((Variable::IQ, range(q), noise(Channel::IQ)));
         }
         (Side::Mechanical, _) => {
-            out.push((Variable::TauE, range(&torque(data, best))));
+            out.push((Variable::TauE, range(&torque(data, best)), 0.0));
         }
         _ => {}
     }
-    out.into_iter()
-        .filter(|(_, (low, high))| high - low > NARROW * low.abs().max(high.abs()))
-        .map(|(variable, (low, high))| (variable, low, high))
+    moving(out)
+}
+
+/// The commanded voltages with their ranges. In the steady state speed and currents tell them, so that they matter only to
+/// what swings.
+fn commands(data: &Data, side: Side) -> Vec<(Variable, f64, f64)> {
+    match (side, &data.signals.v) {
+        (Side::Electrical, Some([d, q])) => {
+            let noise = data.input.voltage;
+            moving(vec![(Variable::VD, range(d), noise), (Variable::VQ, range(q), noise)])
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// Those variables that move, each given with its range and noise.
+fn moving(all: Vec<(Variable, (f64, f64), f64)>) -> Vec<(Variable, f64, f64)> {
+    all.into_iter()
+        .filter(|(_, (low, high), noise)| {
+            high - low > (NARROW.0 * low.abs().max(high.abs())).max(NARROW.1 * noise)
+        })
+        .map(|(variable, (low, high), _)| (variable, low, high))
         .collect()
 }
 

@@ -10,6 +10,7 @@ use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::locate::Located;
 use crate::diagnose::shortlist::orthonormal;
+use crate::diagnose::verdict::{LEAST_GAIN, MOST_WORTH, PRICE};
 use crate::experiment::Experiment;
 use crate::least_squares::Normal;
 use crate::map::{Factor, Part};
@@ -28,10 +29,6 @@ const BLOCKS: usize = 16;
 const RIDGES: [f64; 4] = [1e-4, 1e-3, 1e-2, 1e-1];
 /// Harmonics tried of a factor that has more.
 const HARMONICS: [usize; 4] = [1, 2, 4, 8];
-/// Share of the excess mean square that a map must take away on the blocks left out.
-const LEAST: f64 = 0.1;
-/// The map with the fewest coefficients that gains this share of what the best one does is taken.
-const NEARLY: f64 = 0.9;
 /// Largest number of derivatives held for one map.
 const CELLS: usize = 8_000_000;
 /// Ridge that leaves a base parameter where it is if the blocks in use do not show it.
@@ -55,7 +52,7 @@ struct Trial {
     left: f64,
 }
 
-/// The map of one side that predicts left-out blocks best, if any does; and how many were tried.
+/// The map of one side that predicts left-out blocks best, its coefficients paid, if any does.
 pub fn choose(
     data: &Data,
     best: &Hypothesis,
@@ -72,22 +69,29 @@ pub fn choose(
         .filter(|part| part.count() * rows <= CELLS)
         .collect();
     let bare = left(&view.normals(&DMatrix::zeros(rows, 0), &folds), view.basis.ncols(), &[], 0.0);
-    let floor = (data.counted() * view.experiment(&best.model).channels.len()) as f64;
-    let least = LEAST * (bare - floor).max(0.0);
+    let scale = Scale { channels: rows / data.signals.len(), counted: data.counted() };
     let trials: Vec<Trial> = candidates
         .par_iter()
         .filter(|_| !monitor.cancelled())
         .flat_map_iter(|part| view.trials(part, &folds))
         .collect();
-    let most = trials.iter().map(|t| bare - t.left).fold(0.0, f64::max);
-    if most <= least {
-        return None;
+    let loss = |trial: &Trial| scale.loss(trial.left, trial.part.count());
+    let chosen = trials.into_iter().min_by(|a, b| loss(a).total_cmp(&loss(b)))?;
+    (loss(&chosen) < scale.loss(bare, 0) - LEAST_GAIN).then(|| view.settled(chosen, &folds))
+}
+
+/// What a sum of squares over some channels is worth, by the rule by which effects are compared.
+struct Scale {
+    channels: usize,
+    counted: usize,
+}
+
+impl Scale {
+    /// Loss in nats of a map with so many coefficients that leaves so much; what falls below the floor earns nothing.
+    fn loss(&self, left: f64, coefficients: usize) -> f64 {
+        let square = left / (self.channels * self.counted) as f64;
+        0.5 * MOST_WORTH * self.channels as f64 * square.max(1.0).ln() + PRICE * coefficients as f64
     }
-    let chosen = trials
-        .into_iter()
-        .filter(|t| bare - t.left >= NEARLY * most)
-        .min_by(|a, b| a.part.count().cmp(&b.part.count()).then(a.left.total_cmp(&b.left)))?;
-    Some(view.settled(chosen, &folds))
 }
 
 /// The recording as one side sees it: what the fitted parameters can do, and what they leave.

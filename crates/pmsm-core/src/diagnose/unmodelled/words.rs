@@ -107,8 +107,8 @@ fn peaks(data: &Data, fitted: &Hypothesis, map: &Map, coefficients: &[f64]) -> V
     let mut peaks: Vec<Vec<f64>> = map.parts.iter().map(|p| vec![0.0; p.equations.len()]).collect();
     let torque = candidates::torque(data, fitted);
     for k in 0..if map.parts.is_empty() { 0 } else { s.len() } {
-        let i = s.i.as_ref().map_or([0.0; 2], |[d, q]| [d[k], q[k]]);
-        let at = Point { env: measured_env(s, k), i, tau_e: torque[k] };
+        let pair = |x: &Option<[Vec<f64>; 2]>| x.as_ref().map_or([0.0; 2], |[d, q]| [d[k], q[k]]);
+        let at = Point { env: measured_env(s, k), i: pair(&s.i), v: pair(&s.v), tau_e: torque[k] };
         for ((part, place), peaks) in map.places().zip(&mut peaks) {
             let mut out = [0.0; 2];
             part.add(&coefficients[place], &at, &mut out);
