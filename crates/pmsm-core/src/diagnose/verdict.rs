@@ -8,6 +8,7 @@
 
 use super::hypothesis::Hypothesis;
 use crate::experiment::Channel;
+use crate::simulate::mechanical::Nuisance;
 
 /// Most and fewest independent samples that one channel is worth.
 pub const MOST_WORTH: f64 = 200.0;
@@ -81,7 +82,9 @@ impl Scale {
     pub fn loss(&self, judged: &Judged) -> f64 {
         let fitted = &judged.fitted;
         let count = fitted.free.iter().filter(|k| **k < fitted.model.parameter_count()).count();
-        let price = PRICE * (count + 2 * fitted.nuisance.steps()) as f64;
+        let steps: usize = fitted.nuisances.iter().map(Nuisance::steps).sum();
+        // What a recording leaves open is its own, and the misfit is a mean over recordings.
+        let price = PRICE * (count as f64 + (2 * steps) as f64 / fitted.runs() as f64);
         let all = misfit(fitted, &self.fitted) + self.others(judged);
         all / (1 + judged.held_out.len()) as f64 + price
     }
@@ -144,8 +147,10 @@ fn excess(hypothesis: &Hypothesis) -> f64 {
     hypothesis.squares.iter().map(|(_, s)| (s - 1.0).max(0.0)).sum()
 }
 
+/// Misfit on one recording, nats; the mean over those that were fitted together.
 fn misfit(hypothesis: &Hypothesis, worth: &[f64]) -> f64 {
-    hypothesis.squares.iter().zip(worth).map(|((_, s), w)| 0.5 * w * log_square(*s)).sum()
+    let all: f64 = hypothesis.squares.iter().zip(worth).map(|((_, s), w)| 0.5 * w * log_square(*s)).sum();
+    all / hypothesis.runs() as f64
 }
 
 /// Logarithm of a mean square; what falls below the floor is chance and earns nothing, what is not a number costs all.
@@ -154,11 +159,11 @@ fn log_square(square: f64) -> f64 {
 }
 
 fn unexplained(hypothesis: &Hypothesis, base: &Hypothesis, (share, floor): (f64, f64)) -> f64 {
-    let worst = |channel: Channel| {
-        let allowed = share * (base.square(channel) - 1.0).max(0.0) + floor;
-        (hypothesis.square(channel) - 1.0) / allowed
+    let worst = |((_, left), (_, before)): (&(Channel, f64), &(Channel, f64))| {
+        let allowed = share * (before - 1.0).max(0.0) + floor;
+        (left - 1.0) / allowed
     };
-    hypothesis.squares.iter().map(|(c, _)| worst(*c)).fold(0.0, f64::max)
+    hypothesis.squares.iter().zip(&base.squares).map(worst).fold(0.0, f64::max)
 }
 
 #[cfg(test)]
