@@ -70,6 +70,7 @@ def _read(
         recording = Recording(columns, load=kind, load_value=value)
     except DataError as error:
         raise _with_place(error, source) from error
+    recording.file = source.file
     angle_against_speed(columns, known.n_p if known is not None else None, source.file)
     return recording
 

@@ -28,7 +28,11 @@ class Recording(_core.Recording):
     known_constant with `load_value` in N·m, measured, unknown_constant, unknown_piecewise, locked); left out,
     it is measured where there is a column tau_m and unknown_constant otherwise. Raises DataError naming
     column and row.
+
+    `file` names the file it was read from, None where there is none.
     """
+
+    file: str | None = None
 
     def __new__(
         cls,
@@ -57,8 +61,9 @@ class Recording(_core.Recording):
         """Nothing is left to do: __new__ has checked and stored everything."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickles as its columns and the load."""
-        return _restore, ({name: self.column(name) for name in self.names}, self.load, self.load_value)
+        """Pickles as its columns, the load and the name of its file."""
+        columns = {name: self.column(name) for name in self.names}
+        return _restore, (columns, self.load, self.load_value), {"file": self.file}
 
     def __repr__(self) -> str:
         return (

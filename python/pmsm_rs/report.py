@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import figures, plot, words
 from .results import Candidate, Diagnosis, Estimate
-from .summary import headline
+from .summary import headline, recording_name
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -68,9 +68,10 @@ def render(answer: Diagnosis, title: str | None = None) -> str:
             for c in answer.ranking
             if c.effect in answer.effects and c.parameters
         ],
-        base=[row(name, entry, MEANINGS.get(name, "")) for name, entry in answer.base.items()],
+        base=[row(name, entry, _meaning(name)) for name, entry in answer.base.items()],
         judged=judged,
         fit=_fit(answer, judged),
+        each=_each(answer),
         trained=_fit(answer, "recording") if judged == "validation" else [],
         located=figures.located(answer) if answer.located else [],
         unmodelled=answer.unmodelled,
@@ -95,6 +96,13 @@ MEANINGS = {
     "b": "viscous friction",
     "tau_load": "load torque",
 }
+
+
+def _meaning(name: str) -> str:
+    """What a parameter of the machine or of the run is; `_of_2` is that of the second recording."""
+    own, _, recording = name.partition("_of_")
+    meaning = MEANINGS.get(own, "")
+    return f"{meaning}, recording {recording}" if meaning and recording else meaning
 
 
 @cache
@@ -184,6 +192,32 @@ def _fit(answer: Diagnosis, run: str) -> list[FitRow]:
                 bar(second),
             )
         )
+    return rows
+
+
+@dataclass(frozen=True)
+class RecordingRow:
+    """One of several recordings as the report shows it, residuals as multiples of its own noise."""
+
+    name: str
+    kind: str
+    load: str
+    duration: str
+    fit: tuple[tuple[str, str, str], ...]
+
+
+def _each(answer: Diagnosis) -> list[RecordingRow]:
+    rows = []
+    for count, entry in enumerate(answer.recordings, 1):
+        noise, before, after = entry["noise_floor"], entry["fit"]["before"], entry["fit"]["after"]
+        fit = tuple(
+            (words.channel(name)[0], words.number(before[name] / floor), words.number(after[name] / floor))
+            for name, floor in noise.items()
+            if floor and before.get(name) is not None and after.get(name) is not None
+        )
+        kind, load = (entry[key].replace("_", " ") for key in ("kind", "load"))
+        seconds = f"{words.number(entry['duration'])} s"
+        rows.append(RecordingRow(recording_name(entry, count), kind, load, seconds, fit))
     return rows
 
 

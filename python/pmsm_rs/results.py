@@ -123,7 +123,10 @@ class Identification(Fit):
 
 @dataclass(frozen=True)
 class Location:
-    """Where a mismatch sits: the equation (d, q, mechanical, sensor), its share, and the operating points."""
+    """Where a mismatch sits: the equation (d, q, mechanical, sensor), its share, and the operating points.
+
+    `recordings` are the numbers, from 1, of those that show it where not all of several do.
+    """
 
     equation: str
     share: float
@@ -134,6 +137,7 @@ class Location:
     frequency_hz: float | None
     trend: str | None
     p_value: float | None
+    recordings: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -154,7 +158,9 @@ class Diagnosis:
     """What the dq-model leaves out; every field is that of the JSON answer.
 
     `traces["recording"]` and, where a validation run was given, `traces["validation"]` hold arrays of shape
-    (samples,): `t` in s and per channel `NAME_measured`, `NAME_before`, `NAME_after`.
+    (samples,): `t` in s and per channel `NAME_measured`, `NAME_before`, `NAME_after`. Several recordings lie
+    end to end there, numbered by `recording`; `recordings` says of each its file, samples, duration in s,
+    kind, load, noise_floor and fit, and is empty for a single one.
     """
 
     verdict: str
@@ -168,6 +174,7 @@ class Diagnosis:
     noise_floor: Mapping[str, float]
     fit: Mapping[str, Mapping[str, Mapping[str, float]]]
     recording_kind: str | None
+    recordings: tuple[Mapping[str, Any], ...]
     interrupted: bool
     seed: int
     version: str
@@ -190,6 +197,7 @@ class Diagnosis:
             noise_floor=data["noise_floor"],
             fit=data["fit"],
             recording_kind=data.get("recording_kind"),
+            recordings=tuple(data.get("recordings", ())),
             interrupted=bool(data.get("interrupted", False)),
             seed=data["seed"],
             version=data["version"],
@@ -281,6 +289,7 @@ def _location(entry: Mapping[str, Any]) -> Location:
         entry.get("frequency_hz"),
         entry.get("trend"),
         entry.get("p_value"),
+        tuple(entry.get("recordings", ())),
     )
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from . import _core
-from ._core import Machine, Recording, UsageError
-from .errors import did_you_mean, refuse
+from ._core import DataError, Machine, NotIdentifiableError, Recording, UsageError
+from .errors import did_you_mean, fact, refuse
 from .results import Diagnosis, Identification
 
 METHODS = ("pso", "lm", "pso+lm")
@@ -143,19 +143,62 @@ def diagnose(
 ) -> Diagnosis:
     """Finds out which physics the dq-model leaves out, from one recording or several of the same machine.
 
-    Everything is estimated on `recording`; `validation`, another run of the same machine, only judges.
+    Everything is estimated on `recording`: several are fitted together by one machine with the same effects,
+    each with its own clock, noise, load and initial values. `validation`, another run of the same machine,
+    only judges.
     `threads` None uses every processor; the answer does not depend on it. On Ctrl-C the best so far is
     returned, marked `interrupted`.
 
-    Raises DataError where the recordings cannot be used.
+    Raises DataError or NotIdentifiableError where the recordings cannot be used; of several the message names
+    the one, and so do the attributes `recording`, counted from 1, and `file`.
     """
     recordings = [recording] if isinstance(recording, Recording) else list(recording)
     if not recordings:
         raise refuse(UsageError, "no recording was given", fix="give at least one")
-    answer, traces = _core.diagnose(
-        recordings, machine, validation, seed=seed, threads=threads, progress=progress
-    )
+    try:
+        answer, traces = _core.diagnose(
+            recordings, machine, validation, seed=seed, threads=threads, progress=progress
+        )
+    except (DataError, NotIdentifiableError) as error:
+        raise _in_file(error, recordings) from error
+    if len(recordings) > 1:
+        answer = _with_files(answer, recordings)
     return Diagnosis.from_json(answer, traces)
+
+
+def _in_file(
+    error: DataError | NotIdentifiableError, recordings: Sequence[Recording]
+) -> DataError | NotIdentifiableError:
+    """The core's refusal of one of several recordings with the name of its file."""
+    number, problem, fix = fact(error, "recording"), fact(error, "problem"), fact(error, "fix")
+    file = _file(recordings[number - 1]) if isinstance(number, int) else None
+    if file is None or not isinstance(problem, str) or not isinstance(fix, str):
+        return error
+    row, column = fact(error, "row"), fact(error, "column")
+    named = refuse(
+        type(error),
+        problem,
+        file=f"recording {number}, {file}",
+        row=row if isinstance(row, int) else None,
+        place=f"row {row}" if isinstance(row, int) else None,
+        column=column if isinstance(column, str) else None,
+        fix=fix,
+    )
+    named.__dict__.update(recording=number, file=file)
+    return named
+
+
+def _with_files(answer: str, recordings: Sequence[Recording]) -> str:
+    """The answer's JSON with the file of each of several recordings."""
+    data = json.loads(answer)
+    for entry, recording in zip(data.get("recordings", ()), recordings, strict=False):
+        entry["file"] = _file(recording)
+    return json.dumps(data, ensure_ascii=False)
+
+
+def _file(recording: Recording) -> str | None:
+    file = getattr(recording, "file", None)
+    return file if isinstance(file, str) else None
 
 
 def effects() -> list[dict[str, Any]]:

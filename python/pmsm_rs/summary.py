@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import textwrap
 from collections import Counter
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Any
 
 from .results import Diagnosis, Identification
 from .words import EQUATIONS, channel, estimate, listed, lower_first, number, percent, title
@@ -20,19 +22,21 @@ WIDTH = 100
 def headline(answer: Diagnosis) -> str:
     """The verdict in one plain sentence."""
     names = [lower_first(title(effect)) for effect in answer.effects]
+    several = len(answer.recordings) > 1
+    these, their = ("these recordings", "their") if several else ("this recording", "its")
     if answer.verdict == "no_mismatch":
-        return "Nothing is missing: the dq-model explains this recording down to its noise."
+        return f"Nothing is missing: the dq-model explains {these} down to {their} noise."
     if answer.verdict == "named":
         return f"The model leaves out {listed(names or _first(answer))}."
     if answer.verdict == "ambiguous":
         choices = _alternatives(answer)
         if len(choices) == 1:
-            return f"The model probably leaves out {choices[0]}, but this recording cannot settle it."
-        return f"The model leaves out {listed(choices, 'or')}; this recording cannot tell which."
+            return f"The model probably leaves out {choices[0]}, but {these} cannot settle it."
+        return f"The model leaves out {listed(choices, 'or')}; {these} cannot tell which."
     if answer.verdict == "unknown":
         where = EQUATIONS.get(answer.located[0].equation, "") if answer.located else ""
         return f"Something is missing{f' in the {where}' if where else ''} that is not in the catalogue."
-    return "This recording is too poor to say what the model leaves out."
+    return f"{these.capitalize()} {'are' if several else 'is'} too poor to say what the model leaves out."
 
 
 def _first(answer: Diagnosis) -> list[str]:
@@ -81,8 +85,10 @@ def diagnosis(answer: Diagnosis) -> str:
     lines += _parameters([*found, *answer.base.items()])
     run = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
     lines += _fit(answer, run)
+    lines += _each(answer)
     if answer.cannot_see:
-        lines += ["", "What this recording cannot see"]
+        what = "these recordings" if answer.recordings else "this recording"
+        lines += ["", f"What {what} cannot see"]
         lines += [hung("  ", f"{listed(effects)}: {why}") for why, effects in _by_reason(answer)]
     if answer.next_experiment:
         lines += ["", "Next", hung("  ", answer.next_experiment)]
@@ -123,13 +129,32 @@ def _fit(answer: Diagnosis, run: str) -> list[str]:
         return []
     lines = [
         "",
-        f"Measured minus model on the {run}, rms",
+        f"Measured minus model on the {run}{'s' if run == 'recording' and answer.recordings else ''}, rms",
         f"  {'':<8} {'before':>10} {'after':>10} {'noise':>10}",
     ]
     for name, value in before.items():
         cells = [number(value), number(after.get(name)), number(answer.noise_floor.get(name))]
         lines.append(f"  {name:<8} " + " ".join(f"{cell:>10}" for cell in cells) + f"  {channel(name)[1]}")
     return lines
+
+
+def _each(answer: Diagnosis) -> list[str]:
+    """A line for each of several recordings: what is left in its channels, in units of its own noise."""
+    lines = []
+    for count, entry in enumerate(answer.recordings, 1):
+        noise, fit = entry["noise_floor"], entry["fit"]
+        cells = [
+            f"{name} {number(fit['before'][name] / floor)} to {number(fit['after'][name] / floor)}"
+            for name, floor in noise.items()
+            if floor and fit["before"].get(name) is not None and fit["after"].get(name) is not None
+        ]
+        lines.append(hung("  ", f"{recording_name(entry, count)}: {', '.join(cells)}"))
+    return ["", "Each recording, rms in units of its noise", *lines] if lines else []
+
+
+def recording_name(entry: Mapping[str, Any], count: int) -> str:
+    """Number and file of one of several recordings."""
+    return f"{count}  {PurePath(entry['file']).name}" if entry.get("file") else f"{count}"
 
 
 def fleet(answers: Fleet) -> str:

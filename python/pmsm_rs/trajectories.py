@@ -20,5 +20,6 @@ def write(answer: Diagnosis, path: str | os.PathLike[str]) -> None:
     if answer.shown is None:
         raise refuse(UsageError, "there are no trajectories to write", fix="diagnose a recording first")
     trace = answer.traces[answer.shown]
-    names = ["t", *(name for name in trace if name.endswith(_PARTS))]
+    names = [name for name in ("t", "recording") if name in trace]
+    names += [name for name in trace if name.endswith(_PARTS)]
     tabular.write(path, {name: trace[name] for name in names})

@@ -8,7 +8,9 @@
 pub mod answer;
 pub mod data;
 mod decide;
+mod each;
 pub mod hypothesis;
+pub mod join;
 pub mod locate;
 mod motion;
 mod outputs;
@@ -18,6 +20,7 @@ pub mod search;
 pub mod shortlist;
 #[cfg(test)]
 mod testing;
+mod turns;
 pub mod unmodelled;
 pub mod verdict;
 
@@ -28,7 +31,7 @@ use crate::machine::Machine;
 use crate::model::Model;
 use crate::monitor::Monitor;
 use crate::recording::{Kind, Recording};
-use crate::signals::{Finding, Signals};
+use crate::signals::{self, Finding, Signals};
 use answer::{Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, Step, Traces, Verdict};
 use data::Data;
 use decide::Ranked;
@@ -48,11 +51,11 @@ const LEAST_SIGNAL: f64 = 5.0;
 /// called poor.
 const POOR: f64 = 0.01;
 
-/// Diagnoses a machine from `recordings` (the first is fitted, further ones judge like a validation run) and an optional
-/// `validation` run on which nothing is estimated but initial values and an unknown load.
+/// Diagnoses a machine from `recordings`, all of which are fitted together, and an optional `validation` run on which nothing is
+/// estimated but initial values and an unknown load.
 ///
 /// # Errors
-/// Those of [`Signals::new`], [`crate::start::values`] and the least-squares fits. An interruption through `monitor` is no error: the
+/// Those of [`join::prepare`] and [`Signals::new`], [`crate::start::values`] and the least-squares fits. An interruption through `monitor` is no error: the
 /// answer then rests on what had been tried.
 pub fn diagnose(
     recordings: &[&Recording],
@@ -61,18 +64,17 @@ pub fn diagnose(
     monitor: &dyn Monitor,
 ) -> Result<Answer> {
     monitor.report("bare machine", 0.0);
-    let prepare = |recording: &Recording| Data::new(Signals::new(recording, machine)?, machine);
-    let Some((first, further)) = recordings.split_first() else {
-        return Err(crate::error::Error::unusable("no recording was given", "give at least one"));
-    };
-    let mut whole = prepare(first)?;
+    let mut whole = join::prepare(recordings, machine)?;
     if let Some(finding) = silent(&whole) {
         return Ok(undetermined(&whole, finding));
     }
     let mut base = fit_base(&mut whole, monitor)?;
+    if turns::settle(&mut whole, &base) {
+        base = refit(&whole, &base, monitor)?;
+    }
     let mut others = Vec::new();
-    for recording in further.iter().copied().chain(validation) {
-        let mut data = prepare(recording)?;
+    if let Some(recording) = validation {
+        let mut data = Data::new(Signals::new(recording, machine)?, machine)?;
         let transferred = hypothesis::transfer(&data, &base, monitor)?;
         data.settle_floors(&transferred);
         others.push(data);
@@ -100,13 +102,25 @@ fn search(
     let split = (others.is_empty() && rich).then(|| halves(whole)).flatten();
     if let Some((fitted, held_out)) = &split {
         let start = refit(fitted, base, monitor)?;
-        let searched =
-            Search { data: fitted, held_out: vec![held_out], most: search::MOST, monitor }.run(start)?;
+        let searched = Search {
+            data: fitted,
+            held_out: vec![held_out],
+            refuting: Vec::new(),
+            most: search::MOST,
+            monitor,
+        }
+        .run(start)?;
         return on_whole(whole, searched, base, monitor);
     }
-    // What a poor recording leaves open a second one must not be held against it.
-    let (held_out, most) = if rich { (others.iter().collect(), search::MOST) } else { (Vec::new(), 1) };
-    Search { data: whole, held_out, most, monitor }.run(base.clone())
+    if rich {
+        let held_out = others.iter().collect();
+        return Search { data: whole, held_out, refuting: Vec::new(), most: search::MOST, monitor }
+            .run(base.clone());
+    }
+    // What a poor recording leaves open a second one must not be held against it, unless it makes nonsense of that one.
+    let bare = |data| Ok((data, hypothesis::transfer(data, base, monitor)?));
+    let refuting = others.iter().map(bare).collect::<Result<Vec<_>>>()?;
+    Search { data: whole, held_out: Vec::new(), refuting, most: 1, monitor }.run(base.clone())
 }
 
 /// Measures noise on the voltages once more with the help of what was found, and says whether part of it was physics.
@@ -146,8 +160,12 @@ fn halves(data: &Data) -> Option<(Data, Data)> {
         return None;
     }
     let mut odd = vec![false; data.signals.len()];
-    for window in data.windows.iter().skip(1).step_by(2) {
-        odd[window.clone()].fill(true);
+    for run in 0..data.runs().len() {
+        let samples = data.samples_of(run);
+        let own = data.windows.iter().filter(|w| samples.contains(&w.start));
+        for window in own.skip(1).step_by(2) {
+            odd[window.clone()].fill(true);
+        }
     }
     let even = odd.iter().map(|x| !x).collect();
     Some((data.masked(odd), data.masked(even)))
@@ -175,24 +193,25 @@ fn on_whole(data: &Data, found: Outcome, base: &Hypothesis, monitor: &dyn Monito
     Ok(Outcome { base: whole, best, path, ..found })
 }
 
-/// A finding if currents, voltages or speed hardly leave their noise.
+/// A finding if currents, voltages or speed hardly leave their noise in any recording.
 fn silent(data: &Data) -> Option<Finding> {
+    (!data.runs().iter().any(is_alive)).then(|| Finding {
+        finding: "no recorded signal leaves its own noise".into(),
+        consequence: "nothing can be said about the machine".into(),
+        fix: "record a manoeuvre: reversals, two levels of i_q, steps of i_d".into(),
+    })
+}
+
+fn is_alive(data: &Data) -> bool {
     let spread = |x: &[f64]| {
         let mean = x.iter().sum::<f64>() / x.len() as f64;
         let square = x.iter().map(|v| v * v).sum::<f64>() / x.len() as f64;
         square.sqrt().max((square - mean * mean).max(0.0).sqrt())
     };
-    let alive = data.floors.iter().any(|f| {
-        let model = Model::new(data.signals.context, &[]);
-        let hypothesis = Hypothesis::bare(model, data.start.to_vec());
-        let experiment = data.whole(&hypothesis);
-        spread(experiment.measured(f.channel)) > LEAST_SIGNAL * f.sensor
-    });
-    (!alive).then(|| Finding {
-        finding: "no recorded signal leaves its own noise".into(),
-        consequence: "nothing can be said about the machine".into(),
-        fix: "record a manoeuvre: reversals, two levels of i_q, steps of i_d".into(),
-    })
+    let model = Model::new(data.signals.context, &[]);
+    let hypothesis = Hypothesis::bare(model, data.start.to_vec());
+    let experiment = data.whole(&hypothesis);
+    data.floors.iter().any(|f| spread(&experiment.measured(f.channel)) > LEAST_SIGNAL * f.sensor)
 }
 
 fn undetermined(data: &Data, finding: Finding) -> Answer {
@@ -211,6 +230,7 @@ fn undetermined(data: &Data, finding: Finding) -> Answer {
         noise_floor: floors(data),
         fit: FitTable::default(),
         recording_kind: data.signals.kind,
+        recordings: Vec::new(),
         traces: Traces::default(),
     }
 }
@@ -315,6 +335,7 @@ fn conclude(
         noise_floor: floors(data),
         fit,
         recording_kind: data.signals.kind,
+        recordings: each::recordings(data, &traces.recording),
         traces,
     })
 }
@@ -322,13 +343,30 @@ fn conclude(
 fn step(data: &Data, hypothesis: &Hypothesis) -> Step {
     let outputs = Outputs::new(data, hypothesis);
     let effects = hypothesis.effects();
-    let floor = |channel| data.floors.iter().find(|f| f.channel == channel).map_or(f64::NAN, |f| f.total());
     Step {
         effects: effects.iter().map(|e| e.id().to_string()).collect(),
         base: outputs.base(),
         parameters: effects.iter().map(|e| (e.id().to_string(), outputs.effect(*e))).collect(),
-        rms: hypothesis.squares.iter().map(|(c, s)| (c.name().to_string(), s.sqrt() * floor(*c))).collect(),
+        rms: residual_rms(data, hypothesis),
     }
+}
+
+/// Root mean square of the residual by channel, over all recordings that hold it.
+fn residual_rms(data: &Data, hypothesis: &Hypothesis) -> BTreeMap<String, f64> {
+    let mut sums: BTreeMap<String, Vec<(f64, usize)>> = BTreeMap::new();
+    let floors = data.runs().iter().flat_map(|run| run.floors.iter().map(|f| (f, run.signals.len())));
+    for ((floor, samples), (channel, square)) in floors.zip(&hypothesis.squares) {
+        let rms = square.sqrt() * floor.total();
+        sums.entry(channel.name().to_string()).or_default().push((rms, samples));
+    }
+    let root = |parts: Vec<(f64, usize)>| match parts[..] {
+        [(rms, _)] => rms,
+        _ => {
+            let samples: usize = parts.iter().map(|(_, n)| n).sum();
+            (parts.iter().map(|(rms, n)| rms * rms * *n as f64).sum::<f64>() / samples as f64).sqrt()
+        }
+    };
+    sums.into_iter().map(|(name, parts)| (name, root(parts))).collect()
 }
 
 fn candidate(data: &Data, outcome: &Outcome, ranked: &Ranked, model: &Outputs) -> Candidate {
@@ -375,7 +413,8 @@ fn located(data: &Data, outcome: &Outcome, verdict: Verdict) -> Vec<Located> {
 
 fn quality(data: &Data, weak: &[String], found: &[Inseparable]) -> Vec<Finding> {
     let mut findings = data.signals.findings.clone();
-    findings.extend(data.input.findings(&data.signals));
+    let noise: Vec<Vec<Finding>> = data.runs().iter().map(|run| run.input.findings(&run.signals)).collect();
+    findings.extend(signals::join::findings(noise.iter().map(Vec::as_slice)));
     for tie in found {
         let (others, effect) = (tie.others.join(", "), tie.effect.id());
         findings.push(Finding {
@@ -410,11 +449,14 @@ fn traces(data: &Data, before: &Hypothesis, after: &Hypothesis) -> Columns {
     let mut columns = Columns::new();
     let s = &data.signals;
     columns.insert("t".into(), s.t.clone());
+    if let Some(number) = each::numbers(data) {
+        columns.insert("recording".into(), number);
+    }
     let first = data.whole(before);
     let (x, y) = (first.predict(&before.parameters), data.whole(after).predict(&after.parameters));
-    for (at, (channel, _)) in first.channels.iter().enumerate() {
+    for (at, channel) in first.channels().iter().enumerate() {
         let name = channel.name();
-        columns.insert(format!("{name}_measured"), first.measured(*channel).to_vec());
+        columns.insert(format!("{name}_measured"), first.measured(*channel));
         columns.insert(format!("{name}_before"), x[at].clone());
         columns.insert(format!("{name}_after"), y[at].clone());
     }
@@ -438,8 +480,7 @@ fn table(columns: &Columns, data: &Data) -> BeforeAfter {
                 let name = f.channel.name();
                 let (measured, model) =
                     (columns.get(&format!("{name}_measured"))?, columns.get(&format!("{name}_{when}"))?);
-                let square: f64 = measured.iter().zip(model).map(|(m, x)| (m - x).powi(2)).sum();
-                Some((name.to_string(), (square / measured.len() as f64).sqrt()))
+                Some((name.to_string(), each::rms(measured, model)))
             })
             .collect()
     };

@@ -54,6 +54,13 @@ pub struct Parameter {
     pub typical: fn(&Context) -> f64,
 }
 
+impl Parameter {
+    /// Whether it counts sample periods (its name ends so), which are of another length in another recording.
+    pub fn counts_samples(&self) -> bool {
+        self.name.ends_with("_samples")
+    }
+}
+
 /// What a recording must contain for an effect to be judged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Need {

@@ -57,6 +57,14 @@ pub enum Error {
         /// What to do about it.
         fix: String,
     },
+    /// One of several recordings cannot be used.
+    #[error("recording {number}: {source}")]
+    InRecording {
+        /// Which, counted from one in the order in which they were given.
+        number: usize,
+        /// What is wrong with it.
+        source: Box<Error>,
+    },
     /// The caller asked to stop.
     #[error("interrupted")]
     Interrupted,

@@ -1,13 +1,15 @@
-//! One recording seen through one model: residuals, exact derivatives, and the fit of any subset of parameters.
+//! Recordings seen through one model: residuals, exact derivatives, and the fit of any subset of parameters.
 //!
 //! The parameter vector is the model's, followed by that of the run's [`Nuisance`]. Residuals are model minus measurement over
 //! the noise of the channel, stacked channel by channel. The initial speed of each mechanical window is estimated
 //! inside and projected out, so that callers never see it.
 
 mod fitting;
+mod joint;
 mod speed;
 
 pub use fitting::Fitted;
+pub use joint::{Block, Channels, Joint, split};
 
 use crate::base::BASE;
 use crate::colour::Colour;
@@ -104,7 +106,7 @@ pub type Prediction = Vec<Vec<f64>>;
 
 impl<'a> Experiment<'a> {
     /// Number of samples.
-    fn samples(&self) -> usize {
+    pub fn samples(&self) -> usize {
         self.signals.len()
     }
 

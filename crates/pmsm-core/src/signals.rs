@@ -2,6 +2,7 @@
 //! electrical speed, and the scales of the run.
 
 mod clock;
+pub mod join;
 mod lag;
 mod open_circuit;
 

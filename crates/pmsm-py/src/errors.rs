@@ -35,6 +35,15 @@ pyo3::create_exception!(pmsm_rs._core, InternalError, PmsmError, "A fault of thi
 /// recording determines, unless it is about columns or names.
 pub fn to_python(py: Python<'_>, error: &Error) -> PyErr {
     let text = error.to_string();
+    if let Error::InRecording { number, source } = error {
+        // The refusal of one recording, with its number.
+        let raised = to_python(py, source);
+        let value = raised.value(py);
+        return match value.setattr("args", (text,)).and_then(|()| value.setattr("recording", *number)) {
+            Ok(()) => raised,
+            Err(other) => other,
+        };
+    }
     let (raised, row, column, problem, fix) = match error {
         Error::Quantity { .. } => return MachineError::new_err(text),
         Error::Unknown { kind, .. } if *kind == "column" || *kind == "load" => {

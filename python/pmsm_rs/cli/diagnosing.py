@@ -76,7 +76,10 @@ def diagnose(
     threads: int | None,
     seed: int,
 ) -> int:
-    """Find out which physics the dq-model of RECORDING leaves out."""
+    """Find out which physics the dq-model of RECORDING leaves out.
+
+    Several recordings of one machine are fitted together.
+    """
     from pathlib import Path
 
     from ..config import read_machine

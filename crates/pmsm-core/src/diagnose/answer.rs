@@ -110,6 +110,23 @@ pub struct FitTable {
     pub validation: BeforeAfter,
 }
 
+/// One of several recordings that were fitted together.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct OfRecording {
+    /// Number of samples.
+    pub samples: usize,
+    /// Time from its first to its last sample, s.
+    pub duration: f64,
+    /// Which questions it can answer.
+    pub kind: crate::recording::Kind,
+    /// What is known of its load.
+    pub load: &'static str,
+    /// What a perfect model would leave in each of its channels.
+    pub noise_floor: BTreeMap<String, f64>,
+    /// Root mean square of measured minus model, before and after.
+    pub fit: BeforeAfter,
+}
+
 /// The whole answer.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Answer {
@@ -137,6 +154,9 @@ pub struct Answer {
     pub fit: FitTable,
     /// Which questions the recording could answer.
     pub recording_kind: crate::recording::Kind,
+    /// Each of several recordings by itself, in the order in which they were given; empty for one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub recordings: Vec<OfRecording>,
     /// Signals and predictions of the recording and of the validation run, by name; not part of the JSON.
     #[serde(skip)]
     pub traces: Traces,

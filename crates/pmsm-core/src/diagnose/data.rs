@@ -1,8 +1,11 @@
-//! One recording made ready for the diagnosis: signals, windows, floors, and what is known beforehand.
+//! Recordings made ready for the diagnosis: signals, windows, floors, and what is known beforehand.
+//!
+//! Several recordings of one machine are fitted together, each with its own clock, noise, load and initial values; see
+//! [`super::join`].
 
 use crate::base::BASE;
 use crate::error::Result;
-use crate::experiment::{Channel, Experiment};
+use crate::experiment::{Channel, Channels, Experiment, Joint};
 use crate::input_noise::InputNoise;
 use crate::least_squares::Settings;
 use crate::machine::{BaseParameter, Machine};
@@ -18,10 +21,10 @@ use std::ops::Range;
 /// Standard deviation of a nameplate value, share of the value.
 const NAMEPLATE_SPREAD: f64 = 0.3;
 
-/// One recording made ready for fitting.
+/// One recording, or several of one machine, made ready for fitting.
 #[derive(Debug, Clone)]
 pub struct Data {
-    /// Its signals.
+    /// Its signals; those of several recordings lie end to end, and drive no model.
     pub signals: Signals,
     /// Mechanical windows.
     pub windows: Vec<Range<usize>>,
@@ -37,6 +40,8 @@ pub struct Data {
     pub prior: Vec<(usize, f64, f64)>,
     /// Samples that do not count, if some are held out.
     pub held_out: Option<Vec<bool>>,
+    /// The recordings, if there are several; the rest then describes all of them.
+    pub parts: Vec<Data>,
 }
 
 impl Data {
@@ -45,8 +50,13 @@ impl Data {
     /// # Errors
     /// Those of [`Signals::new`] and [`start::values`].
     pub fn new(signals: Signals, machine: &Machine) -> Result<Self> {
-        let windows = mechanical::windows(&signals);
         let start = start::values(&signals, machine)?;
+        Ok(Self::started(signals, machine, start))
+    }
+
+    /// The same from given base parameters.
+    pub fn started(signals: Signals, machine: &Machine, start: [f64; BASE]) -> Self {
+        let windows = mechanical::windows(&signals);
         let prior = BaseParameter::ALL
             .iter()
             .filter_map(|p| {
@@ -79,12 +89,31 @@ impl Data {
             })
             .collect();
         let (input, whitening) = (InputNoise::default(), None);
-        Ok(Self { signals, windows, floors, input, whitening, start, prior, held_out: None })
+        let (held_out, parts) = (None, Vec::new());
+        Self { signals, windows, floors, input, whitening, start, prior, held_out, parts }
+    }
+
+    /// The recordings, each by itself.
+    pub fn runs(&self) -> &[Data] {
+        if self.parts.is_empty() { std::slice::from_ref(self) } else { &self.parts }
+    }
+
+    /// The recording that holds most: voltages before motion, then the longest.
+    pub fn leading(&self) -> &Data {
+        let rank = |d: &&Data| (d.signals.kind == Kind::Full, d.has(true), d.signals.len());
+        self.runs().iter().rev().max_by_key(rank).expect("at least one recording")
     }
 
     /// The same recording with some samples held out.
     pub fn masked(&self, held_out: Vec<bool>) -> Self {
-        Self { held_out: Some(held_out), ..self.clone() }
+        let mut at = 0;
+        let own = |part: &Data| {
+            let samples = at..at + part.signals.len();
+            at = samples.end;
+            part.masked(held_out[samples].to_vec())
+        };
+        let parts = self.parts.iter().map(own).collect();
+        Self { parts, held_out: Some(held_out), ..self.clone() }
     }
 
     /// Number of samples that count.
@@ -92,26 +121,29 @@ impl Data {
         self.held_out.as_ref().map_or(self.signals.len(), |h| h.iter().filter(|x| !**x).count())
     }
 
-    /// The recording seen through a model.
+    /// The recordings seen through a model. A recording without a nuisance in `nuisances` leaves nothing open.
     pub fn experiment<'a>(
         &'a self,
         model: &'a Model,
-        nuisance: Nuisance,
-        channels: Vec<(Channel, f64)>,
-    ) -> Experiment<'a> {
-        Experiment {
+        nuisances: &[Nuisance],
+        channels: Channels,
+    ) -> Joint<'a> {
+        let see = |run: usize, part: &'a Data, channels: &[(Channel, f64)]| Experiment {
             model,
-            signals: &self.signals,
-            nuisance,
-            windows: &self.windows,
-            channels,
+            signals: &part.signals,
+            nuisance: nuisances.get(run).copied().unwrap_or(Nuisance::known(0)),
+            windows: &part.windows,
+            channels: channels.to_vec(),
             torque: None,
             starts: None,
-            whitening: self.whitening.as_ref().zip(self.current_floors()),
+            whitening: part.whitening.as_ref().zip(part.current_floors()),
             colour: None,
-            held_out: self.held_out.as_deref(),
+            held_out: part.held_out.as_deref(),
             prior: &self.prior,
-        }
+        };
+        Joint::new(
+            self.runs().iter().zip(&channels).enumerate().map(|(k, (part, c))| see(k, part, c)).collect(),
+        )
     }
 
     /// Floors of i_d and i_q, A.
@@ -120,10 +152,27 @@ impl Data {
         Some([floor(Channel::ID)?, floor(Channel::IQ)?])
     }
 
-    /// Channels with the floors as weights.
-    pub fn channels(&self, electrical: bool, mechanical: bool) -> Vec<(Channel, f64)> {
+    /// Channels of each recording with the floors as weights.
+    pub fn channels(&self, electrical: bool, mechanical: bool) -> Channels {
         let wanted = |c: Channel| if c.is_electrical() { electrical } else { mechanical };
-        self.floors.iter().filter(|f| wanted(f.channel)).map(|f| (f.channel, f.total())).collect()
+        let own = |part: &Data| {
+            part.floors.iter().filter(|f| wanted(f.channel)).map(|f| (f.channel, f.total())).collect()
+        };
+        self.runs().iter().map(own).collect()
+    }
+
+    /// Motor torque per sample from the measured currents (or as recorded), N·m; zero in a recording that does not show the motion.
+    pub fn torque(&self, model: &Model, own: &[f64]) -> Vec<f64> {
+        let of = |part: &Data| match part.has(false) {
+            true => mechanical::torque(model, &part.signals, own),
+            false => vec![0.0; part.signals.len()],
+        };
+        self.runs().iter().flat_map(of).collect()
+    }
+
+    /// Whether an equation of any recording contains the parameter.
+    pub fn needs(&self, parameter: BaseParameter) -> bool {
+        self.runs().iter().any(|part| start::needed(&part.signals, parameter))
     }
 
     /// Whether it holds electrical (or mechanical) channels.

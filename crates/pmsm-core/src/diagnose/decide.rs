@@ -1,6 +1,7 @@
 //! From what the search found to a verdict, with rivals and probabilities.
 
 use super::answer::Verdict;
+use super::power::EVEN;
 use super::search::Outcome;
 use super::verdict::{
     INDISTINGUISHABLE, INDISTINGUISHABLE_POOR, Judged, MISMATCH, MISMATCH_HELD_OUT, NESTED_GAIN,
@@ -49,19 +50,29 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
             outcome.swaps.iter().find(|s| s.replaced == effect && s.by.is_none()).map(|s| &s.judged);
         let odds = |judged: &Judged| (floor - loss(judged)).min(50.0).exp();
         let none = odds(removed.unwrap_or(&outcome.base));
-        let sum = 1.0 + none + rivals.iter().map(|(e, j)| weight(*e, effect) * odds(j)).sum::<f64>();
+        // A rival that only generalises the effect competes with what its extra freedom deserves, not as another cause; unless the
+        // recording would not have shown that freedom.
+        let hidden = |wide: EffectId| {
+            let shown = outcome.shown.iter().find(|s| s.effect == wide);
+            shown.map(|s| s.power).filter(|power| generalises(wide, effect) && *power < EVEN)
+        };
+        let weight = |rival: EffectId| match hidden(rival) {
+            Some(power) => 1.0 - power,
+            None if generalises(rival, effect) => (-NESTED_GAIN).exp(),
+            None => 1.0,
+        };
+        let sum = 1.0 + none + rivals.iter().map(|(e, j)| weight(*e) * odds(j)).sum::<f64>();
         let share = (1.0 - unknown) / sum;
-        let equivalent: Vec<EffectId> = rivals
+        let near = if poor { INDISTINGUISHABLE_POOR } else { INDISTINGUISHABLE };
+        let mut equivalent: Vec<EffectId> = rivals
             .iter()
-            .filter(|(e, j)| {
-                !generalises(*e, effect)
-                    && loss(j) < floor + if poor { INDISTINGUISHABLE_POOR } else { INDISTINGUISHABLE }
-            })
+            .filter(|(e, j)| !generalises(*e, effect) && loss(j) < floor + near)
             .map(|(e, _)| *e)
             .collect();
+        equivalent.extend(outcome.shown.iter().map(|s| s.effect).filter(|e| hidden(*e).is_some()));
         ranked.push(Ranked { effect, probability: share, equivalent, judged: outcome.best.clone() });
         for (rival, judged) in rivals {
-            let probability = share * odds(judged) * weight(rival, effect);
+            let probability = share * odds(judged) * weight(rival);
             let known = effects.contains(&rival) || ranked.iter().any(|r| r.effect == rival);
             if probability > LEAST_LISTED && !known {
                 ranked.push(Ranked {
@@ -124,9 +135,4 @@ fn unlikely(outcome: &Outcome) -> Vec<Ranked> {
 /// Whether `wide` contains `narrow` as a special case, so that fitting as well is no rivalry.
 pub fn generalises(wide: EffectId, narrow: EffectId) -> bool {
     wide.info().contains.contains(&narrow.id())
-}
-
-/// A rival that only generalises the effect competes with what its extra freedom deserves, not as another cause.
-fn weight(rival: EffectId, effect: EffectId) -> f64 {
-    if generalises(rival, effect) { (-NESTED_GAIN).exp() } else { 1.0 }
 }

@@ -6,21 +6,23 @@ use super::motion;
 use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
-use crate::experiment::{Channel, Experiment};
+use crate::experiment::{Channel, Channels, Joint};
 use crate::machine::BaseParameter;
 use crate::model::Model;
 use crate::monitor::Monitor;
 use crate::noise::{self, Floor};
 use crate::simulate::mechanical::Nuisance;
-use crate::start;
 use crate::whitening::Whitening;
 
 impl Data {
     /// Measures the floors and the voltages' noise with the help of a fitted hypothesis.
     pub fn settle_floors(&mut self, hypothesis: &Hypothesis) {
-        let channels = self.floors.iter().map(|f| (f.channel, f.sensor)).collect();
-        let experiment = self.experiment(&hypothesis.model, hypothesis.nuisance, channels);
-        let (floors, input) = noise::floors(&experiment, &hypothesis.parameters);
+        if !self.parts.is_empty() {
+            return self.settle_each(hypothesis);
+        }
+        let channels = vec![self.floors.iter().map(|f| (f.channel, f.sensor)).collect()];
+        let experiment = self.experiment(&hypothesis.model, &hypothesis.nuisances, channels);
+        let (floors, input) = noise::floors(&experiment.runs()[0], &hypothesis.parameters);
         let sensor = |channel| floors.iter().find(|f| f.channel == channel).map(|f| f.sensor);
         self.whitening = match (sensor(Channel::ID), sensor(Channel::IQ)) {
             (Some(d), Some(q)) if !input.is_none() || self.signals.segments.len() > 1 => {
@@ -32,8 +34,8 @@ impl Data {
     }
 
     /// All channels with the floors as weights, seen through a hypothesis.
-    pub fn whole<'a>(&'a self, hypothesis: &'a Hypothesis) -> Experiment<'a> {
-        self.experiment(&hypothesis.model, hypothesis.nuisance, self.channels(true, true))
+    pub fn whole<'a>(&'a self, hypothesis: &'a Hypothesis) -> Joint<'a> {
+        self.experiment(&hypothesis.model, &hypothesis.nuisances, self.channels(true, true))
     }
 }
 
@@ -42,13 +44,13 @@ impl Data {
 pub struct Hypothesis {
     /// The model.
     pub model: Model,
-    /// Model parameters followed by those of the run's nuisance.
+    /// Model parameters followed by those of each recording's nuisance.
     pub parameters: Vec<f64>,
     /// Parameters that were fitted.
     pub free: Vec<usize>,
-    /// What the run left open.
-    pub nuisance: Nuisance,
-    /// Mean square of the residual over the floor's, per channel of the recording.
+    /// What each recording left open.
+    pub nuisances: Vec<Nuisance>,
+    /// Mean square of the residual over the floor's, per channel of each recording in turn.
     pub squares: Vec<(Channel, f64)>,
     /// Independent samples that each channel's mean square rests on.
     pub samples: Vec<f64>,
@@ -64,7 +66,7 @@ impl Hypothesis {
             model,
             parameters,
             free: Vec::new(),
-            nuisance: Nuisance::known(0),
+            nuisances: Vec::new(),
             squares: Vec::new(),
             samples: Vec::new(),
             chance: Vec::new(),
@@ -81,10 +83,23 @@ impl Hypothesis {
         &self.parameters[..self.model.parameter_count()]
     }
 
-    /// The mean square of one channel, over the floor's.
+    /// The mean square of one channel, over the floor's, in the recording where it is largest.
     pub fn square(&self, channel: Channel) -> f64 {
-        self.squares.iter().find(|(c, _)| *c == channel).map_or(f64::NAN, |(_, s)| *s)
+        let all = self.squares.iter().filter(|(c, _)| *c == channel).map(|(_, s)| *s);
+        all.reduce(f64::max).unwrap_or(f64::NAN)
     }
+
+    /// Number of recordings that it was fitted to.
+    pub fn runs(&self) -> usize {
+        self.nuisances.len().max(1)
+    }
+}
+
+/// Channels with their noise times `factors`, one per channel of each recording in turn.
+pub fn rescaled(channels: Channels, factors: impl IntoIterator<Item = f64>) -> Channels {
+    let mut factors = factors.into_iter();
+    let mut own = |(c, s): (Channel, f64)| (c, s * factors.next().unwrap_or(1.0));
+    channels.into_iter().map(|run| run.into_iter().map(&mut own).collect()).collect()
 }
 
 /// Fits the effects of `model` to `data`, starting from the model parameters `start`. `electrical_done` says that the
@@ -101,34 +116,33 @@ pub fn fit(
 ) -> Result<Hypothesis> {
     let (electrical, rotor, sensors) = free_parameters(data, model);
     let mut parameters = start.to_vec();
-    let mut nuisance = Nuisance::known(0);
+    let mut nuisances = vec![Nuisance::known(0); data.runs().len()];
     let mut free = Vec::new();
     if data.has(true) {
         let mut wanted = electrical.clone();
         wanted.extend(&sensors);
         if !electrical_done {
-            let experiment = data.experiment(model, nuisance, data.channels(true, false));
+            let experiment = data.experiment(model, &nuisances, data.channels(true, false));
             parameters = experiment.fit(&parameters, &wanted, &SETTINGS, monitor)?.parameters;
         }
         free = wanted;
     }
     if data.has(false) {
         let fitted = motion::fit(data, model, &parameters, &rotor, monitor)?;
-        (parameters, nuisance) = (fitted.parameters, fitted.nuisance);
+        (parameters, nuisances) = (fitted.parameters, fitted.nuisances);
         free.extend(fitted.free);
         // A sensor shows in both; and where the voltage is noisy, the torque tells more of the flux than the currents do.
         if data.has(true) && (!sensors.is_empty() || data.input.voltage > 0.0) {
             let channels = data.channels(true, true);
-            let experiment = data.experiment(model, nuisance, channels);
+            let experiment = data.experiment(model, &nuisances, channels.clone());
             let rms = experiment.relative_rms(&experiment.residual(&parameters));
             // A channel that does not fit for other reasons must not bend the sensor's parameters.
-            let channels =
-                experiment.channels.iter().zip(&rms).map(|((c, s), r)| (*c, s * r.max(1.0))).collect();
-            let experiment = data.experiment(model, nuisance, channels);
+            let channels = rescaled(channels, rms.into_iter().map(|r| r.max(1.0)));
+            let experiment = data.experiment(model, &nuisances, channels);
             parameters = experiment.fit(&parameters, &free, &SETTINGS, monitor)?.parameters;
         }
     }
-    Ok(finish(data, model.clone(), parameters, free, nuisance))
+    Ok(finish(data, model.clone(), parameters, free, nuisances))
 }
 
 /// The final estimate: the mechanical parameters fitted once more with whitened residuals where the speed's residual is
@@ -142,10 +156,12 @@ pub fn efficient(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) ->
         return Ok(hypothesis.clone());
     }
     let (_, rotor, _) = free_parameters(data, model);
-    let nuisance = hypothesis.nuisance;
-    let fitted = motion::whitened(data, model, &hypothesis.parameters, nuisance, &rotor, monitor)?;
+    let nuisances = &hypothesis.nuisances;
+    let fitted = motion::whitened(data, model, &hypothesis.parameters, nuisances, &rotor, monitor)?;
     Ok(match fitted {
-        Some(parameters) => finish(data, model.clone(), parameters, hypothesis.free.clone(), nuisance),
+        Some(parameters) => {
+            finish(data, model.clone(), parameters, hypothesis.free.clone(), nuisances.clone())
+        }
         None => hypothesis.clone(),
     })
 }
@@ -159,12 +175,12 @@ pub fn transfer(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) -> 
     let model = &hypothesis.model;
     let on_run = |own: &[f64]| -> Result<Hypothesis> {
         let mut parameters = own.to_vec();
-        let mut nuisance = Nuisance::known(0);
+        let mut nuisances = vec![Nuisance::known(0); data.runs().len()];
         if data.has(false) {
             let fitted = motion::fit(data, model, &parameters, &[], monitor)?;
-            (parameters, nuisance) = (fitted.parameters, fitted.nuisance);
+            (parameters, nuisances) = (fitted.parameters, fitted.nuisances);
         }
-        Ok(finish(data, model.clone(), parameters, Vec::new(), nuisance))
+        Ok(finish(data, model.clone(), parameters, Vec::new(), nuisances))
     };
     let mut best = on_run(hypothesis.own())?;
     // Without a logged mechanical angle the run may begin in any electrical turn of the revolution.
@@ -188,21 +204,17 @@ fn finish(
     model: Model,
     parameters: Vec<f64>,
     free: Vec<usize>,
-    nuisance: Nuisance,
+    nuisances: Vec<Nuisance>,
 ) -> Hypothesis {
-    let mut out = Hypothesis { free, nuisance, ..Hypothesis::bare(model, parameters) };
+    let mut out = Hypothesis { free, nuisances, ..Hypothesis::bare(model, parameters) };
     let experiment = data.whole(&out);
     let residual = experiment.residual(&out.parameters);
-    let squares = experiment.mean_squares(&residual);
-    let n = data.signals.len();
-    let samples = squares
-        .iter()
-        .enumerate()
-        .map(|(c, (_, size))| energy_samples(&residual.as_slice()[c * n..(c + 1) * n]) / *size as f64)
-        .collect();
-    let squares = experiment.channels.iter().zip(squares).map(|((c, _), (s, _))| (*c, s)).collect();
+    let judged = experiment.mean_squares(&residual, energy_samples);
+    let channels = experiment.blocks().into_iter().map(|block| block.channel);
+    let squares = channels.zip(&judged).map(|(c, (square, _))| (c, *square)).collect();
+    let samples = judged.iter().map(|(_, samples)| *samples).collect();
     (out.squares, out.samples) = (squares, samples);
-    out.chance = data.floors.iter().map(Floor::chance).collect();
+    out.chance = data.runs().iter().flat_map(|run| run.floors.iter().map(Floor::chance)).collect();
     out
 }
 
@@ -223,7 +235,7 @@ fn energy_samples(residual: &[f64]) -> f64 {
 
 /// Free model parameters: electrical, mechanical, and those of sensors.
 pub fn free_parameters(data: &Data, model: &Model) -> (Vec<usize>, Vec<usize>, Vec<usize>) {
-    let wanted = |p: &BaseParameter| start::needed(&data.signals, *p);
+    let wanted = |p: &BaseParameter| data.needs(*p);
     let mut electrical: Vec<usize> =
         BaseParameter::ELECTRICAL.iter().filter(|p| wanted(p)).map(|p| p.index()).collect();
     if !data.has(true) {

@@ -66,27 +66,61 @@ pub struct Located {
     pub trend: Option<String>,
     /// Probability of so much excess by chance.
     pub p_value: f64,
+    /// The recordings that show it, counted from one, where not all of several do.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub recordings: Vec<usize>,
 }
 
-/// Lists where `base` leaves more than the floors, largest share first.
+/// Lists where `base` leaves more than the floors, largest share first. Of several recordings the one that shows most of a
+/// channel's excess is looked at, and said where others show none.
 pub fn locate(data: &Data, base: &Hypothesis) -> Vec<Located> {
     let experiment = data.whole(base);
     let residual = experiment.residual(&base.parameters);
-    let n = data.signals.len();
+    let blocks = experiment.blocks();
     let excess: Vec<f64> = base.squares.iter().map(|(_, s)| (s - 1.0).max(0.0)).collect();
     let total: f64 = excess.iter().sum();
-    let mut out: Vec<Located> = base
-        .squares
+    let mut out: Vec<Located> = experiment
+        .channels()
         .iter()
-        .enumerate()
-        .filter(|(c, _)| excess[*c] > LISTED)
-        .map(|(c, (channel, _))| {
-            let part = &residual.as_slice()[c * n..(c + 1) * n];
-            describe(data, *channel, part, excess[c], excess[c] / total)
+        .filter_map(|channel| {
+            let own: Vec<usize> = (0..blocks.len()).filter(|b| blocks[*b].channel == *channel).collect();
+            let shown: Vec<usize> = own.iter().copied().filter(|b| excess[*b] > LISTED).collect();
+            let most = *shown.iter().rev().max_by(|a, b| excess[**a].total_cmp(&excess[**b]))?;
+            let part = &residual.as_slice()[blocks[most].rows.clone()];
+            let share = own.iter().map(|b| excess[*b]).sum::<f64>() / total;
+            let runs: Vec<usize> = shown.iter().map(|b| blocks[*b].run + 1).collect();
+            let recordings = if shown.len() < own.len() { runs } else { Vec::new() };
+            let several = own.len() > 1;
+            let run = blocks[most].run;
+            let mut at = describe(&data.runs()[run], *channel, part, excess[most], share);
+            if several {
+                at.sentence = at.sentence.replacen(
+                    &format!(" in {}", channel.name()),
+                    &format!(" in {}{}", channel.name(), where_words(run + 1, &recordings)),
+                    1,
+                );
+            }
+            at.recordings = recordings;
+            Some(at)
         })
         .collect();
     out.sort_by(|a, b| b.share.total_cmp(&a.share));
     out
+}
+
+/// Which of several recordings a place is described for, and whether others show it.
+fn where_words(run: usize, only: &[usize]) -> String {
+    match only {
+        [] => format!(" of recording {run}, less in the others"),
+        [one] => format!(" of recording {one} alone"),
+        _ => format!(" of recording {run}, the most of recordings {}", listed(only)),
+    }
+}
+
+fn listed(numbers: &[usize]) -> String {
+    let words: Vec<String> = numbers.iter().map(usize::to_string).collect();
+    let (last, rest) = words.split_last().expect("some recordings");
+    if rest.is_empty() { last.clone() } else { format!("{} and {last}", rest.join(", ")) }
 }
 
 /// Name of the equation to which a channel belongs.
@@ -120,6 +154,7 @@ fn describe(data: &Data, channel: Channel, residual: &[f64], excess: f64, share:
         frequency_hz: frequency,
         trend,
         p_value: chance(residual),
+        recordings: Vec::new(),
     };
     located.sentence = sentence(&located, channel, excess);
     located

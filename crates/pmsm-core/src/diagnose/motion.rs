@@ -4,14 +4,14 @@
 use super::data::{Data, SETTINGS};
 use crate::colour::Colour;
 use crate::error::Result;
-use crate::experiment::{Channel, Experiment, Fitted};
+use crate::experiment::{Channel, Fitted, Joint, split};
 use crate::least_squares::{Settings, Status};
 use crate::load_steps;
 use crate::machine::BaseParameter;
 use crate::model::Model;
 use crate::monitor::Monitor;
 use crate::recording::Load;
-use crate::simulate::mechanical::{self, Nuisance};
+use crate::simulate::mechanical::Nuisance;
 use nalgebra::{DMatrix, DVector};
 
 /// Excess mean square of the speed from which a missing load step is looked for.
@@ -28,17 +28,17 @@ const ROUGH: Settings = Settings { max_iterations: 5, ..SETTINGS };
 
 /// A fitted equation of motion.
 pub struct Motion {
-    /// Model parameters followed by those of the nuisance.
+    /// Model parameters followed by those of each recording's nuisance.
     pub parameters: Vec<f64>,
     /// Which of them were fitted.
     pub free: Vec<usize>,
-    /// Shape of the unknown load.
-    pub nuisance: Nuisance,
-    /// Mean square of the residual over the floor's.
-    square: f64,
+    /// What each recording leaves open: the shape of its unknown load.
+    pub nuisances: Vec<Nuisance>,
+    /// Mean square of the residual over the floor's, in each recording.
+    squares: Vec<f64>,
 }
 
-/// Unknown load and initial values at some stage of the fit.
+/// Unknown load and initial values of one recording at some stage of the fit.
 #[derive(Clone)]
 struct State {
     levels: Vec<f64>,
@@ -46,7 +46,7 @@ struct State {
     deviations: Vec<f64>,
 }
 
-/// Fits the mechanical parameters `rotor` of `model`, starting from `start`, and whatever the run leaves open.
+/// Fits the mechanical parameters `rotor` of `model`, starting from `start`, and whatever each recording leaves open.
 ///
 /// # Errors
 /// Those of the least-squares fit.
@@ -58,31 +58,38 @@ pub fn fit(
     monitor: &dyn Monitor,
 ) -> Result<Motion> {
     let own = &start[..model.parameter_count()];
-    let torque = mechanical::torque(model, &data.signals, own);
-    let piecewise = data.signals.load == Load::UnknownPiecewise;
-    let steps =
-        if piecewise { load_steps::find(model, &data.signals, own, &torque, rotor) } else { Vec::new() };
-    let unknown = piecewise || data.signals.load == Load::UnknownConstant;
-    let level = if unknown { start_level(data, &torque, own) } else { 0.0 };
-    let state = State {
-        levels: vec![level; if unknown { steps.len() + 1 } else { 0 }],
-        steps,
-        deviations: vec![0.0; model.mechanical_states()],
-    };
-    let mut best = settle(data, model, own, state, rotor, &torque, monitor)?;
-    for _ in 0..ADDED {
-        if !piecewise || best.square < 1.0 + MISSING || monitor.cancelled() {
-            break;
+    let torque = data.torque(model, own);
+    let begin =
+        |(run, part): (usize, &Data)| State::start(part, model, own, rotor, &torque[data.samples_of(run)]);
+    let states = data.runs().iter().enumerate().map(begin).collect();
+    let mut best = settle(data, model, own, states, rotor, &torque, monitor)?;
+    for (run, part) in data.runs().iter().enumerate() {
+        if part.signals.load != Load::UnknownPiecewise || !part.has(false) {
+            continue;
         }
-        let Some(state) = with_missing_step(data, model, &best, &torque) else { break };
-        let own = &best.parameters[..model.parameter_count()];
-        let more = settle(data, model, own, state, rotor, &torque, monitor)?;
-        if more.square > IMPROVEMENT * best.square {
-            break;
+        for _ in 0..ADDED {
+            if best.squares[run] < 1.0 + MISSING || monitor.cancelled() {
+                break;
+            }
+            let mut states = best.states(model.parameter_count());
+            let own = &best.parameters[..model.parameter_count()];
+            let samples = &torque[data.samples_of(run)];
+            let Some(state) = with_missing_step(part, model, own, &states[run], samples) else { break };
+            states[run] = state;
+            let more = settle(data, model, own, states, rotor, &torque, monitor)?;
+            if more.squares[run] > IMPROVEMENT * best.squares[run] {
+                break;
+            }
+            best = more;
         }
-        best = more;
     }
     Ok(best)
+}
+
+impl Motion {
+    fn states(&self, count: usize) -> Vec<State> {
+        split(&self.nuisances, &self.parameters[count..]).map(|(n, own)| State::of(own, n)).collect()
+    }
 }
 
 /// Lag-one correlation within windows from which a fitted speed is fitted once more with whitened residuals.
@@ -99,35 +106,34 @@ pub fn whitened(
     data: &Data,
     model: &Model,
     fitted: &[f64],
-    nuisance: Nuisance,
+    nuisances: &[Nuisance],
     rotor: &[usize],
     monitor: &dyn Monitor,
 ) -> Result<Option<Vec<f64>>> {
     let count = model.parameter_count();
-    let torque = mechanical::torque(model, &data.signals, &fitted[..count]);
+    let torque = data.torque(model, &fitted[..count]);
     let mut free = rotor.to_vec();
     free.extend(count..fitted.len());
     let mut best = None;
     for _ in 0..if rotor.is_empty() { 0 } else { ROUNDS } {
-        let mut experiment = experiment(data, model, nuisance, &torque);
+        let experiment = experiment(data, model, nuisances, &torque);
         let from = best.as_deref().unwrap_or(fitted);
         let residual = experiment.residual(from);
-        experiment.colour =
-            Colour::of(residual.as_slice(), experiment.windows).filter(|c| c.lag_one() >= COLOURED);
-        if experiment.colour.is_none() || monitor.cancelled() {
-            break;
-        }
+        let coloured = experiment.coloured(&residual, |run, rows| {
+            Colour::of(rows, run.windows).filter(|c| c.lag_one() >= COLOURED)
+        });
+        let Some(experiment) = coloured.filter(|_| !monitor.cancelled()) else { break };
         best = Some(experiment.fit(from, &free, &SETTINGS, monitor)?.parameters);
     }
     Ok(best)
 }
 
-/// Fits from one state, pruning load steps until all that are left pay.
+/// Fits from given states, pruning load steps until all that are left pay.
 fn settle(
     data: &Data,
     model: &Model,
     own: &[f64],
-    mut state: State,
+    mut states: Vec<State>,
     rotor: &[usize],
     torque: &[f64],
     monitor: &dyn Monitor,
@@ -135,64 +141,111 @@ fn settle(
     let count = model.parameter_count();
     let mut parameters = own.to_vec();
     loop {
-        let initial = state.deviations.len();
-        let nuisance = Nuisance { levels: state.levels.len(), initial };
+        let nuisances: Vec<Nuisance> = states.iter().map(State::nuisance).collect();
         parameters.truncate(count);
-        parameters.extend(state.levels.iter().chain(&state.steps).chain(&state.deviations));
+        parameters.extend(states.iter().flat_map(State::values));
         let mut free = rotor.to_vec();
         free.extend(count..parameters.len());
-        let experiment = experiment(data, model, nuisance, torque);
+        let experiment = experiment(data, model, &nuisances, torque);
         if free.is_empty() {
-            let square = mean_square(&experiment, &parameters);
-            return Ok(Motion { parameters, free, nuisance, square });
+            let squares = mean_squares(&experiment, &parameters);
+            return Ok(Motion { parameters, free, nuisances, squares });
         }
+        let worthwhile = |fitted: &Fitted| -> Vec<Vec<usize>> {
+            (0..nuisances.len()).map(|run| worthwhile_steps(&experiment, fitted, run)).collect()
+        };
+        let all_pay = |keep: &[Vec<usize>]| keep.iter().zip(&nuisances).all(|(k, n)| k.len() == n.steps());
         // Steps that do not pay hardly move the cost and are long in settling: they go before the fit is finished.
         let mut fitted = experiment.fit(&parameters, &free, &ROUGH, monitor)?;
-        let mut keep = worthwhile_steps(&experiment, &fitted, nuisance, count);
-        if keep.len() == nuisance.steps() && fitted.fit.status == Status::IterationLimit {
+        let mut keep = worthwhile(&fitted);
+        if all_pay(&keep) && fitted.fit.status == Status::IterationLimit {
             fitted = experiment.fit(&fitted.parameters, &free, &SETTINGS, monitor)?;
-            keep = worthwhile_steps(&experiment, &fitted, nuisance, count);
+            keep = worthwhile(&fitted);
         }
         parameters = fitted.parameters;
-        if keep.len() == nuisance.steps() || monitor.cancelled() {
-            let square = mean_square(&experiment, &parameters);
-            return Ok(Motion { parameters, free, nuisance, square });
+        if all_pay(&keep) || monitor.cancelled() {
+            let squares = mean_squares(&experiment, &parameters);
+            return Ok(Motion { parameters, free, nuisances, squares });
         }
         // What is left starts from where it was.
-        let fresh = State::of(&parameters, count, nuisance);
-        state = State {
-            levels: std::iter::once(0).chain(keep.iter().map(|k| k + 1)).map(|k| fresh.levels[k]).collect(),
-            steps: keep.iter().map(|k| fresh.steps[*k]).collect(),
-            deviations: fresh.deviations,
-        };
+        let fresh = split(&nuisances, &parameters[count..]).map(|(n, own)| State::of(own, n));
+        states = fresh.zip(&keep).map(|(state, keep)| state.with_steps(keep)).collect();
     }
 }
 
 impl State {
-    fn of(parameters: &[f64], count: usize, nuisance: Nuisance) -> Self {
-        let (levels, rest) = parameters[count..].split_at(nuisance.levels);
+    /// Where the fit of one recording begins.
+    fn start(data: &Data, model: &Model, own: &[f64], rotor: &[usize], torque: &[f64]) -> Self {
+        if !data.has(false) {
+            return Self { levels: Vec::new(), steps: Vec::new(), deviations: Vec::new() };
+        }
+        let piecewise = data.signals.load == Load::UnknownPiecewise;
+        let steps =
+            if piecewise { load_steps::find(model, &data.signals, own, torque, rotor) } else { Vec::new() };
+        let unknown = piecewise || data.signals.load == Load::UnknownConstant;
+        let level = if unknown { start_level(data, torque, own) } else { 0.0 };
+        Self {
+            levels: vec![level; if unknown { steps.len() + 1 } else { 0 }],
+            steps,
+            deviations: vec![0.0; model.mechanical_states()],
+        }
+    }
+
+    /// From the nuisance's part of the parameters.
+    fn of(own: &[f64], nuisance: Nuisance) -> Self {
+        let (levels, rest) = own.split_at(nuisance.levels);
         let (steps, deviations) = rest.split_at(nuisance.steps());
         Self { levels: levels.to_vec(), steps: steps.to_vec(), deviations: deviations.to_vec() }
     }
+
+    fn nuisance(&self) -> Nuisance {
+        Nuisance { levels: self.levels.len(), initial: self.deviations.len() }
+    }
+
+    /// The nuisance's part of the parameters.
+    fn values(&self) -> Vec<f64> {
+        [&self.levels[..], &self.steps, &self.deviations].concat()
+    }
+
+    /// The same with some of its steps only.
+    fn with_steps(self, keep: &[usize]) -> Self {
+        if self.levels.is_empty() {
+            return self;
+        }
+        Self {
+            levels: std::iter::once(0).chain(keep.iter().map(|k| k + 1)).map(|k| self.levels[k]).collect(),
+            steps: keep.iter().map(|k| self.steps[*k]).collect(),
+            deviations: self.deviations,
+        }
+    }
 }
 
-fn experiment<'a>(data: &'a Data, model: &'a Model, nuisance: Nuisance, torque: &'a [f64]) -> Experiment<'a> {
-    let mut experiment = data.experiment(model, nuisance, data.channels(false, true));
-    experiment.torque = Some(torque);
-    experiment
+fn experiment<'a>(data: &'a Data, model: &'a Model, nuisances: &[Nuisance], torque: &'a [f64]) -> Joint<'a> {
+    data.experiment(model, nuisances, data.channels(false, true)).with_torque(torque)
 }
 
-fn mean_square(experiment: &Experiment, parameters: &[f64]) -> f64 {
+/// Mean square of the speed's residual in each recording; one where it does not show the motion.
+fn mean_squares(experiment: &Joint, parameters: &[f64]) -> Vec<f64> {
     let rms = experiment.relative_rms(&experiment.residual(parameters));
-    let at = experiment.channels.iter().position(|(c, _)| *c == Channel::OmegaE);
-    at.map_or(1.0, |at| rms[at] * rms[at])
+    let mut squares = vec![1.0; experiment.runs().len()];
+    for (block, rms) in experiment.blocks().iter().zip(rms) {
+        if block.channel == Channel::OmegaE {
+            squares[block.run] = rms * rms;
+        }
+    }
+    squares
 }
 
 /// The fitted load with one more step, at the instant where one explains most of what the simulation leaves. The
 /// response to a step is the simulation's own: the derivative with respect to all load levels behind it.
-fn with_missing_step(data: &Data, model: &Model, fitted: &Motion, torque: &[f64]) -> Option<State> {
+fn with_missing_step(
+    data: &Data,
+    model: &Model,
+    own: &[f64],
+    state: &State,
+    torque: &[f64],
+) -> Option<State> {
     let count = model.parameter_count();
-    let state = State::of(&fitted.parameters, count, fitted.nuisance);
     let duration = data.signals.context.duration;
     let spacing = duration / (TRIED + 1) as f64;
     let tried: Vec<f64> = (1..=TRIED)
@@ -206,10 +259,10 @@ fn with_missing_step(data: &Data, model: &Model, fitted: &Motion, torque: &[f64]
     let levels: Vec<f64> =
         std::iter::once(state.levels[0]).chain(steps.iter().map(|s| state.levels[segment(*s)])).collect();
     let nuisance = Nuisance { levels: levels.len(), initial: state.deviations.len() };
-    let mut parameters = fitted.parameters[..count].to_vec();
+    let mut parameters = own.to_vec();
     parameters.extend(levels.iter().chain(&steps).chain(&state.deviations));
     let free: Vec<usize> = (count..count + levels.len()).collect();
-    let linear = experiment(data, model, nuisance, torque).linearise(&parameters, &free);
+    let linear = experiment(data, model, &[nuisance], torque).linearise(&parameters, &free);
     let mut responses: Vec<DVector<f64>> = Vec::with_capacity(steps.len());
     let mut sum = DVector::zeros(linear.residual.len());
     for column in (1..levels.len()).rev() {
@@ -271,14 +324,17 @@ fn start_level(data: &Data, torque: &[f64], own: &[f64]) -> f64 {
 const STEP_SHARE: f64 = 0.003;
 const STEP_SIGNIFICANCE: f64 = 25.0;
 
-/// Numbers of the steps of a fitted load that pay for themselves: the weakest is taken away as long as it does not, by
+/// Numbers of the steps of the fitted load of recording `run` that pay for themselves: the weakest is taken away as long as it does not, by
 /// what equal levels on either side would cost to second order (Wald).
-fn worthwhile_steps(experiment: &Experiment, fitted: &Fitted, nuisance: Nuisance, own: usize) -> Vec<usize> {
+fn worthwhile_steps(experiment: &Joint, fitted: &Fitted, run: usize) -> Vec<usize> {
+    let (nuisance, own) = (experiment.runs()[run].nuisance, experiment.nuisance(run).start);
     let mut kept: Vec<usize> = (0..nuisance.steps()).collect();
     if kept.is_empty() {
         return kept;
     }
     let residual = experiment.residual(&fitted.parameters);
+    let rows = experiment.rows(run, Channel::OmegaE).expect("a load shows in the speed");
+    let residual = DVector::from_column_slice(&residual.as_slice()[rows]);
     let n = residual.len() as f64;
     let colour = n / load_steps::effective_samples(residual.as_slice());
     let unit = (residual.norm_squared() / n).max(1.0) * colour.max(1.0);

@@ -9,7 +9,6 @@ use crate::effect::Role;
 use crate::effects::EffectId;
 use crate::least_squares;
 use crate::machine::BaseParameter;
-use crate::start;
 use crate::uncertainty;
 use nalgebra::DMatrix;
 use std::collections::BTreeMap;
@@ -57,7 +56,7 @@ impl<'a> Outputs<'a> {
         let experiment = data.whole(hypothesis);
         let linear = experiment.linearise(&hypothesis.parameters, &hypothesis.free);
         let n = data.signals.len();
-        let speed = experiment.channels.iter().position(|(c, _)| !c.is_electrical());
+        let speed = experiment.channels().iter().position(|c| !c.is_electrical());
         let (first, second): (Vec<usize>, Vec<usize>) =
             (0..hypothesis.free.len()).partition(|k| experiment.is_electrical(hypothesis.free[*k]));
         let together = hypothesis.model.has_sensor() || first.is_empty() || second.is_empty();
@@ -133,20 +132,27 @@ impl<'a> Outputs<'a> {
         }
     }
 
-    /// Base parameters by name, an unknown load with them: `tau_load`, or its levels and instants.
+    /// Base parameters by name, an unknown load with them: `tau_load`, or its levels and instants; `_of_2` is that of the second
+    /// recording.
     pub fn base(&self) -> BTreeMap<String, Estimate> {
-        let own = self.hypothesis.own().len();
-        let nuisance = self.hypothesis.nuisance;
-        let levels = (0..nuisance.levels).map(|k| match nuisance.levels {
-            1 => ("tau_load".to_string(), own, "N m"),
-            _ => (format!("tau_load_{}", k + 1), own + k, "N m"),
-        });
-        let instants =
-            (0..nuisance.steps()).map(|k| (format!("t_load_{}", k + 1), own + nuisance.levels + k, "s"));
-        let load = levels.chain(instants).map(|(name, index, unit)| {
-            let value = self.hypothesis.parameters[index];
-            (name, estimate(value, self.variance_of(index, index), unit, None))
-        });
+        let mut load = Vec::new();
+        let mut first = self.hypothesis.own().len();
+        let nuisances = &self.hypothesis.nuisances;
+        for (run, nuisance) in nuisances.iter().enumerate() {
+            let of = if nuisances.len() > 1 { format!("_of_{}", run + 1) } else { String::new() };
+            let mut push = |name: String, index: usize, unit: &str| {
+                let value = self.hypothesis.parameters[index];
+                load.push((name, estimate(value, self.variance_of(index, index), unit, None)));
+            };
+            for k in 0..nuisance.levels {
+                let number = if nuisance.levels > 1 { format!("_{}", k + 1) } else { String::new() };
+                push(format!("tau_load{number}{of}"), first + k, "N m");
+            }
+            for k in 0..nuisance.steps() {
+                push(format!("t_load_{}{of}", k + 1), first + nuisance.levels + k, "s");
+            }
+            first += nuisance.parameter_count();
+        }
         let base = self.base_parameters();
         base.into_iter().chain(load).collect()
     }
@@ -154,7 +160,7 @@ impl<'a> Outputs<'a> {
     fn base_parameters(&self) -> BTreeMap<String, Estimate> {
         BaseParameter::ALL
             .iter()
-            .filter(|p| start::needed(&self.data.signals, **p))
+            .filter(|p| self.data.needs(**p))
             .map(|p| {
                 let index = p.index();
                 let value = self.hypothesis.parameters[index];

@@ -19,7 +19,7 @@ use super::shortlist::{Scorer, freed, orthonormal, solve};
 use super::verdict::{INDISTINGUISHABLE, LEAST_GAIN, MISMATCH, PRICE};
 use crate::effect::Role;
 use crate::effects::EffectId;
-use crate::experiment::Channel;
+use crate::experiment::{Block, Channel};
 use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
 use nalgebra::{DMatrix, DVector};
@@ -121,7 +121,7 @@ pub fn times(x: f64) -> String {
 }
 
 /// Power below which an effect is listed as one that the recording would not show.
-const EVEN: f64 = 0.5;
+pub const EVEN: f64 = 0.5;
 
 /// Effects that would probably be missed at their typical strength, and those that could not be asked for, least power first.
 pub fn cannot_see(outcome: &Outcome) -> Vec<Unseen> {
@@ -148,7 +148,7 @@ struct Found {
 /// What everybody's judgement rests on.
 struct Survey<'a> {
     scorer: Scorer<'a>,
-    data: &'a Data,
+    blocks: Vec<Block>,
     best: &'a Hypothesis,
     worth: &'a [f64],
     poor: bool,
@@ -172,7 +172,8 @@ pub fn survey(
     let jacobian = scorer.experiment().linearise(&best.parameters, &best.free).jacobian;
     let basis = orthonormal(&jacobian);
     let found = best.effects().into_iter().map(|effect| trace(&scorer, best, effect, &jacobian)).collect();
-    let survey = Survey { scorer, data, best, worth, poor, jacobian, basis, found };
+    let blocks = scorer.experiment().blocks();
+    let survey = Survey { scorer, blocks, best, worth, poor, jacobian, basis, found };
     let judged: Vec<Option<Shown>> = absent
         .par_iter()
         .map(|effect| if monitor.cancelled() { None } else { survey.judge(*effect) })
@@ -207,7 +208,6 @@ impl Survey<'_> {
             amplitudes.len(),
             amplitudes.iter().map(|k| (parameters[*k].typical)(context)),
         );
-        let channels = self.scorer.experiment().channels;
         let probes = effect.probes(context);
         let mut likeness: Vec<(EffectId, f64, f64)> =
             self.found.iter().map(|f| (f.effect, 0.0, f64::INFINITY)).collect();
@@ -254,17 +254,19 @@ impl Survey<'_> {
             size: (before.sqrt(), after.sqrt()),
             least,
             at_best,
-            channel: channels[at].0,
+            channel: self.blocks[at].channel,
             absorbed_by: self.absorbed_by(&whole),
             likeness,
         })
     }
 
-    /// Mean square per channel over the samples that count.
+    /// Mean square per channel of each recording over the samples that count.
     fn squares(&self, rows: &DVector<f64>) -> Vec<f64> {
-        let n = self.data.signals.len();
-        let counted = self.data.counted().max(1) as f64;
-        (0..rows.len() / n).map(|c| rows.rows(c * n, n).norm_squared() / counted).collect()
+        let square = |block: &Block| {
+            let own = rows.rows(block.rows.start, block.rows.len());
+            own.norm_squared() / block.counted.max(1) as f64
+        };
+        self.blocks.iter().map(square).collect()
     }
 
     fn power(&self, squares: &[f64], count: usize) -> f64 {
@@ -275,6 +277,9 @@ impl Survey<'_> {
             variance += worth * worth * square / (samples * total * total);
             share = share.max(worth / samples);
         }
+        // The misfit is a mean over recordings.
+        let runs = self.best.runs() as f64;
+        (gain, variance) = (gain / runs, variance / (runs * runs));
         let needed = LEAST_GAIN + PRICE * count as f64;
         let spread = (variance + 0.5 * count as f64 * share).sqrt();
         let power = upper_tail((needed - gain) / spread.max(f64::MIN_POSITIVE));
@@ -293,8 +298,9 @@ impl Survey<'_> {
         let step = DVector::from_fn(step.len(), |k, _| step[k].clamp(bounds[k].0, bounds[k].1));
         let rest = &found.trace - &free * step;
         let cosine = (1.0 - rest.norm_squared() / whole).max(0.0).sqrt();
-        let nats = self.squares(&rest).iter().zip(self.worth).map(|(s, w)| 0.5 * w * (1.0 + s).ln()).sum();
-        (cosine, nats)
+        let nats: f64 =
+            self.squares(&rest).iter().zip(self.worth).map(|(s, w)| 0.5 * w * (1.0 + s).ln()).sum();
+        (cosine, nats / self.best.runs() as f64)
     }
 
     /// The fitted parameters without which much less of `whole` would be absorbed: for the least-squares coefficients x

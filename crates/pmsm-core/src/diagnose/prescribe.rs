@@ -227,8 +227,9 @@ fn pin_down(
             format!("{}, known {} here, would be known {}", p.name(), percent(*before), percent(*after))
         })
         .collect();
+    let these = if data.parts.is_empty() { "This recording does" } else { "These recordings do" };
     Ok(Some(format!(
-        "This recording does not pin down {}: {}{}, and {}.",
+        "{these} not pin down {}: {}{}, and {}.",
         weak.join(", "),
         candidate.words,
         bench.load_words(),

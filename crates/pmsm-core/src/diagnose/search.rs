@@ -5,7 +5,7 @@ use super::data::Data;
 use super::hypothesis::{self, Hypothesis};
 use super::power::{self, Shown};
 use super::shortlist::{Prospect, Scorer};
-use super::verdict::{Judged, LEAST_GAIN, MISMATCH, NESTED_GAIN, PROGRESS, Scale};
+use super::verdict::{self, Judged, LEAST_GAIN, MISMATCH, NESTED_GAIN, PROGRESS, Scale};
 use crate::effect::{Need, Site};
 use crate::effects::{self, EffectId};
 use crate::error::Result;
@@ -40,6 +40,8 @@ pub struct Search<'a> {
     pub data: &'a Data,
     /// Recordings that are not used for fitting.
     pub held_out: Vec<&'a Data>,
+    /// Recordings that can only refute a model, with the bare machine on them.
+    pub refuting: Vec<(&'a Data, Hypothesis)>,
     /// Most effects in one model.
     pub most: usize,
     /// Asked whether to go on.
@@ -146,12 +148,16 @@ impl Search<'_> {
         Ok(Outcome { base, singles, best, swaps, unfit, shown, scale, path })
     }
 
-    /// Transfers a fitted hypothesis to the held-out run.
+    /// Transfers a fitted hypothesis to the held-out runs.
     fn judge(&self, fitted: Hypothesis) -> Result<Judged> {
-        let held_out: Result<Vec<Hypothesis>> =
-            self.held_out.iter().map(|data| hypothesis::transfer(data, &fitted, self.monitor)).collect();
+        let on = |data: &Data| hypothesis::transfer(data, &fitted, self.monitor);
+        let held_out: Result<Vec<Hypothesis>> = self.held_out.iter().map(|data| on(data)).collect();
         let held_out = held_out?;
-        Ok(Judged { fitted, held_out })
+        let mut refuted = false;
+        for (data, bare) in &self.refuting {
+            refuted |= !fitted.effects().is_empty() && verdict::refutes(&on(data)?, bare);
+        }
+        Ok(Judged { fitted, held_out, refuted })
     }
 
     /// Effects that the recording can be asked about, and the others with the reason.
@@ -166,48 +172,16 @@ impl Search<'_> {
         (able, unfit)
     }
 
+    /// Why the recordings cannot be asked about an effect: none of them shows it, or one of them would need a signal that it does
+    /// not hold.
     fn obstacle(&self, effect: EffectId) -> Option<String> {
-        let (signals, info) = (&self.data.signals, effect.info());
-        let turning = signals.context.omega_e_max > 1.0;
-        match (info.site, signals.kind) {
-            (Site::Electrical | Site::Sensor, Kind::Mechanical) => {
-                return Some("the recording has no voltages".into());
-            }
-            (Site::Mechanical, Kind::Electrical | Kind::OperatingPoints | Kind::OpenCircuit) => {
-                return Some("the recording does not show the motion".into());
-            }
-            (Site::Sensor, Kind::OpenCircuit) if signals.angle_from_voltages => {
-                return Some("the rotor angle was taken from the voltages themselves".into());
-            }
-            (Site::Mechanical, _) if signals.load == Load::Locked => return Some("the rotor is held".into()),
-            _ => {}
+        let runs = self.data.runs();
+        let hidden: Vec<Option<String>> = runs.iter().map(|run| hidden(run, effect)).collect();
+        if hidden.iter().all(Option::is_some) {
+            return hidden.into_iter().next().flatten();
         }
-        for need in info.needs {
-            match need {
-                Need::AngleOrSteady if !signals.angle_known && signals.kind != Kind::OperatingPoints => {
-                    return Some("the rotor angle was not recorded".into());
-                }
-                Need::Angle if !signals.angle_known => {
-                    return Some("the rotor angle was not recorded".into());
-                }
-                Need::Transients if signals.kind == Kind::OperatingPoints => {
-                    return Some("operating points do not show what happens within a revolution".into());
-                }
-                Need::Time
-                    if signals.kind == Kind::OperatingPoints
-                        && signals.heating.is_none()
-                        && signals.magnet_heating.is_none() =>
-                {
-                    return Some("no temperature was recorded".into());
-                }
-                Need::Motion if !turning => return Some("the rotor does not turn".into()),
-                Need::Current if signals.kind == Kind::OpenCircuit => {
-                    return Some("no current flows through open terminals".into());
-                }
-                _ => {}
-            }
-        }
-        None
+        let lacking = runs.iter().enumerate().find_map(|(at, run)| Some((at, lacking(run, effect)?)));
+        lacking.map(|(at, why)| if runs.len() == 1 { why } else { format!("{why} in recording {}", at + 1) })
     }
 
     /// Scores `candidates` on top of `parent` and refits the `most` best, in parallel. Those whose score tells little are
@@ -457,4 +431,49 @@ fn is_set(a: &[EffectId], b: &[EffectId]) -> bool {
 /// Whether `set` is `parent` with `added`.
 fn same(set: &[EffectId], parent: &[EffectId], added: EffectId) -> bool {
     set.len() == parent.len() + 1 && set.contains(&added) && parent.iter().all(|e| set.contains(e))
+}
+
+/// Why a recording by itself shows nothing of an effect, if so.
+fn hidden(data: &Data, effect: EffectId) -> Option<String> {
+    let (signals, info) = (&data.signals, effect.info());
+    match (info.site, signals.kind) {
+        (Site::Electrical | Site::Sensor, Kind::Mechanical) => {
+            return Some("the recording has no voltages".into());
+        }
+        (Site::Mechanical, Kind::Electrical | Kind::OperatingPoints | Kind::OpenCircuit) => {
+            return Some("the recording does not show the motion".into());
+        }
+        (Site::Sensor, Kind::OpenCircuit) if signals.angle_from_voltages => {
+            return Some("the rotor angle was taken from the voltages themselves".into());
+        }
+        (Site::Mechanical, _) if signals.load == Load::Locked => return Some("the rotor is held".into()),
+        _ => {}
+    }
+    let turning = signals.context.omega_e_max > 1.0;
+    info.needs.iter().find_map(|need| match need {
+        Need::Motion if !turning => Some("the rotor does not turn".to_string()),
+        Need::Current if signals.kind == Kind::OpenCircuit => {
+            Some("no current flows through open terminals".to_string())
+        }
+        _ => None,
+    })
+}
+
+/// What a recording lacks for an effect to be simulated on it, if anything.
+fn lacking(data: &Data, effect: EffectId) -> Option<String> {
+    let signals = &data.signals;
+    let steady = signals.kind == Kind::OperatingPoints;
+    effect.info().needs.iter().find_map(|need| match need {
+        Need::AngleOrSteady if !signals.angle_known && !steady => {
+            Some("the rotor angle was not recorded".to_string())
+        }
+        Need::Angle if !signals.angle_known => Some("the rotor angle was not recorded".to_string()),
+        Need::Transients if steady => {
+            Some("operating points do not show what happens within a revolution".to_string())
+        }
+        Need::Time if steady && signals.heating.is_none() && signals.magnet_heating.is_none() => {
+            Some("no temperature was recorded".to_string())
+        }
+        _ => None,
+    })
 }

@@ -5,14 +5,13 @@
 //! Channels are weighed by what is left in them, so that a large misfit in one does not hide a small one in another.
 
 use super::data::Data;
-use super::hypothesis::Hypothesis;
+use super::hypothesis::{Hypothesis, rescaled};
 use crate::effect::{Role, Site};
 use crate::effects::EffectId;
-use crate::experiment::{Channel, Experiment};
+use crate::experiment::{Channel, Channels, Joint, split};
 use crate::model::Model;
-use crate::simulate::mechanical::{self, Nuisance};
+use crate::simulate::mechanical::Nuisance;
 use nalgebra::{DMatrix, DVector};
-use std::borrow::Cow;
 
 /// A column keeps less than this share of its length when freed of the others: it is one of them.
 const DEPENDENT: f64 = 1e-5;
@@ -41,7 +40,10 @@ pub struct Scorer<'a> {
 
 /// Orthonormal basis of what fitted parameters can do, and the residual they leave.
 struct Projector {
-    channels: Vec<(Channel, f64)>,
+    /// Channels with what is left in them.
+    channels: Channels,
+    /// The channels in the order of the rows.
+    order: Vec<Channel>,
     /// Motor torque per sample (N·m), where what is scored does not change it.
     torque: Option<Vec<f64>>,
     /// Initial speeds of the windows, rad/s.
@@ -117,8 +119,8 @@ impl<'a> Scorer<'a> {
         let columns = self.columns(effect, probe, &self.amplitudes(effect), projector);
         let n = self.data.signals.len();
         let mut whole = DMatrix::zeros(self.whole.residual.len(), columns.ncols());
-        for (at, (channel, _)) in projector.channels.iter().enumerate() {
-            let place = self.whole.channels.iter().position(|(c, _)| c == channel);
+        for (at, channel) in projector.order.iter().enumerate() {
+            let place = self.whole.order.iter().position(|c| c == channel);
             if let Some(place) = place {
                 whole.rows_mut(place * n, n).copy_from(&columns.rows(at * n, n));
             }
@@ -127,11 +129,10 @@ impl<'a> Scorer<'a> {
     }
 
     /// The recording as it is scored: all channels in units of what is left in them, initial speeds as estimated.
-    pub fn experiment(&self) -> Experiment<'_> {
-        let mut experiment = self.data.whole(self.hypothesis);
-        experiment.channels.clone_from(&self.whole.channels);
-        experiment.starts = self.whole.starts.as_deref().map(Cow::Borrowed);
-        experiment
+    pub fn experiment(&self) -> Joint<'_> {
+        let Hypothesis { model, nuisances, .. } = self.hypothesis;
+        let experiment = self.data.experiment(model, nuisances, self.whole.channels.clone());
+        experiment.with_starts(self.whole.starts.as_deref())
     }
 
     fn projector(&self, effect: EffectId) -> &Projector {
@@ -158,30 +159,34 @@ impl<'a> Scorer<'a> {
         let mut parameters = own.to_vec();
         parameters
             .extend(probe.iter().enumerate().map(|(k, x)| if amplitudes.contains(&k) { 0.0 } else { *x }));
-        parameters.extend(&hypothesis.parameters[own.len()..]);
-        let nuisance = Nuisance { initial: model.mechanical_states(), ..hypothesis.nuisance };
-        parameters.extend(std::iter::repeat_n(0.0, nuisance.initial - hypothesis.nuisance.initial));
+        let initial = model.mechanical_states();
+        let mut nuisances = Vec::with_capacity(hypothesis.nuisances.len());
+        for (nuisance, left_open) in split(&hypothesis.nuisances, &hypothesis.parameters[own.len()..]) {
+            // A recording that does not show the motion leaves none of it open.
+            let initial = if self.data.runs()[nuisances.len()].has(false) { initial } else { 0 };
+            parameters.extend(left_open);
+            parameters.extend(std::iter::repeat_n(0.0, initial - nuisance.initial));
+            nuisances.push(Nuisance { initial, ..nuisance });
+        }
         let free: Vec<usize> = amplitudes.iter().map(|k| own.len() + k).collect();
-        let mut experiment = self.data.whole(hypothesis);
-        experiment.model = &model;
-        experiment.nuisance = nuisance;
-        experiment.channels.clone_from(&projector.channels);
-        experiment.torque = projector.torque.as_deref();
-        experiment.starts = projector.starts.as_deref().map(Cow::Borrowed);
-        experiment.linearise(&parameters, &free).jacobian
+        let experiment = self.data.experiment(&model, &nuisances, projector.channels.clone());
+        let experiment = experiment.with_starts(projector.starts.as_deref());
+        match &projector.torque {
+            Some(torque) => experiment.with_torque(torque).linearise(&parameters, &free).jacobian,
+            None => experiment.linearise(&parameters, &free).jacobian,
+        }
     }
 }
 
 impl Projector {
     fn new(data: &Data, hypothesis: &Hypothesis, rotor_only: bool) -> Self {
-        let channels: Vec<(Channel, f64)> = data
-            .floors
-            .iter()
-            .filter(|f| !(rotor_only && f.channel.is_electrical()))
-            .map(|f| (f.channel, f.total() * hypothesis.square(f.channel).max(1.0).sqrt()))
-            .collect();
-        let mut experiment = data.whole(hypothesis);
-        experiment.channels.clone_from(&channels);
+        let left = hypothesis.squares.iter().map(|(_, s)| s.max(1.0).sqrt());
+        let mut channels = rescaled(data.channels(true, true), left);
+        for run in &mut channels {
+            run.retain(|(c, _)| !(rotor_only && c.is_electrical()));
+        }
+        let experiment = data.experiment(&hypothesis.model, &hypothesis.nuisances, channels.clone());
+        let order = experiment.channels().to_vec();
         let fitted: Vec<usize> = hypothesis
             .free
             .iter()
@@ -189,15 +194,12 @@ impl Projector {
             .filter(|k| !(rotor_only && experiment.is_electrical(*k)))
             .collect();
         let starts = experiment.estimated_starts(&hypothesis.parameters);
-        experiment.starts = starts.as_deref().map(Cow::Borrowed);
+        let experiment = experiment.with_starts(starts.as_deref());
         let linear = experiment.linearise(&hypothesis.parameters, &fitted);
         let basis = orthonormal(&linear.jacobian);
         let residual = &linear.residual - &basis * basis.tr_mul(&linear.residual);
-        let torque = rotor_only.then(|| {
-            let (model, own) = (&hypothesis.model, hypothesis.own());
-            mechanical::torque(model, &data.signals, own)
-        });
-        Self { channels, torque, starts, basis, residual }
+        let torque = rotor_only.then(|| data.torque(&hypothesis.model, hypothesis.own()));
+        Self { channels, order, torque, starts, basis, residual }
     }
 
     /// `columns` freed of the basis, and their lengths before.
@@ -208,7 +210,7 @@ impl Projector {
 
     /// Mean square of what is left in the channels: from units of the residual to units of the floor.
     fn scale(&self) -> f64 {
-        let rows = self.residual.len() / self.channels.len().max(1);
+        let rows = self.residual.len() / self.order.len().max(1);
         (self.residual.norm_squared() / rows.max(1) as f64).max(1.0)
     }
 }

@@ -202,7 +202,7 @@ impl Trial<'_> {
     fn judged(&self, fitted: Hypothesis, held_out: Option<&Data>) -> Result<Judged> {
         let transferred =
             held_out.map(|data| hypothesis::transfer(data, &fitted, self.monitor)).transpose()?;
-        Ok(Judged { fitted, held_out: transferred.into_iter().collect() })
+        Ok(Judged { fitted, held_out: transferred.into_iter().collect(), refuted: false })
     }
 }
 

@@ -7,11 +7,13 @@
 //! half a per cent of the floor in one channel.
 
 use super::hypothesis::Hypothesis;
-use crate::experiment::Channel;
+use crate::simulate::mechanical::Nuisance;
 
 /// Most and fewest independent samples that one channel is worth.
 pub const MOST_WORTH: f64 = 200.0;
 const LEAST_WORTH: f64 = 10.0;
+/// Nats that no gain makes up for.
+const IMPOSSIBLE: f64 = 1e6;
 /// Price of one parameter, nats.
 pub const PRICE: f64 = 0.5;
 /// An effect must gain this many nats beyond its price.
@@ -31,6 +33,8 @@ pub const INDISTINGUISHABLE_POOR: f64 = 12.0;
 pub const UNEXPLAINED: (f64, f64) = (0.25, 0.12);
 /// The same on a recording that was not used for fitting.
 pub const UNEXPLAINED_HELD_OUT: (f64, f64) = (0.3, 0.2);
+/// A mean square beyond this multiple of the bare machine's, and this much more, refutes a model.
+const REFUTES: (f64, f64) = (2.0, 1.0);
 /// Excess mean square from which a channel is called mismatched although nothing explains it.
 pub const MISMATCH: f64 = 0.3;
 /// The same on a recording that was not used for fitting.
@@ -43,6 +47,8 @@ pub struct Judged {
     pub fitted: Hypothesis,
     /// The same model on recordings that were not used for fitting.
     pub held_out: Vec<Hypothesis>,
+    /// Whether it predicts another recording so much worse than the bare machine that it cannot be right.
+    pub refuted: bool,
 }
 
 /// What each channel's evidence is worth, on the fitted and on the held-out recordings.
@@ -81,8 +87,11 @@ impl Scale {
     pub fn loss(&self, judged: &Judged) -> f64 {
         let fitted = &judged.fitted;
         let count = fitted.free.iter().filter(|k| **k < fitted.model.parameter_count()).count();
-        let price = PRICE * (count + 2 * fitted.nuisance.steps()) as f64;
-        let all = misfit(fitted, &self.fitted) + self.others(judged);
+        let steps: usize = fitted.nuisances.iter().map(Nuisance::steps).sum();
+        // What a recording leaves open is its own, and the misfit is a mean over recordings.
+        let price = PRICE * (count as f64 + (2 * steps) as f64 / fitted.runs() as f64);
+        let wrong = if judged.refuted { IMPOSSIBLE } else { 0.0 };
+        let all = misfit(fitted, &self.fitted) + self.others(judged) + wrong;
         all / (1 + judged.held_out.len()) as f64 + price
     }
 
@@ -143,15 +152,24 @@ fn excess(hypothesis: &Hypothesis) -> f64 {
     hypothesis.squares.iter().map(|(_, s)| (s - 1.0).max(0.0)).sum()
 }
 
+/// Misfit on one recording, nats; the mean over those that were fitted together.
 fn misfit(hypothesis: &Hypothesis, worth: &[f64]) -> f64 {
     let channels = hypothesis.squares.iter().zip(&hypothesis.chance).zip(worth);
-    channels.map(|(((_, s), chance), w)| 0.5 * w * log_square(*s, *chance)).sum()
+    let all: f64 = channels.map(|(((_, s), chance), w)| 0.5 * w * log_square(*s, *chance)).sum();
+    all / hypothesis.runs() as f64
 }
 
 /// Logarithm of a mean square; what falls below the floor or within chance of it earns nothing, what is not a number costs
 /// all.
 fn log_square(square: f64, chance: f64) -> f64 {
-    if square.is_finite() { square.max(0.9 + chance).ln() } else { 1e6 }
+    if square.is_finite() { square.max(0.9 + chance).ln() } else { IMPOSSIBLE }
+}
+
+/// Whether a model leaves so much more than the bare machine on a recording that it cannot be right.
+pub fn refutes(model: &Hypothesis, bare: &Hypothesis) -> bool {
+    let (times, more) = REFUTES;
+    // Not "greater": what is not a number refutes, too.
+    !model.squares.iter().zip(&bare.squares).all(|((_, s), (_, bare))| *s <= times * bare + more)
 }
 
 /// Excess mean square of each channel, beyond chance.
@@ -160,17 +178,19 @@ fn beyond_chance(hypothesis: &Hypothesis) -> impl Iterator<Item = f64> {
 }
 
 fn unexplained(hypothesis: &Hypothesis, base: &Hypothesis, (share, floor): (f64, f64)) -> f64 {
-    let worst = |channel: Channel, chance: f64| {
-        let allowed = share * (base.square(channel) - 1.0).max(0.0) + floor + chance;
-        (hypothesis.square(channel) - 1.0) / allowed
-    };
-    hypothesis.squares.iter().zip(&hypothesis.chance).map(|((c, _), x)| worst(*c, *x)).fold(0.0, f64::max)
+    let mut worst = 0.0f64;
+    for (at, (_, left)) in hypothesis.squares.iter().enumerate() {
+        let allowed = share * (base.squares[at].1 - 1.0).max(0.0) + floor + hypothesis.chance[at];
+        worst = worst.max((left - 1.0) / allowed);
+    }
+    worst
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::effect::Context;
+    use crate::experiment::Channel;
     use crate::model::Model;
 
     fn hypothesis(d: f64, speed: f64, free: usize) -> Hypothesis {
@@ -199,7 +219,8 @@ mod tests {
     }
 
     fn judged(d: f64, speed: f64, held_out: f64, free: usize) -> Judged {
-        Judged { fitted: hypothesis(d, speed, free), held_out: vec![hypothesis(held_out, speed, free)] }
+        let held_out = vec![hypothesis(held_out, speed, free)];
+        Judged { fitted: hypothesis(d, speed, free), held_out, refuted: false }
     }
 
     #[test]
@@ -236,6 +257,17 @@ mod tests {
         assert!(scale.loss(&other) > scale.loss(&base));
         assert_eq!(base.excess(), 0.0);
         assert!(judged(1.0, 3.0, 1.0, 4).excess() > 1.9);
+    }
+
+    #[test]
+    fn a_model_that_predicts_worse_than_the_bare_machine_is_refuted() {
+        let (base, mut good) = (judged(60.0, 1.0, 60.0, 4), judged(1.0, 1.0, 1.0, 5));
+        assert!(refutes(&judged(130.0, 1.0, 1.0, 5).fitted, &base.fitted));
+        assert!(refutes(&judged(f64::NAN, 1.0, 1.0, 5).fitted, &base.fitted));
+        assert!(!refutes(&judged(90.0, 2.5, 1.0, 5).fitted, &base.fitted));
+        good.refuted = true;
+        let scale = Scale::new([&base, &good].into_iter());
+        assert!(!scale.beats(&good, &base));
     }
 
     #[test]

@@ -1,10 +1,9 @@
 //! The fit of any subset of an experiment's parameters.
 
-use super::Experiment;
+use super::{Experiment, Joint};
 use crate::error::Result;
 use crate::least_squares::{self, Fit, Normal, Problem, Settings};
 use crate::monitor::Monitor;
-use std::borrow::Cow;
 
 /// Rounds of a fit after each of which the initial speeds are estimated anew.
 const STARTS: usize = 3;
@@ -25,7 +24,9 @@ impl Experiment<'_> {
             (f64::NEG_INFINITY, f64::INFINITY)
         }
     }
+}
 
+impl Joint<'_> {
     /// Fits the parameters `free`, starting from `start` (whole vector).
     ///
     /// # Errors
@@ -48,7 +49,7 @@ impl Experiment<'_> {
             let parameters = problem.whole(&fit.parameters);
             round += 1;
             // Initial speeds that were estimated at the start may be too far off for the solution.
-            let stale = seen.starts.is_some() && round < STARTS && !monitor.cancelled() && {
+            let stale = seen.has_starts() && round < STARTS && !monitor.cancelled() && {
                 let again = self.with_estimated_starts(&parameters);
                 let cost = Fitting { experiment: &again, start: &parameters, free }.cost(&fit.parameters);
                 (cost - fit.cost).abs() > STALE * fit.cost
@@ -58,11 +59,6 @@ impl Experiment<'_> {
             }
             start = parameters;
         }
-    }
-
-    /// The same with the initial speeds of the windows estimated once and for all at `p`.
-    fn with_estimated_starts(&self, p: &[f64]) -> Self {
-        Self { starts: self.estimated_starts(p).map(Cow::Owned), ..self.clone() }
     }
 }
 
@@ -78,7 +74,7 @@ pub struct Fitted {
 }
 
 struct Fitting<'a> {
-    experiment: &'a Experiment<'a>,
+    experiment: &'a Joint<'a>,
     start: &'a [f64],
     free: &'a [usize],
 }
@@ -86,7 +82,7 @@ struct Fitting<'a> {
 impl Fitting<'_> {
     /// Prior knowledge of the free parameters: position among them, value, standard deviation.
     fn known(&self) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
-        self.experiment.prior.iter().filter_map(|(parameter, value, sd)| {
+        self.experiment.prior().iter().filter_map(|(parameter, value, sd)| {
             self.free.iter().position(|f| f == parameter).map(|k| (k, *value, *sd))
         })
     }

@@ -6,6 +6,7 @@ use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::drive::{self, Drift, DriveSettings, Motor, Schedule, Sensors};
 use crate::error::{Error, Result};
+use crate::experiment::split;
 use crate::machine::{BaseParameter, Machine};
 use crate::monitor::Monitor;
 use crate::recording::{Kind, Load, Recording};
@@ -35,11 +36,12 @@ pub struct Bench<'a> {
 }
 
 impl<'a> Bench<'a> {
-    /// The bench of a recording, its drive set for the fitted machine.
+    /// The bench of a recording (of the leading one of several), its drive set for the fitted machine.
     ///
     /// # Errors
     /// [`Error::Quantity`] for base parameters outside their physical range.
     pub fn new(data: &'a Data, fitted: &Hypothesis) -> Result<Self> {
+        let data = data.leading();
         let (s, cx) = (&data.signals, &data.signals.context);
         let period = s.control_period.unwrap_or(s.period);
         let mut base = fitted.own()[..crate::base::BASE].to_vec();
@@ -185,6 +187,8 @@ impl<'a> Bench<'a> {
 
 /// Mean of the unknown load's levels, N·m; zero without any.
 pub fn level(hypothesis: &Hypothesis) -> f64 {
-    let (own, count) = (hypothesis.own().len(), hypothesis.nuisance.levels);
-    hypothesis.parameters[own..own + count].iter().sum::<f64>() / count.max(1) as f64
+    let left_open = &hypothesis.parameters[hypothesis.own().len()..];
+    let levels = split(&hypothesis.nuisances, left_open).flat_map(|(n, own)| &own[..n.levels]);
+    let count = hypothesis.nuisances.iter().map(|n| n.levels).sum::<usize>();
+    levels.sum::<f64>() / count.max(1) as f64
 }

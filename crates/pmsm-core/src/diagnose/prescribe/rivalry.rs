@@ -9,12 +9,11 @@ use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::verdict::MOST_WORTH;
 use crate::error::Result;
-use crate::experiment::{Channel, Experiment};
+use crate::experiment::{Block, Channel, Channels, Joint};
 use crate::least_squares::{self, Normal, Problem, Settings};
 use crate::monitor::Monitor;
 use crate::simulate::mechanical::Nuisance;
 use nalgebra::{DMatrix, DVector};
-use std::borrow::Cow;
 
 /// Singular values of a run's own parameters below this share of the largest carry no information.
 const SINGULAR: f64 = 1e-10;
@@ -45,15 +44,21 @@ pub struct Separation {
 impl<'a> Rival<'a> {
     /// Takes the information from the recording and the nameplate.
     pub fn new(data: &Data, fitted: &'a Hypothesis) -> Self {
-        let n = data.signals.len() as f64;
-        let weights: Vec<(Channel, f64)> = fitted
-            .squares
-            .iter()
-            .zip(&fitted.samples)
-            .map(|((channel, square), samples)| (*channel, ((samples / n).min(1.0) / square.max(1.0)).sqrt()))
-            .collect();
-        let mut experiment = data.whole(fitted);
-        weigh(&mut experiment.channels, &weights);
+        let blocks = data.whole(fitted).blocks();
+        let weigh = |((block, (channel, square)), samples): ((&Block, &(Channel, f64)), &f64)| {
+            let share = (samples / block.rows.len() as f64).min(1.0);
+            (*channel, (share / square.max(1.0)).sqrt())
+        };
+        let all: Vec<(Channel, f64)> =
+            blocks.iter().zip(&fitted.squares).zip(&fitted.samples).map(weigh).collect();
+        let mut channels = data.channels(true, true);
+        for ((_, sigma), (_, weight)) in channels.iter_mut().flatten().zip(&all) {
+            *sigma /= weight.max(1e-6);
+        }
+        let experiment = data.experiment(&fitted.model, &fitted.nuisances, channels);
+        // The manoeuvre is logged as the leading recording was.
+        let leading = data.runs().iter().position(|run| std::ptr::eq(run, data.leading())).unwrap_or(0);
+        let weights = blocks.iter().zip(&all).filter(|(b, _)| b.run == leading).map(|(_, w)| *w).collect();
         let own = fitted.model.parameter_count();
         let (free, run): (Vec<usize>, Vec<usize>) = fitted.free.iter().partition(|k| **k < own);
         let both = [free.clone(), run].concat();
@@ -94,14 +99,14 @@ impl<'a> Rival<'a> {
     ) -> Result<Separation> {
         let exact = {
             let (nuisance, start) = on_trial(trial, truth);
-            let experiment = trial.experiment(&truth.model, nuisance, trial.channels(true, true));
+            let experiment = trial.experiment(&truth.model, &[nuisance], trial.channels(true, true));
             experiment.relative_rms(&experiment.residual(&start))
         };
         let (nuisance, start) = on_trial(trial, self.fitted);
         let own = self.fitted.model.parameter_count();
-        let mut experiment = trial.experiment(&self.fitted.model, nuisance, trial.channels(true, true));
-        weigh(&mut experiment.channels, &self.weights);
-        experiment.starts = experiment.estimated_starts(&start).map(Cow::Owned);
+        let experiment = self.seen(trial, nuisance, true);
+        let starts = experiment.estimated_starts(&start);
+        let experiment = experiment.with_starts(starts.as_deref());
         let free: Vec<usize> = self.free.iter().copied().chain(own..start.len()).collect();
         let bounds: Vec<(f64, f64)> = free.iter().map(|k| experiment.bounds(*k)).collect();
         let at: Vec<f64> = free.iter().map(|k| start[*k]).collect();
@@ -110,12 +115,11 @@ impl<'a> Rival<'a> {
             Settings { max_iterations: iterations, cost_tolerance: 1e-4, ..crate::diagnose::data::SETTINGS };
         let fit = least_squares::minimise(&problem, &at, &bounds, &settings, monitor)?;
         let whole = problem.whole(&fit.parameters);
-        experiment.channels = trial.channels(true, true);
-        experiment.starts = None;
+        let experiment = self.seen(trial, nuisance, false);
         let rms = experiment.relative_rms(&experiment.residual(&whole));
         let n = trial.signals.len() as f64;
-        let mut out = Separation { nats: 0.0, channel: experiment.channels[0].0, left: 1.0 };
-        for (((channel, _), rival), exact) in experiment.channels.iter().zip(&rms).zip(&exact) {
+        let mut out = Separation { nats: 0.0, channel: experiment.channels()[0], left: 1.0 };
+        for ((channel, rival), exact) in experiment.channels().iter().zip(&rms).zip(&exact) {
             let square = (rival * rival - exact * exact).max(0.0);
             // What cannot be simulated cannot be compared.
             let square = if square.is_finite() { square } else { 0.0 };
@@ -128,12 +132,22 @@ impl<'a> Rival<'a> {
         Ok(out)
     }
 
+    /// The trial seen through this rival, channels with the weights of the recording or without.
+    fn seen<'t>(&'t self, trial: &'t Data, nuisance: Nuisance, weighed: bool) -> Joint<'t> {
+        let mut channels: Channels = trial.channels(true, true);
+        for (channel, sigma) in channels.iter_mut().flatten().filter(|_| weighed) {
+            if let Some((_, weight)) = self.weights.iter().find(|(c, _)| c == channel) {
+                *sigma /= weight.max(1e-6);
+            }
+        }
+        trial.experiment(&self.fitted.model, &[nuisance], channels)
+    }
+
     /// Relative standard errors of the parameters `indices` from the recording alone, and together with a trial.
     pub fn spreads(&self, trial: &Data, indices: &[usize]) -> Vec<(f64, f64)> {
         let (nuisance, start) = on_trial(trial, self.fitted);
         let own = self.fitted.model.parameter_count();
-        let mut experiment = trial.experiment(&self.fitted.model, nuisance, trial.channels(true, true));
-        weigh(&mut experiment.channels, &self.weights);
+        let experiment = self.seen(trial, nuisance, true);
         let free: Vec<usize> = self.free.iter().copied().chain(own..start.len()).collect();
         let j = experiment.linearise(&start, &free).jacobian;
         let a = self.free.len();
@@ -150,14 +164,6 @@ impl<'a> Rival<'a> {
     }
 }
 
-fn weigh(channels: &mut [(Channel, f64)], weights: &[(Channel, f64)]) {
-    for (channel, sigma) in channels {
-        if let Some((_, weight)) = weights.iter().find(|(c, _)| c == channel) {
-            *sigma /= weight.max(1e-6);
-        }
-    }
-}
-
 /// The parameters of a hypothesis on a trial, whose load is constant at most, and what that run leaves open.
 fn on_trial(trial: &Data, hypothesis: &Hypothesis) -> (Nuisance, Vec<f64>) {
     let states = hypothesis.model.mechanical_states();
@@ -171,7 +177,7 @@ fn on_trial(trial: &Data, hypothesis: &Hypothesis) -> (Nuisance, Vec<f64>) {
 
 /// A rival fitted to the trial and to what the recording says of it.
 struct Together<'a> {
-    experiment: &'a Experiment<'a>,
+    experiment: &'a Joint<'a>,
     rival: &'a Rival<'a>,
     start: &'a [f64],
     free: &'a [usize],

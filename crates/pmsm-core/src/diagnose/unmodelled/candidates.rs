@@ -8,7 +8,6 @@ use crate::diagnose::locate::{Located, equation_of};
 use crate::experiment::Channel;
 use crate::map::{Equation, Factor, MOST, Part, Spline, Variable};
 use crate::recording::Kind;
-use crate::simulate::mechanical;
 use std::f64::consts::{PI, TAU};
 
 /// Splines over one variable: degree and pieces.
@@ -114,7 +113,7 @@ fn swings(data: &Data, best: &Hypothesis, located: &[Located]) -> Vec<Factor> {
     let residual = experiment.residual(&best.parameters);
     let refined = |place: &Located| -> Option<Factor> {
         let from = place.frequency_hz?;
-        let at = experiment.channels.iter().position(|(c, _)| equation_of(*c) == place.equation)?;
+        let at = experiment.channels().iter().position(|c| equation_of(*c) == place.equation)?;
         let rows = &residual.as_slice()[at * t.len()..(at + 1) * t.len()];
         let power = |f: f64| {
             let (mut c, mut q) = (0.0, 0.0);
@@ -126,7 +125,7 @@ fn swings(data: &Data, best: &Hypothesis, located: &[Located]) -> Vec<Factor> {
             c * c + q * q
         };
         let tried = (-REFINED..=REFINED).map(|k| from + f64::from(k) / f64::from(REFINED) / duration);
-        let frequency = tried.map(|f| (f, power(f))).max_by(|a, b| a.1.total_cmp(&b.1))?.0;
+        let frequency = tried.map(|f: f64| (f, power(f))).max_by(|a, b| a.1.total_cmp(&b.1))?.0;
         Some(Factor::Swing { frequency })
     };
     located.iter().filter_map(refined).collect()
@@ -183,7 +182,7 @@ fn reverses(data: &Data) -> bool {
 
 /// Motor torque per sample, recorded or from the measured currents, N·m.
 pub fn torque(data: &Data, best: &Hypothesis) -> Vec<f64> {
-    mechanical::torque(&best.model, &data.signals, best.own())
+    data.torque(&best.model, best.own())
 }
 
 /// Range of a signal without its tails.

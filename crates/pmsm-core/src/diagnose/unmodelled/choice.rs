@@ -11,14 +11,13 @@ use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::locate::Located;
 use crate::diagnose::shortlist::orthonormal;
 use crate::diagnose::verdict::{LEAST_GAIN, MOST_WORTH, PRICE};
-use crate::experiment::Experiment;
+use crate::experiment::Joint;
 use crate::least_squares::Normal;
 use crate::map::{Factor, Part};
 use crate::monitor::Monitor;
 use crate::recording::Kind;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use std::borrow::Cow;
 use std::ops::Range;
 
 /// Parts into which the blocks are dealt; each is left out once.
@@ -114,19 +113,17 @@ impl<'a> View<'a> {
         let free: Vec<usize> =
             best.free.iter().copied().filter(|k| electrical(*k) == (side == Side::Electrical)).collect();
         let starts = experiment.estimated_starts(&best.parameters);
-        let linear = Experiment { starts: starts.as_deref().map(Cow::Borrowed), ..experiment }
-            .linearise(&best.parameters, &free);
+        let linear = experiment.with_starts(starts.as_deref()).linearise(&best.parameters, &free);
         (view.starts, view.basis, view.residual) = (starts, orthonormal(&linear.jacobian), linear.residual);
         view
     }
 
-    fn experiment<'b>(&'b self, model: &'b crate::model::Model) -> Experiment<'b> {
+    fn experiment<'b>(&'b self, model: &'b crate::model::Model) -> Joint<'b> {
         let electrical = self.side == Side::Electrical;
         let channels = self.data.channels(electrical, !electrical);
-        let mut experiment = self.data.experiment(model, self.best.nuisance, channels);
-        experiment.torque = (!electrical).then_some(self.torque);
-        experiment.starts = self.starts.as_deref().map(Cow::Borrowed);
-        experiment
+        let experiment = self.data.experiment(model, &self.best.nuisances, channels);
+        let experiment = experiment.with_starts(self.starts.as_deref());
+        if electrical { experiment } else { experiment.with_torque(self.torque) }
     }
 
     /// Derivatives of the residual with respect to the coefficients of a part, at zero.

@@ -1,0 +1,314 @@
+//! Several recordings of one machine made into one set of data.
+//!
+//! Machine and effects are the same in all of them. Clock, noise, load, initial values and thermal states are each recording's
+//! own; what a recording does not hold (voltages, the motion) is simply not compared there.
+
+use super::data::Data;
+use super::hypothesis::Hypothesis;
+use crate::base::BASE;
+use crate::error::{Error, Result};
+use crate::experiment::split;
+use crate::input_noise::InputNoise;
+use crate::machine::{BaseParameter, Machine};
+use crate::noise::Floor;
+use crate::recording::{Kind, Recording};
+use crate::signals::{Finding, Signals};
+use crate::start;
+
+/// Prepares recordings of one machine.
+///
+/// # Errors
+/// [`Error::Unusable`] without any recording; those of [`Data::new`], and [`Error::Column`] for one that cannot be combined with the
+/// first, of several recordings within [`Error::InRecording`].
+pub fn prepare(recordings: &[&Recording], machine: &Machine) -> Result<Data> {
+    let numbered = |(at, recording): (usize, &&Recording)| {
+        Signals::new(recording, machine).map_err(|e| within(e, at, recordings.len()))
+    };
+    let mut signals: Vec<Signals> = recordings.iter().enumerate().map(numbered).collect::<Result<_>>()?;
+    if signals.is_empty() {
+        return Err(Error::unusable("no recording was given", "give at least one"));
+    }
+    if signals.len() == 1 {
+        return Data::new(signals.remove(0), machine);
+    }
+    combinable(&signals)?;
+    let common = agree_on_temperatures(&mut signals);
+    let start = first_values(&signals, machine)?;
+    let parts = signals.into_iter().map(|s| Data::started(s, machine, start)).collect();
+    Ok(Data::joined(parts, common))
+}
+
+fn within(error: Error, at: usize, count: usize) -> Error {
+    if count == 1 { error } else { Error::InRecording { number: at + 1, source: Box::new(error) } }
+}
+
+/// Steady points have other equations than waveforms: the fit of one says nothing of the transients of the other.
+fn combinable(signals: &[Signals]) -> Result<()> {
+    let steady = |s: &Signals| s.kind == Kind::OperatingPoints;
+    let first = steady(&signals[0]);
+    match signals.iter().position(|s| steady(s) != first) {
+        None => Ok(()),
+        Some(at) => {
+            let what = |steady: bool| if steady { "steady operating points" } else { "a waveform" };
+            let problem = Error::Column {
+                column: "t".into(),
+                problem: format!(
+                    "at a sample period of {} s these are {}, recording 1 holds {}: they have other equations and \
+                     cannot be fitted together",
+                    signals[at].period,
+                    what(!first),
+                    what(first)
+                ),
+                fix: "diagnose the operating points and the waveforms each by themselves".into(),
+            };
+            Err(within(problem, at, signals.len()))
+        }
+    }
+}
+
+/// A temperature that only some recordings hold is left out: r_s or psi_m would refer to another temperature in each.
+fn agree_on_temperatures(signals: &mut [Signals]) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    let mut settle = |name: &str, of: fn(&mut Signals) -> (&mut Option<Vec<f64>>, &mut bool)| {
+        let held: Vec<bool> = signals.iter_mut().map(|s| *of(s).1).collect();
+        if held.iter().all(|h| *h) || !held.iter().any(|h| *h) {
+            return;
+        }
+        for s in signals.iter_mut() {
+            let (column, has) = of(s);
+            (*column, *has) = (None, false);
+        }
+        findings.push(Finding {
+            finding: format!("column {name} was logged in some of the recordings only"),
+            consequence: "it is left out, and each recording is taken to begin at the same temperature"
+                .into(),
+            fix: "log it in every recording".into(),
+        });
+    };
+    settle("temperature", |s| (&mut s.heating, &mut s.context.has_temperature));
+    settle("temperature_magnet", |s| (&mut s.magnet_heating, &mut s.context.has_magnet_temperature));
+    findings
+}
+
+/// Base parameters to start from: the mean of what the recordings say that contain them.
+fn first_values(signals: &[Signals], machine: &Machine) -> Result<[f64; BASE]> {
+    let each: Vec<Result<[f64; BASE]>> = signals.iter().map(|s| start::values(s, machine)).collect();
+    let mut out = [0.0; BASE];
+    for p in BaseParameter::ALL {
+        let shows = |s: &Signals| start::needed(s, p);
+        let told: Vec<f64> = each
+            .iter()
+            .zip(signals)
+            .filter(|(_, s)| shows(s))
+            .filter_map(|(x, _)| x.as_ref().ok().map(|x| x[p.index()]))
+            .collect();
+        let untold = each.iter().find_map(|x| x.as_ref().ok()).map(|x| x[p.index()]);
+        out[p.index()] = match (machine.get(p), told.len(), untold) {
+            (Some(value), ..) => value,
+            (None, 0, Some(value)) if !signals.iter().any(shows) => value,
+            (None, 0, _) => {
+                let failed = each.iter().enumerate().find_map(|(at, x)| Some((at, x.as_ref().err()?)));
+                let (at, error) = failed.expect("a recording that contains it was refused");
+                return Err(within(error.clone(), at, signals.len()));
+            }
+            (None, count, _) => told.iter().sum::<f64>() / count as f64,
+        };
+    }
+    Ok(out)
+}
+
+impl Data {
+    /// Several prepared recordings, with what is to be said of them as a whole.
+    fn joined(parts: Vec<Self>, common: Vec<Finding>) -> Self {
+        let signals: Vec<&Signals> = parts.iter().map(|p| &p.signals).collect();
+        let mut signals = Signals::end_to_end(&signals);
+        signals.findings.extend(common);
+        let mut windows = Vec::new();
+        let mut at = 0;
+        for part in &parts {
+            windows.extend(part.windows.iter().map(|w| w.start + at..w.end + at));
+            at += part.signals.len();
+        }
+        let mut out = Self {
+            signals,
+            windows,
+            floors: Vec::new(),
+            input: InputNoise::default(),
+            whitening: None,
+            start: parts[0].start,
+            prior: parts[0].prior.clone(),
+            held_out: None,
+            parts,
+        };
+        out.pool_floors();
+        out
+    }
+
+    /// Root mean square of the recordings' floors in each channel, and their noisiest voltage.
+    fn pool_floors(&mut self) {
+        let mut pooled: Vec<(Floor, usize)> = Vec::new();
+        for part in &self.parts {
+            let n = part.signals.len();
+            for floor in &part.floors {
+                let (sensor, driven) = (n as f64 * floor.sensor.powi(2), n as f64 * floor.driven.powi(2));
+                match pooled.iter_mut().find(|(f, _)| f.channel == floor.channel) {
+                    Some((sum, count)) => {
+                        (sum.sensor, sum.driven) = (sum.sensor + sensor, sum.driven + driven);
+                        *count += n;
+                    }
+                    None => pooled.push((Floor { sensor, driven, ..*floor }, n)),
+                }
+            }
+        }
+        pooled.sort_by_key(|(f, _)| (!f.channel.is_electrical(), f.channel));
+        let root = |(f, n): (Floor, usize)| Floor {
+            sensor: (f.sensor / n as f64).sqrt(),
+            driven: (f.driven / n as f64).sqrt(),
+            ..f
+        };
+        self.floors = pooled.into_iter().map(root).collect();
+        self.input.voltage = self.parts.iter().map(|p| p.input.voltage).fold(0.0, f64::max);
+    }
+
+    /// Measures floors and voltage noise of each recording with the help of a fitted hypothesis.
+    pub(super) fn settle_each(&mut self, hypothesis: &Hypothesis) {
+        let own = hypothesis.own().len();
+        let seen: Vec<Hypothesis> = split(&hypothesis.nuisances, &hypothesis.parameters[own..])
+            .map(|(nuisance, left_open)| {
+                let parameters = [hypothesis.own(), left_open].concat();
+                Hypothesis {
+                    nuisances: vec![nuisance],
+                    ..Hypothesis::bare(hypothesis.model.clone(), parameters)
+                }
+            })
+            .collect();
+        for (part, hypothesis) in self.parts.iter_mut().zip(&seen) {
+            part.settle_floors(hypothesis);
+        }
+        self.pool_floors();
+    }
+
+    /// Samples of recording `run` among those of all.
+    pub fn samples_of(&self, run: usize) -> std::ops::Range<usize> {
+        let before: usize = self.runs()[..run].iter().map(|p| p.signals.len()).sum();
+        before..before + self.runs()[run].signals.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::answer::{Answer, Verdict};
+    use crate::diagnose::diagnose;
+    use crate::diagnose::testing::{choice, setup, speeds};
+    use crate::drive::{Choice, Manoeuvre, Schedule, Setup, Shape, simulate};
+    use crate::monitor::Silent;
+
+    /// Speed along lines through points (s, mechanical rad/s) without load, i_d in steps.
+    fn swing(points: &[(f64, f64)]) -> Manoeuvre {
+        let mut manoeuvre = speeds(0.6, points);
+        let steps = vec![(0.0, 0.0), (0.1, -4.0), (0.25, 3.0), (0.4, -2.0)];
+        manoeuvre.i_d = Some(Schedule::new(steps, Shape::Steps).unwrap());
+        manoeuvre
+    }
+
+    /// From one speed to another and back, without passing through standstill.
+    fn sweep(from: f64, to: f64) -> Manoeuvre {
+        swing(&[(0.1, from), (0.3, to), (0.5, from)])
+    }
+
+    fn coulomb() -> Vec<Choice> {
+        vec![choice("coulomb_friction", "tau_c", 0.8)]
+    }
+
+    fn together(setups: &[Setup]) -> Answer {
+        let runs: Vec<Recording> = setups.iter().map(|s| simulate(s, &Silent).unwrap().recording).collect();
+        diagnose(&runs.iter().collect::<Vec<_>>(), &setups[0].nameplate, None, &Silent).unwrap()
+    }
+
+    fn strength(answer: &Answer) -> f64 {
+        answer.ranking[0].parameters["tau_c"].value.unwrap()
+    }
+
+    #[test]
+    fn two_directions_tell_what_neither_does_alone() {
+        // In one direction friction that opposes the motion and friction that always pushes back are the same.
+        let ways = [sweep(20.0, 70.0), sweep(-110.0, -50.0)].map(|way| setup(way, coulomb()));
+        for alone in &ways {
+            assert_ne!(together(std::slice::from_ref(alone)).verdict, Verdict::Named);
+        }
+        let both = together(&ways);
+        assert_eq!(both.verdict, Verdict::Named, "{:?}", both.ranking);
+        assert_eq!(both.model.effects, ["coulomb_friction"]);
+        assert!((strength(&both) / 0.8 - 1.0).abs() < 0.03, "{}", strength(&both));
+        assert_eq!(both.recordings.len(), 2);
+        let [forward, backward] = ways;
+        let swapped = together(&[backward, forward]);
+        assert_eq!((swapped.verdict, &swapped.model.effects), (both.verdict, &both.model.effects));
+        assert!((strength(&swapped) / strength(&both) - 1.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn each_recording_has_a_load_of_its_own() {
+        let run = |load: f64| {
+            let mut manoeuvre = swing(&[(0.1, 90.0), (0.3, -90.0), (0.5, 90.0)]);
+            manoeuvre.tau_load = Some(Schedule::constant(load).unwrap());
+            manoeuvre.load_kind = Some("unknown_constant".into());
+            setup(manoeuvre, coulomb())
+        };
+        let answer = together(&[run(0.5), run(2.5)]);
+        assert_eq!(answer.verdict, Verdict::Named, "{:?}", answer.model);
+        for (name, value) in [("tau_load_of_1", 0.5), ("tau_load_of_2", 2.5)] {
+            let found = answer.model.base[name].value.unwrap();
+            assert!((found - value).abs() < 0.03, "{name}: {found}");
+        }
+    }
+
+    #[test]
+    fn what_only_one_recording_holds_is_fitted_to_that_one() {
+        let turning = simulate(&setup(sweep(60.0, 90.0), Vec::new()), &Silent).unwrap().recording;
+        let motion = ["t", "omega_e", "i_d", "i_q", "i_a", "i_b", "i_c", "theta_e"];
+        let columns = |keep: &dyn Fn(&str) -> bool| -> Vec<(String, Vec<f64>)> {
+            let names = turning.names().into_iter().filter(|n| keep(n));
+            names.map(|n| (n.to_string(), turning.column(n).unwrap().to_vec())).collect()
+        };
+        let mechanical = Recording::new(columns(&|n| motion.contains(&n)), Some(turning.load())).unwrap();
+        let held = Recording::new(columns(&|_| true), Some(crate::recording::Load::Locked)).unwrap();
+        assert_eq!((mechanical.kind(), held.kind()), (Kind::Mechanical, Kind::Electrical));
+        let machine = setup(sweep(60.0, 90.0), Vec::new()).nameplate;
+        let answer = diagnose(&[&mechanical, &held], &machine, None, &Silent).unwrap();
+        assert_eq!(answer.recording_kind, Kind::Full);
+        let channels = |k: usize| answer.recordings[k].fit.after.keys().cloned().collect::<Vec<_>>();
+        assert_eq!(
+            (channels(0), channels(1)),
+            (vec!["omega_e".to_string()], vec!["i_d".into(), "i_q".into()])
+        );
+        assert!(answer.fit.recording.after.values().all(|x| x.is_finite()));
+        assert!(answer.model.base["j"].stderr.is_some() && answer.model.base["r_s"].stderr.is_some());
+    }
+
+    #[test]
+    fn operating_points_and_waveforms_are_refused_by_number() {
+        let waveform = simulate(&setup(sweep(60.0, 90.0), Vec::new()), &Silent).unwrap().recording;
+        let level = |x: f64| (0..20).map(|k| x + f64::from(k)).collect::<Vec<f64>>();
+        let columns =
+            [("t", 0.0), ("omega_e", 100.0), ("i_d", 0.0), ("i_q", 1.0), ("v_d", 2.0), ("v_q", 9.0)];
+        let given = columns.map(|(name, x)| (name.to_string(), level(x))).to_vec();
+        let points = Recording::new(given, None).unwrap();
+        let machine = setup(sweep(60.0, 90.0), Vec::new()).nameplate;
+        let error = prepare(&[&waveform, &points], &machine).unwrap_err();
+        assert!(matches!(error, Error::InRecording { number: 2, .. }), "{error}");
+        assert!(
+            error.to_string().contains("operating points") && error.to_string().contains("by themselves")
+        );
+    }
+
+    #[test]
+    fn findings_carry_the_number_of_their_recording() {
+        let finding = |x: &str| Finding { finding: x.into(), consequence: "c".into(), fix: "f".into() };
+        let (one, two) = (vec![finding("gaps"), finding("noise")], vec![finding("noise")]);
+        let said = crate::signals::join::findings([&one[..], &two[..]].into_iter());
+        let words: Vec<&str> = said.iter().map(|f| f.finding.as_str()).collect();
+        assert_eq!(words, ["recording 1: gaps", "noise"]);
+    }
+}

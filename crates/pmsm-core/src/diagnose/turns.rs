@@ -1,0 +1,65 @@
+//! In which electrical turn of the revolution does each of several recordings begin?
+//!
+//! Without a logged mechanical angle a recording knows its turns only up to whole electrical ones, and what repeats once per
+//! revolution would add up wrongly over several. The turn is taken in which such an effect explains most of what the bare
+//! machine leaves in all recordings together; where there is no such effect any turn is as good.
+
+use super::data::Data;
+use super::hypothesis::Hypothesis;
+use super::shortlist::Scorer;
+use crate::effect::Site;
+use crate::effects::{self, EffectId};
+use std::f64::consts::TAU;
+
+/// Another turn must raise the score by this factor to be taken.
+const BETTER: f64 = 1.02;
+
+/// Shifts the mechanical angle of the recordings by whole electrical turns so that they agree, and says whether any was shifted.
+pub fn settle(data: &mut Data, base: &Hypothesis) -> bool {
+    let turns = data.signals.n_p as usize;
+    let known = data.parts.iter().position(|p| p.signals.turn_known);
+    let reference = known.unwrap_or(0);
+    let mut shifted = false;
+    for run in (0..data.parts.len()).filter(|run| *run != reference) {
+        let signals = &data.parts[run].signals;
+        if signals.turn_known || !signals.angle_known || turns < 2 {
+            continue;
+        }
+        let step = TAU / data.signals.n_p;
+        let mut best = (0, score(data, base));
+        for turn in 1..turns {
+            turn_on(data, run, step);
+            let score = score(data, base);
+            if score > BETTER * best.1 {
+                best = (turn, score);
+            }
+        }
+        turn_on(data, run, step * (best.0 as f64 - (turns - 1) as f64));
+        shifted |= best.0 > 0;
+    }
+    shifted
+}
+
+/// The largest score of an effect that tells the turns of a revolution apart.
+fn score(data: &Data, base: &Hypothesis) -> f64 {
+    let scorer = Scorer::new(data, base);
+    let context = base.model.context();
+    let tells = |effect: &EffectId| {
+        let mut probe = effect.probes(context).into_iter().next().unwrap_or_default();
+        effect.turned(&mut probe, 1.0) && data.has(effect.info().site != Site::Mechanical)
+    };
+    effects::ALL
+        .iter()
+        .filter(|effect| tells(effect))
+        .map(|effect| scorer.score(*effect).score)
+        .fold(0.0, f64::max)
+}
+
+/// Moves the mechanical angle of one recording by `angle`, rad.
+fn turn_on(data: &mut Data, run: usize, angle: f64) {
+    let samples = data.samples_of(run);
+    let own = data.parts[run].signals.theta_m.iter_mut();
+    for theta in own.chain(&mut data.signals.theta_m[samples]) {
+        *theta += angle;
+    }
+}
