@@ -280,6 +280,12 @@ fn conclude(
         outcome.shown = power::survey(data, &outcome.base.fitted, &asked, worth, true, monitor);
     }
     let (mut verdict, ranked) = decide::decide(&outcome, !weak.is_empty());
+    let refuted = outcome.best.refuted;
+    if refuted {
+        // It stays a candidate, but is no model to predict with.
+        outcome.best = outcome.base.clone();
+        outcome.path.truncate(1);
+    }
     let last = outcome.path.len() - 1;
     for judged in &mut outcome.path {
         judged.fitted = hypothesis::efficient(data, &judged.fitted, monitor)?;
@@ -321,7 +327,7 @@ fn conclude(
     Ok(Answer {
         schema: "pmsm-rs.diagnosis/1",
         verdict,
-        data_quality: quality(data, weak, &ties),
+        data_quality: quality(data, weak, &ties, refuted),
         located,
         ranking,
         model: FoundModel {
@@ -411,7 +417,7 @@ fn located(data: &Data, outcome: &Outcome, verdict: Verdict) -> Vec<Located> {
     located
 }
 
-fn quality(data: &Data, weak: &[String], found: &[Inseparable]) -> Vec<Finding> {
+fn quality(data: &Data, weak: &[String], found: &[Inseparable], refuted: bool) -> Vec<Finding> {
     let mut findings = data.signals.findings.clone();
     let noise: Vec<Vec<Finding>> = data.runs().iter().map(|run| run.input.findings(&run.signals)).collect();
     findings.extend(signals::join::findings(noise.iter().map(Vec::as_slice)));
@@ -439,6 +445,14 @@ fn quality(data: &Data, weak: &[String], found: &[Inseparable]) -> Vec<Finding> 
             finding: format!("the manoeuvre does not pin down {}", weak.join(", ")),
             consequence: "effects that resemble a change of these parameters cannot be told from it".into(),
             fix: "add reversals, a second level of i_q and steps of i_d".into(),
+        });
+    }
+    if refuted {
+        findings.push(Finding {
+            finding: "what fits this recording predicts the validation run worse than the bare machine"
+                .into(),
+            consequence: "the candidates are listed, but none is put into the model".into(),
+            fix: "diagnose a manoeuvre with reversals, two levels of i_q and steps of i_d".into(),
         });
     }
     findings

@@ -12,8 +12,6 @@ use crate::simulate::mechanical::Nuisance;
 /// Most and fewest independent samples that one channel is worth.
 pub const MOST_WORTH: f64 = 200.0;
 const LEAST_WORTH: f64 = 10.0;
-/// Nats that no gain makes up for.
-const IMPOSSIBLE: f64 = 1e6;
 /// Price of one parameter, nats.
 pub const PRICE: f64 = 0.5;
 /// An effect must gain this many nats beyond its price.
@@ -47,7 +45,7 @@ pub struct Judged {
     pub fitted: Hypothesis,
     /// The same model on recordings that were not used for fitting.
     pub held_out: Vec<Hypothesis>,
-    /// Whether it predicts another recording so much worse than the bare machine that it cannot be right.
+    /// Whether it predicts another recording so much worse than the bare machine that, as it is, it cannot be right.
     pub refuted: bool,
 }
 
@@ -90,7 +88,7 @@ impl Scale {
         let steps: usize = fitted.nuisances.iter().map(Nuisance::steps).sum();
         // What a recording leaves open is its own, and the misfit is a mean over recordings.
         let price = PRICE * (count as f64 + (2 * steps) as f64 / fitted.runs() as f64);
-        let wrong = if judged.refuted { IMPOSSIBLE } else { 0.0 };
+        let wrong = if judged.refuted { INDISTINGUISHABLE_POOR } else { 0.0 };
         let all = misfit(fitted, &self.fitted) + self.others(judged) + wrong;
         all / (1 + judged.held_out.len()) as f64 + price
     }
@@ -162,7 +160,7 @@ fn misfit(hypothesis: &Hypothesis, worth: &[f64]) -> f64 {
 /// Logarithm of a mean square; what falls below the floor or within chance of it earns nothing, what is not a number costs
 /// all.
 fn log_square(square: f64, chance: f64) -> f64 {
-    if square.is_finite() { square.max(0.9 + chance).ln() } else { IMPOSSIBLE }
+    if square.is_finite() { square.max(0.9 + chance).ln() } else { 1e6 }
 }
 
 /// Whether a model leaves so much more than the bare machine on a recording that it cannot be right.
@@ -265,9 +263,13 @@ mod tests {
         assert!(refutes(&judged(130.0, 1.0, 1.0, 5).fitted, &base.fitted));
         assert!(refutes(&judged(f64::NAN, 1.0, 1.0, 5).fitted, &base.fitted));
         assert!(!refutes(&judged(90.0, 2.5, 1.0, 5).fitted, &base.fitted));
+        let mut rival = judged(1.05, 1.0, 1.0, 5);
+        let scale = Scale::new([&base, &good, &rival].into_iter());
+        assert!(scale.loss(&good) < scale.loss(&rival));
         good.refuted = true;
-        let scale = Scale::new([&base, &good].into_iter());
-        assert!(!scale.beats(&good, &base));
+        assert!(scale.loss(&good) > scale.loss(&rival) && scale.beats(&good, &base));
+        rival.refuted = true;
+        assert!(scale.loss(&good) < scale.loss(&rival));
     }
 
     #[test]
