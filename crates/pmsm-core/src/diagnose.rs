@@ -5,6 +5,7 @@
 //! explains everything down to the noise is named; what several effects explain is ambiguous; what none explains is
 //! unknown, and still located.
 
+mod agree;
 pub mod answer;
 pub mod data;
 mod decide;
@@ -318,10 +319,12 @@ fn conclude(
     }
     let ranking = ranked.iter().map(|r| candidate(data, &outcome, r, &model_outputs)).collect();
     let next_experiment = prescribe::next_experiment(data, &ranked, &outcome, verdict, weak, monitor)?;
+    let mut data_quality = quality(data, weak, &ties);
+    data_quality.extend(agree::finding(data, &outcome.best.fitted, monitor)?);
     Ok(Answer {
         schema: "pmsm-rs.diagnosis/1",
         verdict,
-        data_quality: quality(data, weak, &ties),
+        data_quality,
         located,
         ranking,
         model: FoundModel {
