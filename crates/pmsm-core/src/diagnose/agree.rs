@@ -8,7 +8,7 @@ use super::hypothesis::{self, Hypothesis};
 use super::power::times;
 use super::verdict::MISMATCH;
 use crate::error::Result;
-use crate::experiment::{Block, Channel};
+use crate::experiment::Channel;
 use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
 use crate::signals::Finding;
@@ -28,12 +28,13 @@ pub fn finding(data: &Data, best: &Hypothesis, monitor: &dyn Monitor) -> Result<
     }
     let fit = |part: &Data| hypothesis::fit(part, &best.model, best.own(), false, monitor);
     let alone: Vec<Hypothesis> = data.parts.iter().map(fit).collect::<Result<_>>()?;
-    let worse = |(at, block): (usize, &Block)| {
+    let worse = |at: usize| {
+        let block = &blocks[at];
         let (together, own) = (best.squares[at].1, alone[block.run].square(block.channel));
         let contradicts = together > 1.0 + MISMATCH && own - 1.0 < ALONE * (together - 1.0);
         contradicts.then_some((block, together, own))
     };
-    let worst = blocks.iter().enumerate().filter_map(worse).max_by(|a, b| a.1.total_cmp(&b.1));
+    let worst = (0..blocks.len()).filter_map(worse).max_by(|a, b| a.1.total_cmp(&b.1));
     Ok(worst.map(|(block, together, own)| Finding {
         finding: format!(
             "the recordings contradict each other: fitted together the model leaves {} times the noise in {} of recording {}, \
