@@ -7,6 +7,8 @@ use super::data::Data;
 use super::hypothesis::{self, Hypothesis};
 use super::power::times;
 use super::verdict::MISMATCH;
+use crate::effect::Site;
+use crate::effects::EffectId;
 use crate::error::Result;
 use crate::experiment::Channel;
 use crate::machine::BaseParameter;
@@ -16,11 +18,33 @@ use crate::signals::Finding;
 /// Share of its excess mean square that a recording must lose when it is fitted alone.
 const ALONE: f64 = 0.25;
 
-/// What is to be said if the settled model explains recordings alone that it does not explain together.
+/// Highest probability of any name that may only stand in for the difference between recordings.
+pub const CEILING: f64 = 0.4;
+
+/// A contradiction between recordings.
+pub struct Contradiction {
+    /// What is to be said of it.
+    pub finding: Finding,
+    /// Whether it lies in the voltage equations.
+    electrical: bool,
+}
+
+impl Contradiction {
+    /// Whether what was found may only stand in for it: it acts in the same equations, or nothing was found.
+    pub fn concerns(&self, found: &[EffectId]) -> bool {
+        let same = |effect: &EffectId| match effect.info().site {
+            Site::Sensor => true,
+            site => (site == Site::Electrical) == self.electrical,
+        };
+        found.is_empty() || found.iter().any(same)
+    }
+}
+
+/// The contradiction if the settled model explains recordings alone that it does not explain together.
 ///
 /// # Errors
 /// Those of the least-squares fits.
-pub fn finding(data: &Data, best: &Hypothesis, monitor: &dyn Monitor) -> Result<Option<Finding>> {
+pub fn contradiction(data: &Data, best: &Hypothesis, monitor: &dyn Monitor) -> Result<Option<Contradiction>> {
     let blocks = data.whole(best).blocks();
     let left = best.squares.iter().any(|(_, square)| *square > 1.0 + MISMATCH);
     if data.parts.is_empty() || !left || monitor.cancelled() {
@@ -35,8 +59,8 @@ pub fn finding(data: &Data, best: &Hypothesis, monitor: &dyn Monitor) -> Result<
         contradicts.then_some((block, together, own))
     };
     let worst = (0..blocks.len()).filter_map(worse).max_by(|a, b| a.1.total_cmp(&b.1));
-    Ok(worst.map(|(block, together, own)| Finding {
-        finding: format!(
+    Ok(worst.map(|(block, together, own)| {
+        let finding = format!(
             "the recordings contradict each other: fitted together the model leaves {} times the noise in {} of recording {}, \
              fitted to it alone {} times{}",
             times(together.sqrt()),
@@ -44,9 +68,12 @@ pub fn finding(data: &Data, best: &Hypothesis, monitor: &dyn Monitor) -> Result<
             block.run + 1,
             times(own.sqrt()),
             parameter_words(data, &alone, block.channel)
-        ),
-        consequence: "one machine does not explain them all, and what is named may only stand in for the difference".into(),
-        fix: "diagnose each by itself, or give together only what was recorded in one state, equally warm".into(),
+        );
+        let consequence = "one machine does not explain them all, and what is named in these equations may only stand in for \
+                           the difference";
+        let fix = "diagnose each by itself, or give together only what was recorded in one state, equally warm";
+        let finding = Finding { finding, consequence: consequence.into(), fix: fix.into() };
+        Contradiction { finding, electrical: block.channel.is_electrical() }
     }))
 }
 
@@ -83,11 +110,13 @@ fn values(data: &Data, alone: &[Hypothesis], parameter: BaseParameter) -> Vec<(u
 
 #[cfg(test)]
 mod tests {
+    use crate::diagnose::answer::{Answer, Verdict};
     use crate::diagnose::diagnose;
     use crate::diagnose::testing::{setup, speeds};
     use crate::drive::simulate;
     use crate::machine::BaseParameter;
     use crate::monitor::Silent;
+    use crate::recording::Recording;
 
     #[test]
     fn recordings_of_two_machines_are_told_as_such() {
@@ -96,12 +125,16 @@ mod tests {
         let mut other = one.clone();
         other.machine = other.machine.with(BaseParameter::J, 1.3 * 0.008).unwrap();
         let runs = [&one, &other].map(|s| simulate(s, &Silent).unwrap().recording);
-        let said = |runs: &[&crate::recording::Recording]| {
-            let answer = diagnose(runs, &one.nameplate, None, &Silent).unwrap();
-            answer.data_quality.into_iter().find(|f| f.finding.contains("contradict")).map(|f| f.finding)
+        let ask = |runs: [&Recording; 2]| diagnose(&runs, &one.nameplate, None, &Silent).unwrap();
+        let said = |answer: &Answer| {
+            answer.data_quality.iter().map(|f| f.finding.clone()).find(|f| f.contains("contradict"))
         };
-        let text = said(&[&runs[0], &runs[1]]).unwrap();
+        let different = ask([&runs[0], &runs[1]]);
+        let text = said(&different).unwrap();
         assert!(text.contains("omega_e") && text.contains("alone j is"), "{text}");
-        assert_eq!(said(&[&runs[0], &runs[0]]), None);
+        assert_eq!(different.verdict, Verdict::Undetermined);
+        assert!(different.ranking.iter().all(|c| c.probability <= super::CEILING), "{:?}", different.ranking);
+        let same = ask([&runs[0], &runs[0]]);
+        assert_eq!((said(&same), same.verdict), (None, Verdict::NoMismatch));
     }
 }
