@@ -36,7 +36,9 @@ def headline(answer: Diagnosis) -> str:
     if answer.verdict == "unknown":
         where = EQUATIONS.get(answer.located[0].equation, "") if answer.located else ""
         return f"Something is missing{f' in the {where}' if where else ''} that is not in the catalogue."
-    return f"{these.capitalize()} {'are' if several else 'is'} too poor to say what the model leaves out."
+    if several:
+        return "These recordings do not allow to say what the model leaves out."
+    return "This recording is too poor to say what the model leaves out."
 
 
 def _first(answer: Diagnosis) -> list[str]:

@@ -40,7 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two sweeps of a machine with Coulomb friction, one in each direction."""
     folder = tmp_path_factory.mktemp("together")
     effects = {"coulomb_friction": {"tau_c": TAU_C}}
-    ahead, back = sweep(0.12, 0.35, 3), sweep(-0.7, -0.3, 4)
+    ahead, back = sweep(0.01, 0.5, 3), sweep(-0.7, -0.3, 4)
     (folder / "machine.toml").write_text(machine_file(nameplate_of(SERVO, 5), ahead))
     for name, manoeuvre, seed in (("ahead", ahead, 21), ("back", back, 22)):
         write_parquet(folder / f"{name}.parquet", simulate(SERVO, effects, manoeuvre, seed=seed))

@@ -5,6 +5,7 @@
 //! explains everything down to the noise is named; what several effects explain is ambiguous; what none explains is
 //! unknown, and still located.
 
+mod agree;
 pub mod answer;
 pub mod data;
 mod decide;
@@ -279,7 +280,7 @@ fn conclude(
         let worth = outcome.scale.worth();
         outcome.shown = power::survey(data, &outcome.base.fitted, &asked, worth, true, monitor);
     }
-    let (mut verdict, ranked) = decide::decide(&outcome, !weak.is_empty());
+    let (mut verdict, mut ranked) = decide::decide(&outcome, !weak.is_empty());
     let refuted = outcome.best.refuted;
     if refuted {
         // It stays a candidate, but is no model to predict with.
@@ -295,6 +296,11 @@ fn conclude(
     let best = &outcome.best;
     let located = located(data, &outcome, verdict);
     // What stays unknown is at least described, so that the model predicts.
+    let contradiction = agree::contradiction(data, &best.fitted, monitor)?;
+    if contradiction.as_ref().is_some_and(|c| c.concerns(&best.fitted.effects())) {
+        verdict = Verdict::Undetermined;
+        ranked.iter_mut().for_each(|r| r.probability = r.probability.min(agree::CEILING));
+    }
     let described = if verdict == Verdict::Unknown && !monitor.cancelled() {
         Some(unmodelled::explain(data, judge, &best.fitted, monitor)?)
     } else {
@@ -324,10 +330,12 @@ fn conclude(
     }
     let ranking = ranked.iter().map(|r| candidate(data, &outcome, r, &model_outputs)).collect();
     let next_experiment = prescribe::next_experiment(data, &ranked, &outcome, verdict, weak, monitor)?;
+    let mut data_quality = quality(data, weak, &ties, refuted);
+    data_quality.extend(contradiction.map(|c| c.finding));
     Ok(Answer {
         schema: "pmsm-rs.diagnosis/1",
         verdict,
-        data_quality: quality(data, weak, &ties, refuted),
+        data_quality,
         located,
         ranking,
         model: FoundModel {

@@ -38,7 +38,7 @@ pub const SATURATION: [Parameter; 2] = [
         meaning: "extra current at the largest flux linkage, share of the linear one",
         role: Role::Amplitude,
         low: |_| 0.0,
-        high: |_| 30.0,
+        high: |_| 300.0,
         typical: |_| 0.2,
     },
     Parameter {

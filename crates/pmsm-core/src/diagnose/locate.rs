@@ -90,13 +90,12 @@ pub fn locate(data: &Data, base: &Hypothesis) -> Vec<Located> {
             let share = own.iter().map(|b| excess[*b]).sum::<f64>() / total;
             let runs: Vec<usize> = shown.iter().map(|b| blocks[*b].run + 1).collect();
             let recordings = if shown.len() < own.len() { runs } else { Vec::new() };
-            let several = own.len() > 1;
             let run = blocks[most].run;
             let mut at = describe(&data.runs()[run], *channel, part, excess[most], share);
-            if several {
+            if own.len() > 1 {
                 at.sentence = at.sentence.replacen(
                     &format!(" in {}", channel.name()),
-                    &format!(" in {}{}", channel.name(), where_words(run + 1, &recordings)),
+                    &format!(" in {}{}", channel.name(), where_words(run + 1, own.len(), &recordings)),
                     1,
                 );
             }
@@ -109,8 +108,9 @@ pub fn locate(data: &Data, base: &Hypothesis) -> Vec<Located> {
 }
 
 /// Which of several recordings a place is described for, and whether others show it.
-fn where_words(run: usize, only: &[usize]) -> String {
+fn where_words(run: usize, count: usize, only: &[usize]) -> String {
     match only {
+        [] if count == 2 => format!(" of recording {run}, less in recording {}", 3 - run),
         [] => format!(" of recording {run}, less in the others"),
         [one] => format!(" of recording {one} alone"),
         _ => format!(" of recording {run}, the most of recordings {}", listed(only)),

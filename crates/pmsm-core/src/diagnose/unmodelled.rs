@@ -139,7 +139,7 @@ fn sides(data: &Data, located: &[Located]) -> Vec<Side> {
     let mut sides = Vec::new();
     for place in located.iter().filter(|l| l.p_value < CHANCE) {
         let side = if place.equation == "mechanical" { Side::Mechanical } else { Side::Electrical };
-        let held = side == Side::Mechanical && data.signals.load == Load::Locked;
+        let held = side == Side::Mechanical && data.runs().iter().all(|run| run.signals.load == Load::Locked);
         if !sides.contains(&side) && !held {
             sides.push(side);
         }

@@ -251,9 +251,10 @@ mod tests {
         assert!(scale.loss(&other) < scale.loss(&base));
         for j in [&mut base, &mut other] {
             j.fitted.chance[1] = 0.5;
+            j.held_out[0].chance[1] = 0.5;
         }
         assert!(scale.loss(&other) > scale.loss(&base));
-        assert_eq!(base.excess(), 0.0);
+        assert_eq!((base.excess(), base.held_out_excess()), (0.0, 0.0));
         assert!(judged(1.0, 3.0, 1.0, 4).excess() > 1.9);
     }
 

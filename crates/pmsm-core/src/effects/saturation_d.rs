@@ -30,7 +30,7 @@ impl Effect for SaturationD {
     const MAGNETIC: bool = true;
 
     fn probes(_: &Context) -> Vec<Vec<f64>> {
-        [1.0, 2.0, 4.0, 7.0].iter().flat_map(|s| [0.1, 0.9].map(|beta| vec![0.0, *s, beta])).collect()
+        [1.0, 2.0, 4.0, 7.0].iter().flat_map(|s| [0.0, 0.9].map(|beta| vec![0.0, *s, beta])).collect()
     }
 
     #[inline(always)]

@@ -108,7 +108,9 @@ fn waves(data: &Data, side: Side, located: &[Located]) -> Vec<Factor> {
 /// Swings at the located frequencies, each moved to where the residual of its channel swings most: a spectrum's own steps are
 /// too coarse to keep step over a whole recording.
 fn swings(data: &Data, best: &Hypothesis, located: &[Located]) -> Vec<Factor> {
-    let (t, duration) = (&data.signals.t, data.signals.context.duration);
+    // Each recording has a clock of its own.
+    let t: Vec<f64> = data.runs().iter().flat_map(|run| &run.signals.t).copied().collect();
+    let duration = data.signals.context.duration;
     let experiment = data.whole(best);
     let residual = experiment.residual(&best.parameters);
     let refined = |place: &Located| -> Option<Factor> {
@@ -117,7 +119,7 @@ fn swings(data: &Data, best: &Hypothesis, located: &[Located]) -> Vec<Factor> {
         let rows = &residual.as_slice()[at * t.len()..(at + 1) * t.len()];
         let power = |f: f64| {
             let (mut c, mut q) = (0.0, 0.0);
-            for (r, t) in rows.iter().zip(t) {
+            for (r, t) in rows.iter().zip(&t) {
                 let (sin, cos) = (TAU * f * t).sin_cos();
                 c += r * cos;
                 q += r * sin;
@@ -185,9 +187,9 @@ pub fn torque(data: &Data, best: &Hypothesis) -> Vec<f64> {
     data.torque(&best.model, best.own())
 }
 
-/// Range of a signal without its tails.
+/// Range of a signal without its tails, where it was logged.
 fn range(x: &[f64]) -> (f64, f64) {
-    let mut sorted = x.to_vec();
+    let mut sorted: Vec<f64> = x.iter().copied().filter(|x| x.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);
     let tail = (TAIL * sorted.len() as f64) as usize;
     (sorted[tail], sorted[sorted.len() - 1 - tail])

@@ -103,12 +103,15 @@ fn basis(factor: &Factor) -> Basis {
 
 /// Largest absolute value of each part's equations over the recording.
 fn peaks(data: &Data, fitted: &Hypothesis, map: &Map, coefficients: &[f64]) -> Vec<Vec<f64>> {
-    let s = &data.signals;
     let mut peaks: Vec<Vec<f64>> = map.parts.iter().map(|p| vec![0.0; p.equations.len()]).collect();
+    if map.parts.is_empty() {
+        return peaks;
+    }
     let torque = candidates::torque(data, fitted);
-    for k in 0..if map.parts.is_empty() { 0 } else { s.len() } {
+    let samples = data.runs().iter().flat_map(|run| (0..run.signals.len()).map(move |k| (&run.signals, k)));
+    for ((s, k), tau_e) in samples.zip(torque) {
         let pair = |x: &Option<[Vec<f64>; 2]>| x.as_ref().map_or([0.0; 2], |[d, q]| [d[k], q[k]]);
-        let at = Point { env: measured_env(s, k), i: pair(&s.i), v: pair(&s.v), tau_e: torque[k] };
+        let at = Point { env: measured_env(s, k), i: pair(&s.i), v: pair(&s.v), tau_e };
         for ((part, place), peaks) in map.places().zip(&mut peaks) {
             let mut out = [0.0; 2];
             part.add(&coefficients[place], &at, &mut out);
