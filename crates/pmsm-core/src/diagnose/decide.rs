@@ -50,11 +50,12 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
             outcome.swaps.iter().find(|s| s.replaced == effect && s.by.is_none()).map(|s| &s.judged);
         let odds = |judged: &Judged| (floor - loss(judged)).min(50.0).exp();
         let none = odds(removed.unwrap_or(&outcome.base));
-        // A rival that only generalises the effect competes with what its extra freedom deserves, not as another cause; unless the
-        // recording would not have shown that freedom.
+        // A rival that only generalises the effect competes with what its extra freedom deserves, not as another cause; unless that
+        // freedom earned nothing and the recording would not have shown it.
         let hidden = |wide: EffectId| {
-            let shown = outcome.shown.iter().find(|s| s.effect == wide);
-            shown.map(|s| s.power).filter(|power| generalises(wide, effect) && *power < EVEN)
+            let earned = rivals.iter().any(|(e, j)| *e == wide && loss(j) < floor);
+            let shown = outcome.shown.iter().find(|s| s.effect == wide).map(|s| s.power);
+            shown.filter(|power| generalises(wide, effect) && !earned && *power < EVEN)
         };
         let weight = |rival: EffectId| match hidden(rival) {
             Some(power) => 1.0 - power,
