@@ -77,7 +77,10 @@ impl Part {
         let (mut first, mut second) = ([T::zero(); MOST], [T::zero(); MOST]);
         second[0] = T::one();
         let n = self.first.fill(at, &mut first);
-        let m = self.second.as_ref().map_or(1, |factor| factor.fill(at, &mut second));
+        let m = match &self.second {
+            Some(factor) => factor.fill(at, &mut second),
+            None => 1,
+        };
         for (own, equation) in p.chunks_exact(n * m).zip(&self.equations) {
             let mut sum = T::zero();
             for (row, f) in own.chunks_exact(m).zip(&first) {
@@ -122,7 +125,6 @@ impl Map {
     }
 
     /// Each part with the place of its coefficients.
-    #[inline(always)]
     pub fn places(&self) -> impl Iterator<Item = (&Part, std::ops::Range<usize>)> {
         self.parts.iter().scan(0, |at, part| {
             let from = *at;
@@ -140,8 +142,13 @@ impl Map {
     /// in their loops.
     #[inline(never)]
     pub fn voltage<T: Real>(&self, p: &[T], at: &Point<T>, lost: &mut [T; 2]) {
-        for (part, place) in self.places().filter(|(part, _)| part.is_electrical()) {
-            part.add(&p[place], at, lost);
+        let mut from = 0;
+        for part in &self.parts {
+            let to = from + part.count();
+            if part.is_electrical() {
+                part.add(&p[from..to], at, lost);
+            }
+            from = to;
         }
     }
 
@@ -149,8 +156,13 @@ impl Map {
     #[inline(never)]
     pub fn torque<T: Real>(&self, p: &[T], at: &Point<T>) -> T {
         let mut loss = [T::zero(); 2];
-        for (part, place) in self.places().filter(|(part, _)| !part.is_electrical()) {
-            part.add(&p[place], at, &mut loss);
+        let mut from = 0;
+        for part in &self.parts {
+            let to = from + part.count();
+            if !part.is_electrical() {
+                part.add(&p[from..to], at, &mut loss);
+            }
+            from = to;
         }
         loss[0]
     }

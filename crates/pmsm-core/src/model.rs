@@ -37,6 +37,7 @@ pub struct Model {
     electrical_count: usize,
     is_magnetic: bool,
     map: Option<Map>,
+    mapped: Range<usize>,
 }
 
 /// Magnetic state that belongs to a flux linkage.
@@ -73,12 +74,22 @@ impl Model {
             .any(|e| e.info().needs.iter().any(|n| matches!(n, Need::Angle | Need::AngleOrSteady)));
         let has_sensor = effects.iter().any(|e| e.info().site == Site::Sensor);
         let is_magnetic = effects.iter().any(|e| e.is_magnetic());
-        Self { context, slots, uses_angle, has_sensor, electrical_count: electrical, is_magnetic, map: None }
+        Self {
+            context,
+            slots,
+            uses_angle,
+            has_sensor,
+            electrical_count: electrical,
+            is_magnetic,
+            map: None,
+            mapped: at..at,
+        }
     }
 
     /// The same with a map of missing voltage or torque, whose coefficients follow the effects' parameters.
     pub fn with_map(self, map: Map) -> Self {
-        Self { map: Some(map), ..self }
+        let start = self.mapped.start;
+        Self { mapped: start..start + map.count(), map: Some(map), ..self }
     }
 
     /// Its map, if it has one.
@@ -88,8 +99,7 @@ impl Model {
 
     /// Place of the map's coefficients in the parameter vector; empty without one.
     pub fn map_parameters(&self) -> Range<usize> {
-        let start = self.slots.last().map_or(BASE, |s| s.parameters.end);
-        start..start + self.map.as_ref().map_or(0, Map::count)
+        self.mapped.clone()
     }
 
     /// The scales it was built for.
@@ -109,7 +119,7 @@ impl Model {
 
     /// Length of the parameter vector: six base parameters, then each effect's, then the coefficients of a map.
     pub fn parameter_count(&self) -> usize {
-        self.map_parameters().end
+        self.mapped.end
     }
 
     /// Number of electrical extra states.
@@ -138,7 +148,7 @@ impl Model {
         if index < BASE {
             return BaseParameter::ALL[index].physical_range();
         }
-        if self.map_parameters().contains(&index) {
+        if self.mapped.contains(&index) {
             return (f64::NEG_INFINITY, f64::INFINITY);
         }
         let slot =
@@ -242,7 +252,7 @@ impl Model {
         }
         if let Some(map) = &self.map {
             let point = Point { env: *env, i, v, tau_e: T::zero() };
-            map.voltage(&p[self.map_parameters()], &point, &mut lost);
+            map.voltage(&p[self.mapped.clone()], &point, &mut lost);
         }
         let emf = [v[0] - lost[0] - r_s * i[0], v[1] - lost[1] - r_s * i[1]];
         derivative[0] = emf[0] + env.omega_e * flux[1];
@@ -331,7 +341,7 @@ impl Model {
             any |= s.effect.turned(&mut turned[s.parameters.clone()], shift);
         }
         if let Some(map) = &self.map {
-            any |= map.turned(&mut turned[self.map_parameters()], shift);
+            any |= map.turned(&mut turned[self.mapped.clone()], shift);
         }
         any.then_some(turned)
     }
@@ -384,7 +394,7 @@ impl Model {
         }
         if let Some(map) = &self.map {
             let point = Point { env: at.env, i: [T::zero(); 2], v: [T::zero(); 2], tau_e: at.tau_e };
-            rotor.loss += map.torque(&p[self.map_parameters()], &point);
+            rotor.loss += map.torque(&p[self.mapped.clone()], &point);
         }
         (at.tau_e - rotor.loss - rotor.load) / rotor.inertia
     }

@@ -97,10 +97,9 @@ impl Spline {
     fn fill<T: Real>(&self, at: &Point<T>, out: &mut [T; MOST]) {
         let pieces = self.pieces as f64;
         let x = (at.value(self.variable) - T::constant(self.low)) * (pieces / (self.high - self.low));
-        let x = x.if_positive(x, T::zero());
+        let x = positive(x);
         let rest = T::constant(pieces) - x;
         let x = rest.if_positive(x, T::constant(pieces));
-        let positive = |x: T| x.if_positive(x, T::zero());
         for (k, value) in out.iter_mut().enumerate().take(self.pieces + self.degree) {
             // Function k lies symmetrically about its centre; truncated powers of the distance from there.
             let a = (x - T::constant(k as f64 + 0.5 * (1.0 - self.degree as f64))).abs();
@@ -117,6 +116,12 @@ impl Spline {
             };
         }
     }
+}
+
+/// The number where it is positive, else zero.
+#[inline(always)]
+fn positive<T: Real>(x: T) -> T {
+    x.if_positive(x, T::zero())
 }
 
 /// Functions of one variable.

@@ -42,6 +42,8 @@ pub struct Choice {
     pub start: Vec<f64>,
     /// Standard deviation of the coefficients' prior, in their unit.
     pub spread: f64,
+    /// Share of the excess mean square that it removes on the blocks left out.
+    pub gain: f64,
 }
 
 /// One way to use a candidate's columns.
@@ -76,7 +78,9 @@ pub fn choose(
         .collect();
     let loss = |trial: &Trial| scale.loss(trial.left, trial.part.count());
     let chosen = trials.into_iter().min_by(|a, b| loss(a).total_cmp(&loss(b)))?;
-    (loss(&chosen) < scale.loss(bare, 0) - LEAST_GAIN).then(|| view.settled(chosen, &folds))
+    let floor = (scale.channels * scale.counted) as f64;
+    let gain = ((bare - chosen.left) / (bare - floor).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+    (loss(&chosen) < scale.loss(bare, 0) - LEAST_GAIN).then(|| view.settled(chosen, &folds, gain))
 }
 
 /// What a sum of squares over some channels is worth, by the rule by which effects are compared.
@@ -188,7 +192,7 @@ impl<'a> View<'a> {
     }
 
     /// First-order coefficients of a trial from all blocks, and the prior in their unit.
-    fn settled(&self, trial: Trial, folds: &[Vec<Range<usize>>]) -> Choice {
+    fn settled(&self, trial: Trial, folds: &[Vec<Range<usize>>], gain: f64) -> Choice {
         let whole = sum(&self.normals(&self.columns(&trial.part), folds), None);
         let base = self.basis.ncols();
         let columns: Vec<usize> = (0..trial.part.count()).collect();
@@ -196,7 +200,7 @@ impl<'a> View<'a> {
         let spread = 1.0 / weight(&whole, base, &columns, trial.ridge).max(f64::MIN_POSITIVE).sqrt();
         let start =
             step.map_or(vec![0.0; columns.len()], |s| s.rows(base, columns.len()).iter().copied().collect());
-        Choice { part: trial.part, start, spread }
+        Choice { part: trial.part, start, spread, gain }
     }
 }
 

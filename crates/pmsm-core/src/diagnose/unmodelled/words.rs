@@ -39,7 +39,7 @@ fn nothing(tried: &[Side]) -> String {
         Side::Mechanical => "of the missing torque over angle, speed and motor torque",
     };
     if tried.is_empty() {
-        return "Nothing significant is left on the recording itself over which a map could be laid.".into();
+        return "Nothing is left on the recording itself over which a map could be laid.".into();
     }
     let over: Vec<&str> = tried.iter().map(over).collect();
     format!(
