@@ -72,7 +72,7 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
             .collect();
         equivalent.extend(outcome.shown.iter().map(|s| s.effect).filter(|e| hidden(*e).is_some()));
         ranked.push(Ranked { effect, probability: share, equivalent, judged: outcome.best.clone() });
-        for (rival, judged) in rivals {
+        for (rival, judged) in rivals.iter().copied() {
             let probability = share * odds(judged) * weight(rival);
             let known = effects.contains(&rival) || ranked.iter().any(|r| r.effect == rival);
             if probability > LEAST_LISTED && !known {
