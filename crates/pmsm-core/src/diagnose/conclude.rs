@@ -1,0 +1,288 @@
+//! The answer: what was found, where, what else it could be, and what it is worth.
+
+use super::answer::{Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, Step, Traces, Verdict};
+use super::data::Data;
+use super::decide::{self, Ranked};
+use super::hypothesis::{self, Hypothesis};
+use super::locate::{self, Located};
+use super::outputs::{Inseparable, Outputs};
+use super::search::Outcome;
+use super::{agree, each, power, prescribe, unmodelled, verdict};
+use crate::effect::Site;
+use crate::error::Result;
+use crate::monitor::Monitor;
+use crate::recording::Kind;
+use crate::signals::{self, Finding};
+use std::collections::BTreeMap;
+
+/// The answer where nothing can be said, and why.
+pub fn undetermined(data: &Data, finding: Finding) -> Answer {
+    let mut data_quality = data.signals.findings.clone();
+    data_quality.push(finding);
+    Answer {
+        schema: "pmsm-rs.diagnosis/1",
+        verdict: Verdict::Undetermined,
+        data_quality,
+        located: Vec::new(),
+        ranking: Vec::new(),
+        model: FoundModel { effects: Vec::new(), base: BTreeMap::new(), unmodelled: None },
+        path: Vec::new(),
+        cannot_see: Vec::new(),
+        next_experiment: Some("Record a rich manoeuvre: reversals, two levels of i_q, steps of i_d.".into()),
+        noise_floor: floors(data),
+        fit: FitTable::default(),
+        recording_kind: data.signals.kind,
+        recordings: Vec::new(),
+        traces: Traces::default(),
+    }
+}
+
+fn floors(data: &Data) -> BTreeMap<String, f64> {
+    data.floors.iter().map(|f| (f.channel.name().to_string(), f.total())).collect()
+}
+
+/// Writes the answer.
+pub fn conclude(
+    data: &Data,
+    judge: Option<&Data>,
+    mut outcome: Outcome,
+    weak: &[String],
+    monitor: &dyn Monitor,
+) -> Result<Answer> {
+    if !weak.is_empty() && outcome.base.excess() <= verdict::MISMATCH {
+        // On a poor recording a small gain of one effect is no evidence against the bare machine.
+        outcome.best = outcome.base.clone();
+        outcome.path.truncate(1);
+        outcome.swaps.clear();
+        let asked: Vec<_> = outcome.singles.iter().map(|(p, _)| p.effect).collect();
+        let worth = outcome.scale.worth();
+        outcome.shown = power::survey(data, &outcome.base.fitted, &asked, worth, true, monitor);
+    }
+    let (mut verdict, mut ranked) = decide::decide(&outcome, !weak.is_empty());
+    let refuted = outcome.best.refuted;
+    if refuted {
+        // It stays a candidate, but is no model to predict with.
+        outcome.best = outcome.base.clone();
+        outcome.path.truncate(1);
+    }
+    let last = outcome.path.len() - 1;
+    for judged in &mut outcome.path {
+        judged.fitted = hypothesis::efficient(data, &judged.fitted, monitor)?;
+    }
+    let (first, end) = (outcome.path[0].clone(), outcome.path[last].clone());
+    (outcome.base, outcome.best) = (first, end);
+    let best = &outcome.best;
+    let located = located(data, &outcome, verdict);
+    // What stays unknown is at least described, so that the model predicts.
+    let contradiction = agree::contradiction(data, &best.fitted, monitor)?;
+    if contradiction.as_ref().is_some_and(|c| c.concerns(&best.fitted.effects())) {
+        verdict = Verdict::Undetermined;
+        ranked.iter_mut().for_each(|r| r.probability = r.probability.min(agree::CEILING));
+    }
+    let described = if verdict == Verdict::Unknown && !monitor.cancelled() {
+        Some(unmodelled::explain(data, judge, &best.fitted, monitor)?)
+    } else {
+        None
+    };
+    let settled = described.as_ref().map_or(&best.fitted, |(fitted, _)| fitted);
+    let model_outputs = Outputs::new(data, settled);
+    // Steady points have no dynamics to tell an effect from the base parameters that it is entangled with.
+    let steady = data.signals.kind == Kind::OperatingPoints;
+    let ties = if steady { model_outputs.inseparable() } else { Vec::new() };
+    if verdict == Verdict::Named && !ties.is_empty() {
+        verdict = Verdict::Ambiguous;
+    }
+    let validation = match judge {
+        Some(judge) => Some((
+            judge,
+            hypothesis::transfer(judge, &outcome.base.fitted, monitor)?,
+            hypothesis::transfer(judge, settled, monitor)?,
+        )),
+        None => None,
+    };
+    let mut traces = Traces { recording: traces(data, &outcome.base.fitted, settled), ..Traces::default() };
+    let mut fit = FitTable { recording: table(&traces.recording, data), ..FitTable::default() };
+    if let Some((judge, before, after)) = &validation {
+        traces.validation = self::traces(judge, before, after);
+        fit.validation = table(&traces.validation, judge);
+    }
+    let ranking = ranked.iter().map(|r| candidate(data, &outcome, r, &model_outputs)).collect();
+    let next_experiment = prescribe::next_experiment(data, &ranked, &outcome, verdict, weak, monitor)?;
+    let mut data_quality = quality(data, weak, &ties, refuted);
+    data_quality.extend(contradiction.map(|c| c.finding));
+    Ok(Answer {
+        schema: "pmsm-rs.diagnosis/1",
+        verdict,
+        data_quality,
+        located,
+        ranking,
+        model: FoundModel {
+            effects: outcome.order().iter().map(|e| e.id().to_string()).collect(),
+            base: model_outputs.base(),
+            unmodelled: described.map(|(_, unmodelled)| unmodelled),
+        },
+        path: outcome.path.iter().map(|judged| step(data, &judged.fitted)).collect(),
+        cannot_see: power::cannot_see(&outcome),
+        next_experiment,
+        noise_floor: floors(data),
+        fit,
+        recording_kind: data.signals.kind,
+        recordings: each::recordings(data, &traces.recording),
+        traces,
+    })
+}
+
+fn step(data: &Data, hypothesis: &Hypothesis) -> Step {
+    let outputs = Outputs::new(data, hypothesis);
+    let effects = hypothesis.effects();
+    Step {
+        effects: effects.iter().map(|e| e.id().to_string()).collect(),
+        base: outputs.base(),
+        parameters: effects.iter().map(|e| (e.id().to_string(), outputs.effect(*e))).collect(),
+        rms: residual_rms(data, hypothesis),
+    }
+}
+
+/// Root mean square of the residual by channel, over all recordings that hold it.
+fn residual_rms(data: &Data, hypothesis: &Hypothesis) -> BTreeMap<String, f64> {
+    let mut sums: BTreeMap<String, Vec<(f64, usize)>> = BTreeMap::new();
+    let floors = data.runs().iter().flat_map(|run| run.floors.iter().map(|f| (f, run.signals.len())));
+    for ((floor, samples), (channel, square)) in floors.zip(&hypothesis.squares) {
+        let rms = square.sqrt() * floor.total();
+        sums.entry(channel.name().to_string()).or_default().push((rms, samples));
+    }
+    let root = |parts: Vec<(f64, usize)>| match parts[..] {
+        [(rms, _)] => rms,
+        _ => {
+            let samples: usize = parts.iter().map(|(_, n)| n).sum();
+            (parts.iter().map(|(rms, n)| rms * rms * *n as f64).sum::<f64>() / samples as f64).sqrt()
+        }
+    };
+    sums.into_iter().map(|(name, parts)| (name, root(parts))).collect()
+}
+
+fn candidate(data: &Data, outcome: &Outcome, ranked: &Ranked, model: &Outputs) -> Candidate {
+    let info = ranked.effect.info();
+    let in_model = outcome.best.fitted.effects().contains(&ranked.effect);
+    let parameters = if in_model {
+        model.effect(ranked.effect)
+    } else {
+        Outputs::new(data, &ranked.judged.fitted).effect(ranked.effect)
+    };
+    let (before, after) = (outcome.base.held_out_squares(), ranked.judged.held_out_squares());
+    Candidate {
+        effect: info.id.into(),
+        probability: ranked.probability,
+        sentence: info.sentence.into(),
+        equation: info.equation.into(),
+        parameters,
+        equivalent_to: ranked.equivalent.iter().map(|e| e.id().to_string()).collect(),
+        gain_held_out: if before > 0.0 { ((before - after) / before).clamp(-1.0, 1.0) } else { 0.0 },
+    }
+}
+
+/// Where it sits. What a named sensor or electrical effect explains of the other equations is its own.
+fn located(data: &Data, outcome: &Outcome, verdict: Verdict) -> Vec<Located> {
+    let mut located = locate::locate(data, &outcome.base.fitted);
+    if !matches!(verdict, Verdict::Named | Verdict::Ambiguous) {
+        return located;
+    }
+    let sites: Vec<Site> = outcome.best.fitted.effects().iter().map(|e| e.info().site).collect();
+    if sites.first() == Some(&Site::Sensor) {
+        if let Some(strongest) = located.first().cloned() {
+            let sentence = format!(
+                "The measurement is wrong, not the motor. {} A single sensor error explains it in all equations.",
+                strongest.sentence
+            );
+            let share = located.iter().map(|l| l.share).sum();
+            located.insert(0, Located { equation: "sensor".into(), share, sentence, ..strongest });
+        }
+    } else if sites.contains(&Site::Electrical) && !sites.contains(&Site::Mechanical) {
+        located.sort_by_key(|l| l.equation == "mechanical");
+    }
+    located
+}
+
+fn quality(data: &Data, weak: &[String], found: &[Inseparable], refuted: bool) -> Vec<Finding> {
+    let mut findings = data.signals.findings.clone();
+    let noise: Vec<Vec<Finding>> = data.runs().iter().map(|run| run.input.findings(&run.signals)).collect();
+    findings.extend(signals::join::findings(noise.iter().map(Vec::as_slice)));
+    for tie in found {
+        let (others, effect) = (tie.others.join(", "), tie.effect.id());
+        findings.push(Finding {
+            finding: format!(
+                "{} of {effect} is hardly separable from {others} here (correlation {:.2})",
+                tie.parameter, tie.correlation
+            ),
+            consequence: "each can stand in for the others, so that no value of them is worth much by itself"
+                .into(),
+            fix: "record at other speeds, currents and directions as well".into(),
+        });
+    }
+    if data.signals.kind == Kind::OperatingPoints {
+        findings.push(Finding {
+            finding: "the samples are far apart compared with the electrical time constants".into(),
+            consequence: "they are taken as steady operating points; nothing is said about transients or ripple".into(),
+            fix: "sample at the switching frequency for those questions".into(),
+        });
+    }
+    if !weak.is_empty() {
+        findings.push(Finding {
+            finding: format!("the manoeuvre does not pin down {}", weak.join(", ")),
+            consequence: "effects that resemble a change of these parameters cannot be told from it".into(),
+            fix: "add reversals, a second level of i_q and steps of i_d".into(),
+        });
+    }
+    if refuted {
+        findings.push(Finding {
+            finding: "what fits this recording predicts the validation run worse than the bare machine"
+                .into(),
+            consequence: "the candidates are listed, but none is put into the model".into(),
+            fix: "diagnose a manoeuvre with reversals, two levels of i_q and steps of i_d".into(),
+        });
+    }
+    findings
+}
+
+/// Measured, before and after, with the operating point.
+fn traces(data: &Data, before: &Hypothesis, after: &Hypothesis) -> Columns {
+    let mut columns = Columns::new();
+    let s = &data.signals;
+    columns.insert("t".into(), s.t.clone());
+    if let Some(number) = each::numbers(data) {
+        columns.insert("recording".into(), number);
+    }
+    let first = data.whole(before);
+    let (x, y) = (first.predict(&before.parameters), data.whole(after).predict(&after.parameters));
+    for (at, channel) in first.channels().iter().enumerate() {
+        let name = channel.name();
+        columns.insert(format!("{name}_measured"), first.measured(*channel));
+        columns.insert(format!("{name}_before"), x[at].clone());
+        columns.insert(format!("{name}_after"), y[at].clone());
+    }
+    columns.insert("op_omega_e".into(), s.omega_e.clone());
+    if let Some([d, q]) = &s.i {
+        columns.insert("op_i_d".into(), d.clone());
+        columns.insert("op_i_q".into(), q.clone());
+    }
+    if s.angle_known && s.kind != Kind::OperatingPoints {
+        columns.insert("op_theta_e".into(), s.theta_e.clone());
+        columns.insert("op_theta_m".into(), s.theta_m.clone());
+    }
+    columns
+}
+
+fn table(columns: &Columns, data: &Data) -> BeforeAfter {
+    let rms = |when: &str| -> BTreeMap<String, f64> {
+        data.floors
+            .iter()
+            .filter_map(|f| {
+                let name = f.channel.name();
+                let (measured, model) =
+                    (columns.get(&format!("{name}_measured"))?, columns.get(&format!("{name}_{when}"))?);
+                Some((name.to_string(), each::rms(measured, model)))
+            })
+            .collect()
+    };
+    BeforeAfter { before: rms("before"), after: rms("after") }
+}
