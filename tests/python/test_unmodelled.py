@@ -9,6 +9,7 @@ import numpy as np
 import pmsm_rs as pm
 import pytest
 from conftest import ROOT
+from pmsm_rs.config import read_machine
 from pmsm_rs.plot import unmodelled as draw
 from pmsm_rs.results import Diagnosis
 from pmsm_rs.unmodelled import Term, functions
@@ -28,11 +29,11 @@ def rubbing(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
     folder: Path = tmp_path_factory.mktemp("rubbing")
     effects = {"x_tight_spot": {"tau": 0.8, "width": 0.4}}
     make_case(folder / "open", SERVO, effects, "rich", "none", 5, truth_folder=folder / "sealed")
-    machine = folder / "open" / "machine.toml"
+    machine = read_machine(folder / "open" / "machine.toml")
     first, other = (
         pm.load(folder / "open" / f"{n}.parquet", machine=machine) for n in ("recording", "validation")
     )
-    return pm.diagnose(first, validation=other)
+    return pm.diagnose(first, machine.machine, validation=other)
 
 
 def test_what_has_no_name_is_modelled_and_predicts_another_run(rubbing: Diagnosis) -> None:

@@ -104,6 +104,13 @@ impl Data {
         self.runs().iter().rev().max_by_key(rank).expect("at least one recording")
     }
 
+    /// The same with more that is believed of parameters beforehand: index, value, standard deviation.
+    pub fn with_prior(mut self, more: &[(usize, f64, f64)]) -> Self {
+        self.prior.extend(more);
+        self.parts.iter_mut().for_each(|part| part.prior.extend(more));
+        self
+    }
+
     /// The same recording with some samples held out.
     pub fn masked(&self, held_out: Vec<bool>) -> Self {
         let mut at = 0;

@@ -155,10 +155,9 @@ impl Side {
 
 /// The recording with what is believed of a further part's coefficients beforehand.
 fn with_prior(data: &Data, current: &Hypothesis, choice: &Choice) -> Data {
-    let mut data = data.clone();
     let start = current.own().len();
-    data.prior.extend((start..start + choice.part.count()).map(|k| (k, 0.0, choice.spread)));
-    data
+    let more: Vec<_> = (start..start + choice.part.count()).map(|k| (k, 0.0, choice.spread)).collect();
+    data.clone().with_prior(&more)
 }
 
 /// Fits with and without a map, and what they are judged on.
