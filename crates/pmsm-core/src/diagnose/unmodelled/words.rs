@@ -25,11 +25,11 @@ pub fn unmodelled(data: &Data, fitted: &Hypothesis, tried: &[Side], gain: f64) -
 
 fn something(terms: &[Term], gain: f64) -> String {
     let parts: Vec<&str> = terms.iter().map(|t| t.sentence.as_str()).collect();
+    let share = if gain > 0.99 { "over 99".to_string() } else { format!("{:.0}", 100.0 * gain) };
     format!(
-        "What the catalogue does not explain is described without a name: {}. On data that were not used for fitting this takes away {:.0} % of what \
-         was left above the noise. It predicts, but it is no cause.",
-        parts.join(", and "),
-        100.0 * gain
+        "What the catalogue does not explain is described without a name: {}. On data that were not used for fitting \
+         this takes away {share} % of what was left above the noise. It predicts, but it is no cause.",
+        parts.join(", and ")
     )
 }
 
@@ -71,13 +71,14 @@ fn term(part: &Part, equation: Equation, coefficients: &[f64], peak: f64) -> Ter
 fn over(factor: &Factor) -> String {
     match factor {
         Factor::Harmonics { angle, order, count } => {
-            let orders: Vec<String> = (1..=*count).map(|k| (k as u32 * order).to_string()).collect();
-            let word = if *count == 1 { "order" } else { "orders" };
-            let list = match orders.split_last() {
-                Some((last, rest)) if !rest.is_empty() => format!("{} and {last}", rest.join(", ")),
-                _ => orders.concat(),
+            let last = *count as u32 * order;
+            let orders = match count {
+                1 => format!("order {order}"),
+                2 => format!("orders {order} and {last}"),
+                _ if *order == 1 => format!("orders 1 to {last}"),
+                _ => format!("orders {order}, {}, … {last}", 2 * order),
             };
-            format!("{} ({word} {list})", angle.name())
+            format!("{} ({orders})", angle.name())
         }
         Factor::Swing { frequency } => format!("time ({frequency:.2} Hz)"),
         Factor::Direction { .. } => "the direction of rotation".into(),
