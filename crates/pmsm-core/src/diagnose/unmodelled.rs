@@ -1,7 +1,7 @@
 //! What no candidate explains, modelled without a name: a map of the missing voltage or torque over the variables on which
 //! it depends, added to the equations and fitted by simulation like any effect, if it predicts what it was not fitted to.
 //!
-//! The map and its stiffness are chosen on blocks of the recording that are left out ([`choice`]); then the whole model is
+//! The map and its stiffness are chosen on blocks of the recording that are left out (`choice`); then the whole model is
 //! fitted with it, and it is kept only if it beats the model without it by the rule that holds for effects. It has no place in the
 //! catalogue and takes part in no ranking.
 
