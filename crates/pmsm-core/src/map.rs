@@ -138,9 +138,8 @@ impl Map {
         self.places().any(|(part, place)| part.is_electrical() && place.contains(&index))
     }
 
-    /// Adds the voltage (d, q) that is lost between command and winding, V. Never inlined: models without a map must not carry it
-    /// in their loops.
-    #[inline(never)]
+    /// Adds the voltage (d, q) that is lost between command and winding, V.
+    #[inline(always)]
     pub fn voltage<T: Real>(&self, p: &[T], at: &Point<T>, lost: &mut [T; 2]) {
         let mut from = 0;
         for part in &self.parts {
@@ -152,8 +151,8 @@ impl Map {
         }
     }
 
-    /// The torque that is lost against positive rotation, N·m; never inlined either.
-    #[inline(never)]
+    /// The torque that is lost against positive rotation, N·m.
+    #[inline(always)]
     pub fn torque<T: Real>(&self, p: &[T], at: &Point<T>) -> T {
         let mut loss = [T::zero(); 2];
         let mut from = 0;
