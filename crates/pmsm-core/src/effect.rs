@@ -308,9 +308,9 @@ pub trait Effect {
     fn shunt<T: Real>(p: &[T], x: &[T], sin_cos: (T, T), cx: &Context, i: &mut [T; 2]) {
         let _ = (p, x, sin_cos, cx, i);
     }
-    /// Quasi-static start of its own electrical states at the induced voltage `emf` (d, q); zero by default.
-    fn electrical_start<T: Real>(p: &[T], emf: [T; 2], sin_cos: (T, T), cx: &Context, x: &mut [T]) {
-        let _ = (p, emf, sin_cos, cx, x);
+    /// Quasi-static start of its own electrical states where the winding is; zero by default.
+    fn electrical_start<T: Real>(p: &[T], at: &Electrical<T>, cx: &Context, x: &mut [T]) {
+        let _ = (p, at, cx, x);
     }
     /// The same effect seen from a mechanical zero that lies `shift` (rad) further; only effects that know whole
     /// mechanical turns change. Returns whether it is one of them.

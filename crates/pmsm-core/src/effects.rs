@@ -54,7 +54,7 @@ macro_rules! catalogue {
                 fn field[T](p: &[T], at: &FieldPoint<T>, base: &Base<T>, cx: &Context, out: &mut Field<T>) -> ();
                 fn command[T](p: &[T], taps: &[[T; 2]; 3], turn: T, cx: &Context, v: &mut [T; 2]) -> ();
                 fn shunt[T](p: &[T], x: &[T], sin_cos: (T, T), cx: &Context, i: &mut [T; 2]) -> ();
-                fn electrical_start[T](p: &[T], emf: [T; 2], sin_cos: (T, T), cx: &Context, x: &mut [T]) -> ();
+                fn electrical_start[T](p: &[T], at: &Electrical<T>, cx: &Context, x: &mut [T]) -> ();
                 fn turned[](p: &mut [f64], shift: f64) -> bool;
                 fn voltage[T](p: &[T], x: &[T], at: &Electrical<T>, cx: &Context, lost: &mut [T; 2]) -> ();
                 fn electrical_states[T](p: &[T], x: &[T], at: &Electrical<T>, cx: &Context, dx: &mut [T]) -> ();

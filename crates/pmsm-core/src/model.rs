@@ -298,17 +298,32 @@ impl Model {
         i: [T; 2],
         env: &Env<T>,
     ) -> ([T; N], T) {
+        self.state_under(p, base, i, None, env)
+    }
+
+    /// As [`Model::steady_state`], but with the extra states where the induced voltage `emf` (d, q), V, puts them; without one it
+    /// is that of a flux that stands still in the rotor.
+    #[inline(always)]
+    pub fn state_under<T: Real, const N: usize>(
+        &self,
+        p: &[T],
+        base: &Base<T>,
+        i: [T; 2],
+        emf: Option<[T; 2]>,
+        env: &Env<T>,
+    ) -> ([T; N], T) {
         let mut state = [T::zero(); N];
-        let (_, psi_m, magnet) = self.sources(p, base, &state[2..], env);
+        let (r_s, psi_m, magnet) = self.sources(p, base, &state[2..], env);
         let sin_cos = self.sin_cos(env);
         let mut flux = [magnet.flux[0] + base.l_d * i[0], magnet.flux[1] + base.l_q * i[1]];
         let mut at = self.magnetic(p, base, psi_m, &magnet, sin_cos, flux);
         if self.is_magnetic {
             for _ in 0..6 {
-                let emf = [-env.omega_e * flux[1], env.omega_e * flux[0]];
+                let emf = emf.unwrap_or([-env.omega_e * flux[1], env.omega_e * flux[0]]);
+                let winding = Electrical { env: *env, sin_cos, i, r_s, v: [T::zero(); 2], emf };
                 for s in &self.slots {
                     let x = &mut state[2 + s.electrical.start..2 + s.electrical.end];
-                    s.effect.electrical_start(&p[s.parameters.clone()], emf, sin_cos, &self.context, x);
+                    s.effect.electrical_start(&p[s.parameters.clone()], &winding, &self.context, x);
                 }
                 let bypass = self.shunt(p, &state[2..], sin_cos);
                 let (e_d, e_q) = (i[0] - bypass[0] - at.i[0], i[1] - bypass[1] - at.i[1]);

@@ -51,10 +51,10 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
         let odds = |judged: &Judged| (floor - loss(judged)).min(50.0).exp();
         let none = odds(removed.unwrap_or(&outcome.base));
         // A rival that only generalises the effect competes with what its extra freedom deserves, not as another cause; unless that
-        // freedom earned nothing and the recording would not have shown it.
+        // freedom earned nothing and the recording would not have shown it in any of its forms.
         let hidden = |wide: EffectId| {
             let earned = rivals.iter().any(|(e, j)| *e == wide && loss(j) < floor);
-            let shown = outcome.shown.iter().find(|s| s.effect == wide).map(|s| s.power);
+            let shown = outcome.shown.iter().find(|s| s.effect == wide).map(|s| s.at_best);
             shown.filter(|power| generalises(wide, effect) && !earned && *power < EVEN)
         };
         let weight = |rival: EffectId| match hidden(rival) {

@@ -213,7 +213,9 @@ impl<'a> Outputs<'a> {
                         }
                     }
                 }
-                let strength = if zero.is_finite() { (value.re - zero).abs() } else { value.re.abs() };
+                // A gain differs from one by its strength; a resistance that stands aside is infinite without the effect.
+                let strength = if zero.is_finite() { (value.re - zero).abs() } else { f64::INFINITY };
+                let strength = strength.min(value.re.abs());
                 variance = variance * FORM.0 * FORM.0 + (FORM.1 * strength).powi(2);
                 let fixed = value.eps.iter().all(|e| *e == 0.0);
                 let why = fixed.then(|| "a whole number, chosen and not estimated".to_string());

@@ -101,7 +101,9 @@ impl Search<'_> {
     pub fn run(&self, base: Hypothesis) -> Result<Outcome> {
         let base = self.judge(base)?;
         let (able, unfit) = self.able();
-        let singles = self.extend(&base, &able, SINGLES, true)?;
+        // What explains less than would be called a mismatch may be the floor's own error.
+        let mismatch = base.excess().max(base.held_out_excess()) > MISMATCH;
+        let singles = if mismatch { self.extend(&base, &able, SINGLES, true)? } else { Vec::new() };
         self.monitor.report("single effects", 0.6);
         let mut seen: Vec<Judged> = singles.iter().filter_map(|(_, j)| j.clone()).collect();
         seen.push(base.clone());

@@ -29,6 +29,8 @@ pub const INDISTINGUISHABLE: f64 = 3.0;
 pub const INDISTINGUISHABLE_POOR: f64 = 12.0;
 /// What may remain of a channel's excess mean square: this share of it, and this much of the floor's.
 pub const UNEXPLAINED: (f64, f64) = (0.25, 0.12);
+/// Effects from which together only a share in proportion may remain: so many bend to much that they do not cause.
+const FEW: f64 = 2.0;
 /// The same on a recording that was not used for fitting.
 pub const UNEXPLAINED_HELD_OUT: (f64, f64) = (0.3, 0.2);
 /// A mean square beyond this multiple of the bare machine's, and this much more, refutes a model.
@@ -127,11 +129,13 @@ impl Judged {
     /// Largest share of a channel's excess that `self` leaves of what `base` leaves, beyond the tolerance: at most one
     /// where everything is explained.
     pub fn unexplained(&self, base: &Judged) -> f64 {
-        let on_recording = unexplained(&self.fitted, &base.fitted, UNEXPLAINED);
+        let size = self.fitted.effects().len() as f64;
+        let strict = |(share, floor)| (share * (FEW / size.max(FEW)).powi(2), floor);
+        let on_recording = unexplained(&self.fitted, &base.fitted, strict(UNEXPLAINED));
         self.held_out
             .iter()
             .zip(&base.held_out)
-            .map(|(a, b)| unexplained(a, b, UNEXPLAINED_HELD_OUT))
+            .map(|(a, b)| unexplained(a, b, strict(UNEXPLAINED_HELD_OUT)))
             .fold(on_recording, f64::max)
     }
 

@@ -1,10 +1,11 @@
-//! Inductances that vary with rotor angle beyond the saliency. The fourth harmonic of the phase inductances becomes, in the
-//! rotor frame,
+//! Inductances that vary with rotor angle beyond the saliency. Slots, as many per pole pair as there are phases, repeat six times in
+//! an electrical turn; what they do to the phase inductances (harmonics 4, 6 and 8 of self and mutual ones) becomes in the
+//! rotor frame a symmetric matrix that turns six times,
 //!
-//! > ΔL(θ) = l_q·[[c, −s], [−s, −c]],  c = a·cos 6θ − b·sin 6θ,  s = a·sin 6θ + b·cos 6θ,
+//! > ΔL(θ) = [[ℓ_dd, ℓ_dq], [ℓ_dq, ℓ_qq]],  ℓ_x(θ) = l_q·(a_x·cos 6θ + b_x·sin 6θ),
 //!
-//! taken to first order in the field energy, ΔW = −½·i_0ᵀ·ΔL·i_0 with i_0 the current of the linear machine. Source: Park
-//! transform of L_aa = L_0 + L_2 cos 2θ + L_4 cos 4θ; Krause, Analysis of Electric Machinery (2013), chapter 1.
+//! and adds to the field energy ½·(ψ − ψ_m)ᵀ·((L + ΔL)⁻¹ − L⁻¹)·(ψ − ψ_m). Source: Park transform of
+//! L_aa = L_0 + L_2 cos 2θ + Σ L_k cos(kθ + φ_k); Krause, Analysis of Electric Machinery (2013), chapter 1.
 
 use crate::effect::{Context, Effect, Field, FieldPoint, Info, Need, Output, Parameter, Role, Site};
 use crate::base::Base;
@@ -19,9 +20,9 @@ const fn part(name: &'static str, meaning: &'static str) -> Parameter {
         unit: "1",
         meaning,
         role: Role::Amplitude,
-        low: |_| -0.3,
-        high: |_| 0.3,
-        typical: |_| 0.02,
+        low: |_| -0.2,
+        high: |_| 0.2,
+        typical: |_| 0.01,
     }
 }
 
@@ -30,36 +31,50 @@ impl Effect for InductanceHarmonics {
         id: "inductance_harmonics",
         title: "Inductance harmonics",
         sentence: "The inductances vary with the rotor angle beyond the plain saliency: slots show through.",
-        equation: "L_aa = L_0 + L_2·cos 2θ + L_4·cos(4θ + φ)",
+        equation: "L(θ) = L + l_q·(A·cos 6θ + B·sin 6θ) in the rotor frame, A and B symmetric",
         source: "Krause, Analysis of Electric Machinery (2013), chapter 1",
         fingerprint: "6th electrical order in both voltages growing with ω·i, and at standstill with di/dt",
         look_alikes: &["back_emf_harmonics", "dead_time"],
         contains: &[],
         site: Site::Electrical,
         needs: &[Need::Angle, Need::Transients, Need::Current],
-        parameters: &[part("a", "cosine part, share of l_q"), part("b", "sine part, share of l_q")],
+        parameters: &[
+            part("a_dd", "cosine part of the d inductance, share of l_q"),
+            part("b_dd", "sine part of the d inductance, share of l_q"),
+            part("a_dq", "cosine part of the mutual inductance, share of l_q"),
+            part("b_dq", "sine part of the mutual inductance, share of l_q"),
+            part("a_qq", "cosine part of the q inductance, share of l_q"),
+            part("b_qq", "sine part of the q inductance, share of l_q"),
+        ],
     };
     const MAGNETIC: bool = true;
 
     #[inline(always)]
     fn field<T: Real>(p: &[T], at: &FieldPoint<T>, base: &Base<T>, _: &Context, out: &mut Field<T>) {
         let (s6, c6) = six_fold(at.sin_cos);
-        let (c, s) = ((p[0] * c6 - p[1] * s6) * base.l_q, (p[0] * s6 + p[1] * c6) * base.l_q);
-        let (inverse_d, inverse_q) = (base.inverse_l_d, base.inverse_l_q);
-        let d = (at.flux[0] - at.magnet[0]) * inverse_d;
-        let q = (at.flux[1] - at.magnet[1]) * inverse_q;
-        // ΔL·i_0, and its derivative with respect to θ: c' = −6s, s' = 6c.
-        let (x, y) = (c * d - s * q, -(s * d) - c * q);
-        out.i[0] -= inverse_d * x;
-        out.i[1] -= inverse_q * y;
-        out.slope += (s * (d * d - q * q) + c * d * q * 2.0) * 3.0;
-        out.inverse[0] -= inverse_d * inverse_d * c;
-        out.inverse[1] += inverse_d * inverse_q * s;
-        out.inverse[2] += inverse_q * inverse_q * c;
+        let turned = |a: T, b: T| ((a * c6 + b * s6) * base.l_q, (b * c6 - a * s6) * base.l_q);
+        let ((dd, slope_dd), (dq, slope_dq), (qq, slope_qq)) =
+            (turned(p[0], p[1]), turned(p[2], p[3]), turned(p[4], p[5]));
+        // The inverse of L + ΔL, and the current that it gives.
+        let (l_d, l_q) = (base.l_d + dd, base.l_q + qq);
+        let scale = T::one() / (l_d * l_q - dq * dq);
+        let (y_d, y_m, y_q) = (l_q * scale, -(dq * scale), l_d * scale);
+        let (x, y) = (at.flux[0] - at.magnet[0], at.flux[1] - at.magnet[1]);
+        let (d, q) = (y_d * x + y_m * y, y_m * x + y_q * y);
+        // (L + ΔL)⁻¹ − L⁻¹ = −L⁻¹·ΔL·(L + ΔL)⁻¹ is exactly zero with ΔL.
+        out.i[0] -= base.inverse_l_d * (dd * d + dq * q);
+        out.i[1] -= base.inverse_l_q * (dq * d + qq * q);
+        out.slope -= (slope_dd * d * d + slope_dq * d * q * 2.0 + slope_qq * q * q) * 3.0;
+        out.inverse[0] -= base.inverse_l_d * (dd * y_d + dq * y_m);
+        out.inverse[1] -= base.inverse_l_d * (dd * y_m + dq * y_q);
+        out.inverse[2] -= base.inverse_l_q * (dq * y_m + qq * y_q);
     }
 
+    /// The swing of an axis' inductance, share of l_q: root mean square of the two axes.
     fn outputs<T: Real>(p: &[T], _: &Base<T>, _: &Context) -> Vec<Output<T>> {
-        vec![("l6_rel", "1", (p[0].squared() + p[1].squared()).sqrt())]
+        let own = [p[0], p[1], p[4], p[5]];
+        let size = own.iter().fold(T::zero(), |sum, x| sum + x.squared());
+        vec![("l6_rel", "1", (size * 0.5).sqrt())]
     }
 }
 
@@ -82,28 +97,38 @@ mod tests {
     use std::f64::consts::TAU;
 
     proptest! {
-        /// Self and mutual inductances L_xy = L_4·cos(4θ + φ + (x+y)·2π/3) of the phases x, y = 0, 1, 2.
+        /// Inductances L_xy of the phases x, y = 0, 1, 2 in harmonics 4, 6 and 8 of the rotor angle.
         #[test]
         fn flux_is_that_of_the_phase_inductances(
-            phi in 0.0..TAU, theta in 0.0..TAU, i in prop::array::uniform2(-8.0..8.0f64),
+            harmonic in prop::sample::select(vec![4, 6, 8]),
+            phi in 0.0..TAU,
+            theta in 0.0..TAU,
+            i in prop::array::uniform2(-8.0..8.0f64),
         ) {
-            let share = 1e-5;
-            let l_4 = share * MACHINE[2] / 1.5;
+            let share = 0.03;
+            let k = f64::from(harmonic);
+            let mutual = |x: f64, y: f64| match harmonic {
+                6 => (6.0 * theta + phi).cos() * ((x - y) * TAU / 3.0).cos(),
+                _ => (k * theta + phi - 0.5 * k * (x + y) * TAU / 3.0).cos(),
+            };
             let (s, c) = theta.sin_cos();
             let currents = inverse_park(i, c, s);
-            let phases = [0, 1, 2].map(|x: u32| {
-                (0..3).map(|y: u32| {
-                    l_4 * (4.0 * theta + phi + f64::from(x + y) * TAU / 3.0).cos() * currents[y as usize]
-                }).sum::<f64>()
+            let phases = [0.0, 1.0, 2.0].map(|x| {
+                let linked: f64 = [0.0, 1.0, 2.0].iter().zip(currents).map(|(y, i)| mutual(x, *y) * i).sum();
+                share * MACHINE[2] / 1.5 * linked
             });
             let extra = park(phases, c, s);
             let flux = [MACHINE[3] + MACHINE[1] * i[0] + extra[0], MACHINE[2] * i[1] + extra[1]];
             let model = Model::new(CX, &[EffectId::InductanceHarmonics]);
-            let p = [&MACHINE[..], &[share * phi.cos(), share * phi.sin()]].concat();
+            let (a, b) = (share * phi.cos(), -share * phi.sin());
+            let own = match harmonic {
+                4 => [a, b, b, -a, -a, -b],
+                6 => [a, b, 0.0, 0.0, a, b],
+                _ => [a, b, -b, a, -a, -b],
+            };
+            let p = [&MACHINE[..], &own].concat();
             let got = model.state_current(&p, &base(), &flux, &env(theta, 0.0)).i;
-            // First order in the share: what is left is its square.
-            prop_assert!((got[0] - i[0]).abs() < 100.0 * share * share * 10.0);
-            prop_assert!((got[1] - i[1]).abs() < 100.0 * share * share * 10.0);
+            prop_assert!((got[0] - i[0]).abs() < 1e-10 && (got[1] - i[1]).abs() < 1e-10, "{got:?} {i:?}");
         }
     }
 

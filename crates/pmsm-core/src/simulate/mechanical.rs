@@ -7,6 +7,7 @@ use crate::model::Model;
 use crate::real::{Carries, Loop, Real};
 use crate::rk4::{self, Slope};
 use crate::signals::Signals;
+use crate::transforms::rotate;
 use std::marker::PhantomData;
 use std::ops::Range;
 
@@ -104,18 +105,33 @@ impl<T: Real, const N: usize> Loop<T> for Torque<'_, T, N> {
         let p: Vec<W> = self.p.iter().map(|x| W::carry(*x)).collect();
         let base = Base::new(&p);
         let sensed = model.has_sensor();
-        for (k, torque) in torque.iter_mut().enumerate() {
-            let mut env = measured_env(signals, k);
-            let mut i = [W::constant(i[0][k]), W::constant(i[1][k])];
-            if sensed {
-                let (sensor, theta) = (model.sensor(&p, &env), env.theta_e);
-                env = true_env(&sensor, &env, signals.n_p);
-                i = model.true_current(&sensor, [phases[0][k], phases[1][k], phases[2][k]], theta);
+        for segment in &signals.segments {
+            for k in segment.clone() {
+                let mut env = measured_env(signals, k);
+                let mut i = [W::constant(i[0][k]), W::constant(i[1][k])];
+                // What bypasses the winding follows the voltage, also while the current changes.
+                let mut v = mean_voltage(signals, segment, k).map(|v| v.map(W::constant)).filter(|_| N > 2);
+                if sensed {
+                    let (sensor, theta) = (model.sensor(&p, &env), env.theta_e);
+                    env = true_env(&sensor, &env, signals.n_p);
+                    i = model.true_current(&sensor, [phases[0][k], phases[1][k], phases[2][k]], theta);
+                    let (s, c) = sensor.angle.sin_cos();
+                    v = v.map(|v| rotate(v, c, s));
+                }
+                let emf = v.map(|v| [v[0] - base.r_s * i[0], v[1] - base.r_s * i[1]]);
+                torque[k] = model.state_under::<W, N>(&p, &base, i, emf, &env).1.give();
             }
-            *torque = model.steady_state::<W, N>(&p, &base, i, &env).1.give();
         }
         torque
     }
+}
+
+/// Voltage command (d, q) around sample `k` of a segment, V: the mean of the intervals before and after it.
+fn mean_voltage(signals: &Signals, segment: &Range<usize>, k: usize) -> Option<[f64; 2]> {
+    let v = signals.v.as_ref()?;
+    let before = k.saturating_sub(1).max(segment.start);
+    let here = k.min(segment.end.saturating_sub(2)).max(segment.start);
+    Some([0, 1].map(|axis| 0.5 * (v[axis][before] + v[axis][here])))
 }
 
 /// How the simulation starts each window.
