@@ -50,6 +50,7 @@ pub mod simulate;
 pub mod start;
 pub mod swarm;
 pub mod system;
+mod tall;
 pub mod terms;
 pub mod track;
 pub mod transforms;

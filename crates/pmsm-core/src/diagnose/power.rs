@@ -22,6 +22,7 @@ use crate::effects::EffectId;
 use crate::experiment::{Block, Channel};
 use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
+use crate::tall;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -290,7 +291,7 @@ impl Survey<'_> {
     fn likeness(&self, found: &Found, columns: &DMatrix<f64>, bounds: &[(f64, f64)]) -> (f64, f64) {
         let whole = found.trace.norm_squared();
         let free = freed(&found.others, columns);
-        let (gram, right) = (free.tr_mul(&free), free.tr_mul(&found.trace));
+        let (gram, right) = (tall::gram(&free), tall::tr_mul_vector(&free, &found.trace));
         let length: Vec<f64> = columns.column_iter().map(|c| c.norm()).collect();
         let Some(step) = solve(&gram, &right, &length).filter(|_| whole > 0.0) else {
             return (0.0, f64::INFINITY);
@@ -306,11 +307,11 @@ impl Survey<'_> {
     /// The fitted parameters without which much less of `whole` would be absorbed: for the least-squares coefficients x
     /// that is x_k²/(JᵀJ)⁻¹_kk.
     fn absorbed_by(&self, whole: &DVector<f64>) -> Vec<String> {
-        let absorbed = self.basis.tr_mul(whole).norm_squared();
+        let absorbed = tall::tr_mul_vector(&self.basis, whole).norm_squared();
         // A parameter without any effect stands for nothing; its scale must only not be zero.
         let norm = |c: nalgebra::DVectorView<f64>| Some(c.norm()).filter(|x| *x > 1e-100).unwrap_or(1.0);
         let scale: Vec<f64> = self.jacobian.column_iter().map(norm).collect();
-        let gram = self.jacobian.tr_mul(&self.jacobian);
+        let gram = tall::gram(&self.jacobian);
         let unit = DMatrix::from_fn(gram.nrows(), gram.ncols(), |r, c| gram[(r, c)] / (scale[r] * scale[c]));
         // A decomposition of what is not finite never ends.
         let Some(inverse) = Some(unit).filter(finite).and_then(|m| m.pseudo_inverse(1e-12).ok()) else {

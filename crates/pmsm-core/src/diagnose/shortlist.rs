@@ -11,6 +11,7 @@ use crate::effects::EffectId;
 use crate::experiment::{Channel, Channels, Joint, split};
 use crate::model::Model;
 use crate::simulate::mechanical::Nuisance;
+use crate::tall;
 use nalgebra::{DMatrix, DVector};
 
 /// A column keeps less than this share of its length when freed of the others: it is one of them.
@@ -82,8 +83,8 @@ impl<'a> Scorer<'a> {
             let (free, length) = projector.free(&columns);
             let n = self.data.counted() as f64;
             best.visible = best.visible.max((&free * &typical).norm_squared() * projector.scale() / n);
-            let gram = free.tr_mul(&free);
-            let right = free.tr_mul(&projector.residual);
+            let gram = tall::gram(&free);
+            let right = tall::tr_mul_vector(&free, &projector.residual);
             let Some(step) = solve(&gram, &right, &length) else { continue };
             let bounded: DVector<f64> = DVector::from_fn(amplitudes.len(), |k, _| {
                 let parameter = &info.parameters[amplitudes[k]];
@@ -238,8 +239,12 @@ pub fn orthonormal(columns: &DMatrix<f64>) -> DMatrix<f64> {
 
 /// `columns` freed of what an orthonormal basis spans.
 pub fn freed(basis: &DMatrix<f64>, columns: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut free = columns - basis * basis.tr_mul(columns);
-    free -= basis * basis.tr_mul(&free);
+    let mut free = columns.clone();
+    // Twice is enough (Kahan, Parlett).
+    for _ in 0..2 {
+        let along = tall::tr_mul(basis, &free);
+        tall::subtract(&mut free, basis, &along);
+    }
     free
 }
 

@@ -4,6 +4,7 @@ use super::{Experiment, Joint};
 use crate::error::Result;
 use crate::least_squares::{self, Fit, Normal, Problem, Settings};
 use crate::monitor::Monitor;
+use crate::tall;
 
 /// Rounds of a fit after each of which the initial speeds are estimated anew.
 const STARTS: usize = 3;
@@ -113,8 +114,8 @@ impl Problem for Fitting<'_> {
         let linear = self.experiment.linearise(&whole, self.free);
         let mut normal = Normal {
             cost: linear.residual.norm_squared(),
-            jtj: linear.jacobian.tr_mul(&linear.jacobian),
-            jtr: linear.jacobian.tr_mul(&linear.residual),
+            jtj: tall::gram(&linear.jacobian),
+            jtr: tall::tr_mul_vector(&linear.jacobian, &linear.residual),
         };
         for (k, value, sd) in self.known() {
             let off = (whole[self.free[k]] - value) / sd;
