@@ -303,10 +303,10 @@ def _convert(raw: NDArray[np.float64], name: str, rule: Rule, source: Source) ->
 def _finite(
     values: NDArray[np.float64], raw: NDArray[np.float64], name: str, column: str, source: Source
 ) -> None:
-    bad = ~np.isfinite(values)
-    if not bad.any():
+    finite = np.isfinite(values)
+    if finite.all():
         return
-    row = int(np.argmax(bad))
+    row = int(np.argmin(finite))
     number, words = source.place(row)
     value = float(raw[row])
     what = "not a number" if np.isnan(value) else "infinite or too large" if np.isinf(value) else "too large"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 
@@ -133,6 +134,7 @@ MECHANICAL_RPM: Final = frozenset({"n", "rpm", "speed", "motor_speed", "rotor_sp
 """Names that, in rpm, are always the speed of the shaft."""
 
 
+@lru_cache(maxsize=1024)
 def normal(name: str) -> str:
     """A name in lower case with single underscores, without a log's own prefix such as `servo_stats.`."""
     last = name.rsplit(".", 1)[-1] if re.match(r"^[A-Za-z_]+\.[A-Za-z_]", name) else name

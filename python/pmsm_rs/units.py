@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 from .errors import did_you_mean
@@ -92,6 +93,7 @@ _SPELLINGS: Final = {
 }
 
 
+@lru_cache(maxsize=1024)
 def canonical(text: str, dimension: str) -> str | None:
     """The name under which UNITS knows what `text` says for a column of `dimension`, None where it says
     nothing known.

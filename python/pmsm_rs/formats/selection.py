@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -28,6 +29,7 @@ class Selection:
     part: str | None = None
 
     @classmethod
+    @lru_cache(maxsize=1024)
     def of(cls, text: str) -> Selection:
         """What `text` selects; a plain name selects the array as it is."""
         found = _SELECTION.match(text)
