@@ -265,9 +265,9 @@ fn check_time(t: &[f64], gap: f64) -> Result<(f64, Vec<Range<usize>>)> {
             fix: "sort the rows by time and drop repeated ones".into(),
         });
     }
-    let mut sorted = steps.clone();
-    sorted.sort_by(f64::total_cmp);
-    let period = sorted[sorted.len() / 2];
+    let mut ranked = steps.clone();
+    let middle = ranked.len() / 2;
+    let period = *ranked.select_nth_unstable_by(middle, f64::total_cmp).1;
     let mut segments = Vec::new();
     let mut start = 0;
     for (row, step) in steps.iter().enumerate() {

@@ -171,10 +171,13 @@ impl Tracker {
     pub fn update(&mut self, batch: &[(&str, &[f64])], monitor: &dyn Monitor) -> Result<Vec<Window>> {
         self.transact(|progress, windows, judge| {
             let columns = progress.intake.columns(batch)?;
-            for row in 0..columns.len() {
+            let mut row = progress.intake.keep(&columns, 0);
+            while row < columns.len() {
                 for cut in progress.intake.push(&columns, row)? {
                     windows.push(judge(cut, &mut progress.warm, &mut progress.history, monitor)?);
                 }
+                row += 1;
+                row += progress.intake.keep(&columns, row);
             }
             Ok(())
         })

@@ -121,13 +121,43 @@ impl Intake {
         Ok(Batch { values })
     }
 
+    /// Takes in the rows from number `row` on up to the first one that may call for more than being kept; returns how many
+    /// those are. Row by row they would cost more than finding what they tell.
+    pub fn keep(&mut self, batch: &Batch, row: usize) -> usize {
+        if self.origin.is_none() {
+            return 0;
+        }
+        let (t, room) = (&batch.values[0][row..], MOST_SAMPLES.saturating_sub(self.rows[0].len()));
+        let (end, mut last) = (self.begins(self.index + 1), self.last);
+        let plain = |t: &&f64| {
+            let step = **t - last;
+            last = **t;
+            step > 0.0 && **t < end - 0.5 * step.min(self.window) && sound(**t)
+        };
+        let mut count = t.iter().take(room).take_while(plain).count();
+        for values in &batch.values[1..] {
+            let kept = &values[row..row + count];
+            count = kept.iter().position(|x| !sound(*x)).unwrap_or(count);
+        }
+        for (column, values) in self.rows.iter_mut().zip(&batch.values) {
+            column.extend_from_slice(&values[row..row + count]);
+        }
+        for k in count.saturating_sub(STEPS)..count {
+            self.remember(t[k] - if k == 0 { self.last } else { t[k - 1] });
+        }
+        if count > 0 {
+            self.last = t[count - 1];
+        }
+        count
+    }
+
     /// Takes in one row; returns the windows that it completes (two if time jumps across whole windows).
     ///
     /// # Errors
     /// [`Error::Unusable`] if a window holds too many samples.
     pub fn push(&mut self, batch: &Batch, row: usize) -> Result<Vec<Cut>> {
         let t = batch.values[0][row];
-        if !(t.is_finite() && t.abs() <= LARGEST) {
+        if !sound(t) {
             self.lost.no_time += 1;
             return Ok(Vec::new());
         }
@@ -155,8 +185,7 @@ impl Intake {
             }
         }
         self.last = t;
-        let bad = |values: &&[f64]| !(values[row].is_finite() && values[row].abs() <= LARGEST);
-        if let Some(column) = batch.values.iter().position(bad) {
+        if let Some(column) = batch.values.iter().position(|values| !sound(values[row])) {
             self.lost.not_finite += 1;
             self.lost.first_column.get_or_insert_with(|| self.names[column].clone());
             return Ok(done);
@@ -190,7 +219,7 @@ impl Intake {
     pub fn is_sound(&self) -> bool {
         let n = self.rows.first().map_or(0, Vec::len);
         let known = |name: &String| COLUMNS.iter().any(|(known, _)| known == name);
-        let finite = |x: &f64| x.is_finite() && x.abs() <= LARGEST;
+        let finite = |x: &f64| sound(*x);
         self.names.len() == self.rows.len()
             && self.names.iter().all(known)
             && self.names.first().is_none_or(|name| name == "t")
@@ -283,6 +312,11 @@ impl Intake {
         let span = [self.begins(index), self.begins(index + 1).min(end + self.period().unwrap_or(0.0))];
         Some(Cut { number, span, columns, expected, notes })
     }
+}
+
+/// Whether a value can be used; NaN cannot.
+fn sound(x: f64) -> bool {
+    x.abs() <= LARGEST
 }
 
 const SAME: &str = "give every batch of a stream the same columns";
