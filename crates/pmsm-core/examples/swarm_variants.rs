@@ -240,7 +240,7 @@ impl Problem for Sought<'_> {
     fn normal(&self, values: &[f64]) -> Normal {
         // The second run carries derivatives, which cost about as much as one run per parameter.
         self.count.fetch_add(2 + self.dim(), Ordering::Relaxed);
-        let linear = self.objective.linearise(&point(self.task, values), &self.task.free);
+        let linear = self.objective.linearise(&point(self.task, values), &self.task.free, None);
         Normal {
             cost: linear.residual.norm_squared(),
             jtj: linear.jacobian.tr_mul(&linear.jacobian),

@@ -14,11 +14,12 @@ mod warm;
 pub use warm::{Warm, identify_warm};
 
 use crate::error::{Error, Result};
+use crate::experiment::Linearisation;
 use crate::least_squares::{self, Status};
 use crate::machine::{BaseParameter, Machine};
 use crate::model::Model;
 use crate::monitor::Monitor;
-use crate::objective::{Drive, Objective};
+use crate::objective::{Drive, Objective, Starts};
 use crate::pairs;
 use crate::recording::Recording;
 use crate::signals::Signals;
@@ -208,6 +209,9 @@ struct Found {
     evaluations: usize,
     converged: bool,
     interrupted: bool,
+    /// The initial values that least squares found along with them, and residual and derivatives there.
+    starts: Option<Starts>,
+    linear: Option<Linearisation>,
 }
 
 /// Estimates parameters of the dq-model from a recording. The same call gives the same bits for any number of threads.
@@ -225,8 +229,11 @@ pub fn identify(
     request: &Request,
     monitor: &dyn Monitor,
 ) -> Result<Identification> {
-    let mut signals = Signals::new(recording, machine)?;
+    let mut signals = Signals::in_rotor_frame(recording, machine)?;
     let plan = Plan::new(&mut signals, machine, &request.fit)?;
+    if plan.drive != Drive::Coupled {
+        signals.complete();
+    }
     let windows = mechanical::windows(&signals);
     let model = Model::new(signals.context, &[]);
     let objective = Objective::new(plan.drive, &model, &signals, &windows);
@@ -260,6 +267,8 @@ fn by_swarm(
         history: result.history,
         evaluations: result.evaluations,
         interrupted: result.interrupted,
+        starts: None,
+        linear: None,
     };
     if !found.cost.is_finite() {
         // No particle could be simulated, or none was: the nameplate is the best there is.
@@ -296,6 +305,8 @@ fn refine(
         evaluations,
         converged: descent.fit.status == Status::Converged,
         interrupted: descent.fit.status == Status::Interrupted,
+        starts: descent.starts,
+        linear: descent.linear,
     })
 }
 
@@ -308,17 +319,23 @@ fn from_starts(
     settings: &least_squares::Settings,
     monitor: &dyn Monitor,
 ) -> Result<Found> {
-    let mut starts = vec![plan.first()];
-    let blank = Machine { base: [None; 6], ..machine.clone() };
-    if let Ok(base) = start::values(signals, &blank) {
+    let regression = || {
+        let blank = Machine { base: [None; 6], ..machine.clone() };
+        let base = start::values(signals, &blank).ok()?;
         let value = |t: &Target| base.get(t.index()).copied().unwrap_or(0.0);
-        starts.push(plan.targets.iter().map(value).collect());
-    }
+        Some(plan.targets.iter().map(value).collect())
+    };
     let mut best: Option<Found> = None;
-    for start in starts {
-        let descent = search::descend(objective, plan, &start, settings, monitor)?;
+    let mut start = Some(plan.first());
+    while let Some(values) = start {
+        let descent = search::descend(objective, plan, &values, settings, monitor)?;
+        let status = descent.fit.status;
         let before = best.as_ref().map_or(0, |b| b.evaluations);
         let evaluations = before + descent.evaluations;
+        start = match (status, &best) {
+            (Status::Converged | Status::Interrupted, _) | (_, Some(_)) => None,
+            (_, None) => regression(),
+        };
         match &mut best {
             Some(b) if !(descent.fit.cost < b.cost || b.cost.is_nan()) => b.evaluations = evaluations,
             _ => {
@@ -327,13 +344,12 @@ fn from_starts(
                     cost: descent.fit.cost,
                     history: descent.history,
                     evaluations,
-                    converged: descent.fit.status == Status::Converged,
-                    interrupted: descent.fit.status == Status::Interrupted,
+                    converged: status == Status::Converged,
+                    interrupted: status == Status::Interrupted,
+                    starts: descent.starts,
+                    linear: descent.linear,
                 });
             }
-        }
-        if matches!(descent.fit.status, Status::Converged | Status::Interrupted) {
-            break;
         }
     }
     best.filter(|b| b.cost.is_finite()).ok_or_else(|| {

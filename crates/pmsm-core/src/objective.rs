@@ -24,7 +24,7 @@ use serde::Serialize;
 use std::ops::Range;
 use std::sync::Arc;
 
-pub use kernel::Starts;
+pub use kernel::{Course, Nearby, Starts};
 
 /// Squared phase quantities over squared rotor-frame quantities.
 const PHASES: f64 = 1.5;
@@ -182,16 +182,17 @@ impl<'a> Objective<'a> {
     /// this the noise of one first sample would shift a whole segment.
     pub fn residual(&self, p: &[f64]) -> DVector<f64> {
         if self.drive == Drive::Coupled {
-            self.coupled_linear(p, &[]).residual
+            self.coupled_linear(p, &[], None).residual
         } else {
             self.experiment.residual(p)
         }
     }
 
-    /// [`Objective::residual`] and its derivatives with respect to the entries `free` of the point.
-    pub fn linearise(&self, p: &[f64], free: &[usize]) -> Linearisation {
+    /// [`Objective::residual`] and its derivatives with respect to the entries `free` of the point. `starts`, where they are
+    /// known, are the best initial values there.
+    pub fn linearise(&self, p: &[f64], free: &[usize], starts: Option<&Starts>) -> Linearisation {
         if self.drive == Drive::Coupled {
-            self.coupled_linear(p, free)
+            self.coupled_linear(p, free, starts)
         } else {
             self.experiment.linearise(p, free)
         }
@@ -199,8 +200,8 @@ impl<'a> Objective<'a> {
 
     /// Estimates the initial values of each segment, then takes derivatives there and projects out what the initial
     /// values can still do.
-    fn coupled_linear(&self, p: &[f64], free: &[usize]) -> Linearisation {
-        if let Some(linear) = self.kernel_linear(p, free) {
+    fn coupled_linear(&self, p: &[f64], free: &[usize], starts: Option<&Starts>) -> Linearisation {
+        if let Some(linear) = self.kernel_linear(p, free, starts) {
             return linear;
         }
         let signals = self.experiment.signals;

@@ -88,9 +88,19 @@ impl Signals {
     /// Puts a recording of `machine` in this form.
     ///
     /// # Errors
+    /// Those of [`Signals::in_rotor_frame`].
+    pub fn new(recording: &Recording, machine: &Machine) -> Result<Self> {
+        let mut signals = Self::in_rotor_frame(recording, machine)?;
+        signals.complete();
+        Ok(signals)
+    }
+
+    /// The same without phase currents where only rotor-frame ones were logged: the model without effects needs none.
+    ///
+    /// # Errors
     /// [`Error::Column`] if angle and speed contradict each other (mechanical taken for electrical, opposite sense), or if
     /// the angle turns too far between samples to be unwrapped.
-    pub fn new(recording: &Recording, machine: &Machine) -> Result<Self> {
+    pub fn in_rotor_frame(recording: &Recording, machine: &Machine) -> Result<Self> {
         let n_p = f64::from(machine.n_p);
         let n = recording.len();
         let start = recording.t()[0];
@@ -140,7 +150,7 @@ impl Signals {
         let (phases, three_currents) = if open {
             (Some([vec![0.0; n], vec![0.0; n], vec![0.0; n]]), false)
         } else {
-            phase_currents(recording, &theta_e, &mut findings)
+            phase_currents(recording, &mut findings)
         };
         let i = match (recording.column("i_d"), recording.column("i_q")) {
             (Some(d), Some(q)) => Some([d.to_vec(), q.to_vec()]),
@@ -213,6 +223,20 @@ impl Signals {
         Ok(signals)
     }
 
+    /// Adds phase currents where only rotor-frame ones were logged.
+    pub(crate) fn complete(&mut self) {
+        let (None, Some([d, q])) = (&self.phases, &self.i) else { return };
+        let mut abc = [Vec::with_capacity(d.len()), Vec::with_capacity(d.len()), Vec::with_capacity(d.len())];
+        for k in 0..d.len() {
+            let (s, c) = self.theta_e[k].sin_cos();
+            let x = inverse_park([d[k], q[k]], c, s);
+            for phase in 0..3 {
+                abc[phase].push(x[phase]);
+            }
+        }
+        self.phases = Some(abc);
+    }
+
     /// Number of samples.
     pub fn len(&self) -> usize {
         self.t.len()
@@ -225,7 +249,12 @@ impl Signals {
 
     fn set_scales(&mut self, machine: &Machine, n: usize) {
         let largest = |x: &Option<[Vec<f64>; 2]>| {
-            x.as_ref().map_or(0.0, |[d, q]| d.iter().zip(q).map(|(d, q)| d.hypot(*q)).fold(0.0, f64::max))
+            let longer = |most: [f64; 3], (d, q): (&f64, &f64)| {
+                let square = d * d + q * q;
+                if square > most[0] { [square, *d, *q] } else { most }
+            };
+            let of = |[d, q]: &[Vec<f64>; 2]| d.iter().zip(q).fold([0.0; 3], longer);
+            x.as_ref().map(of).map_or(0.0, |[_, d, q]| d.hypot(q))
         };
         let peak = |x: &[f64]| x.iter().fold(0.0f64, |m, v| m.max(v.abs()));
         let cx = &mut self.context;
@@ -381,11 +410,8 @@ fn check_sense(t: &[f64], theta: &[f64], omega: &[f64], segments: &[Range<usize>
     }
 }
 
-fn phase_currents(
-    recording: &Recording,
-    theta: &[f64],
-    findings: &mut Vec<Finding>,
-) -> (Option<[Vec<f64>; 3]>, bool) {
+/// The phase currents, where at least two were logged, and whether all three were.
+fn phase_currents(recording: &Recording, findings: &mut Vec<Finding>) -> (Option<[Vec<f64>; 3]>, bool) {
     let column = |name: &str| recording.column(name);
     let rest = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| -x - y).collect::<Vec<f64>>();
     let (a, b, c) = (column("i_a"), column("i_b"), column("i_c"));
@@ -403,18 +429,8 @@ fn phase_currents(
                 "the currents' noise is estimated from the model, and a common offset cannot be seen".into(),
             fix: "log the third phase current".into(),
         });
-        return (phases, false);
     }
-    let (Some(d), Some(q)) = (column("i_d"), column("i_q")) else { return (None, false) };
-    let mut abc = [Vec::with_capacity(d.len()), Vec::with_capacity(d.len()), Vec::with_capacity(d.len())];
-    for k in 0..d.len() {
-        let (s, c) = theta[k].sin_cos();
-        let x = inverse_park([d[k], q[k]], c, s);
-        for phase in 0..3 {
-            abc[phase].push(x[phase]);
-        }
-    }
-    (Some(abc), false)
+    (phases, false)
 }
 
 fn to_rotor(abc: &[Vec<f64>; 3], theta: &[f64]) -> [Vec<f64>; 2] {

@@ -7,12 +7,14 @@
 //! errors for linear regression with multi-stage samples", Survey Methodology 28 (2002)); intervals are those of
 //! Student's t with one degree of freedom less than there are blocks.
 
+mod jacobi;
 mod judge;
 
 pub use judge::Judge;
 
 use crate::error::Result;
 use crate::least_squares::{self, weak_directions};
+use jacobi::function_times;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::Serialize;
 
@@ -38,6 +40,10 @@ pub struct Spread {
     /// Whether the blocks are long compared with the residual's memory. If not, the residual swings so slowly that
     /// the recording is only a few independent looks at the machine, and the covariance is too small.
     pub settled: bool,
+    /// H = JᵀJ, the covariance H⁻¹ that white residuals of variance one would have, and Jᵀr.
+    information: DMatrix<f64>,
+    naive: DMatrix<f64>,
+    gradient: DVector<f64>,
 }
 
 /// Covariance from stacked weighted residuals (channel by channel, `rows_per_channel` samples each) and their Jacobian.
@@ -46,43 +52,47 @@ pub struct Spread {
 /// If the rows of the arguments differ, or are no multiple of `rows_per_channel`.
 pub fn spread(jacobian: &DMatrix<f64>, residual: &DVector<f64>, rows_per_channel: usize) -> Spread {
     let (rows, dim) = jacobian.shape();
-    assert!(
-        rows == residual.len() && rows_per_channel > 0 && rows % rows_per_channel == 0,
-        "stacked channels"
-    );
+    let n = rows_per_channel;
+    assert!(rows == residual.len() && n > 0 && rows % n == 0, "stacked channels");
     let information = jacobian.tr_mul(jacobian);
-    let mut covariance = least_squares::covariance(&information, None, &vec![true; dim]);
-    let shown: Vec<usize> = (0..dim).filter(|k| covariance[(*k, *k)].is_finite()).collect();
+    let naive = least_squares::covariance(&information, None, &vec![true; dim]);
+    let shown: Vec<usize> = (0..dim).filter(|k| naive[(*k, *k)].is_finite()).collect();
+    // One score per sample and parameter, all channels together.
+    let mut scores = DMatrix::<f64>::zeros(n, dim);
+    for k in 0..dim {
+        let (mut column, slopes) = (scores.column_mut(k), jacobian.column(k));
+        let channels = slopes.as_slice().chunks_exact(n).zip(residual.as_slice().chunks_exact(n));
+        for (slopes, errors) in channels {
+            for ((score, slope), error) in column.iter_mut().zip(slopes).zip(errors) {
+                *score += slope * error;
+            }
+        }
+    }
+    let gradient = jacobian.tr_mul(residual);
+    let mut covariance = naive.clone();
     if shown.is_empty() {
-        return Spread { covariance, blocks: 0, settled: false };
+        return Spread { covariance, blocks: 0, settled: false, information, naive, gradient };
     }
     let whitener = whitener(&information);
-    // Row k of `influence` times a score is what that score moved parameter k.
-    let influence = &whitener * whitener.transpose();
-    let mut scores = DMatrix::zeros(dim, rows_per_channel);
-    for (k, column) in jacobian.column_iter().enumerate() {
-        for (row, (slope, error)) in column.iter().zip(residual.iter()).enumerate() {
-            scores[(k, row % rows_per_channel)] += slope * error;
-        }
-    }
-    let moves = &influence * scores;
-    let (length, settled) = block_length(&moves, &shown);
-    let blocks = rows_per_channel.div_ceil(length);
+    // Column k of `influence` times a score is what that score moved parameter k.
+    let influence = (&whitener * whitener.transpose()).select_columns(&shown);
+    let (length, settled) = block_length(&scores * influence);
+    let blocks = n.div_ceil(length);
     let mut meat = DMatrix::zeros(whitener.ncols(), whitener.ncols());
+    let mut axes = meat.clone();
+    let (mut share, mut score) = (DMatrix::zeros(dim, dim), DVector::zeros(dim));
     for block in 0..blocks {
-        let samples = block * length..((block + 1) * length).min(rows_per_channel);
-        let mut score = DVector::zeros(dim);
-        let mut share = DMatrix::zeros(dim, dim);
-        for first in (0..rows).step_by(rows_per_channel) {
-            let (start, count) = (first + samples.start, samples.len());
-            let part = jacobian.rows(start, count);
-            score += part.tr_mul(&residual.rows(start, count));
-            share += part.tr_mul(&part);
+        let (start, count) = (block * length, length.min(n - block * length));
+        share.fill(0.0);
+        score.fill(0.0);
+        for first in (0..rows).step_by(n) {
+            let part = jacobian.rows(first + start, count);
+            share.gemm_tr(1.0, &part, &part, 1.0);
+            score.gemv_tr(1.0, &part, &residual.rows(first + start, count), 1.0);
         }
-        let eigen = SymmetricEigen::new(whitener.transpose() * share * &whitener);
-        let rest = eigen.eigenvalues.map(|x| (1.0 - x).clamp(LEAST_REST, 1.0).sqrt().recip());
-        let along = eigen.eigenvectors.tr_mul(&(whitener.transpose() * score)).component_mul(&rest);
-        let corrected = &eigen.eigenvectors * along;
+        let mut white = whitener.tr_mul(&share) * &whitener;
+        let rest = |x: f64| (1.0 - x).clamp(LEAST_REST, 1.0).sqrt().recip();
+        let corrected = function_times(&mut white, &mut axes, &whitener.tr_mul(&score), rest);
         meat.ger(1.0, &corrected, &corrected, 1.0);
     }
     let sandwich = &whitener * meat * whitener.transpose();
@@ -91,7 +101,7 @@ pub fn spread(jacobian: &DMatrix<f64>, residual: &DVector<f64>, rows_per_channel
             covariance[(row, column)] = sandwich[(row, column)];
         }
     }
-    Spread { covariance, blocks, settled }
+    Spread { covariance, blocks, settled, information, naive, gradient }
 }
 
 /// [`spread`]'s covariance.
@@ -115,29 +125,37 @@ fn whitener(information: &DMatrix<f64>) -> DMatrix<f64> {
     })
 }
 
-/// Block length in samples and whether it is long enough. The variance of sums over blocks, relative to that of
-/// independent samples, is the time for which the moves of a parameter remember themselves.
-fn block_length(moves: &DMatrix<f64>, shown: &[usize]) -> (usize, bool) {
-    let n = moves.ncols();
-    let fewest = FEWEST_BLOCKS.max(BLOCKS_PER_PARAMETER * shown.len());
+/// Block length in samples and whether it is long enough, from the moves of each parameter (a column) by each sample (a
+/// row). The variance of sums over blocks, relative to that of independent samples, is the time for which the moves
+/// remember themselves.
+fn block_length(moves: DMatrix<f64>) -> (usize, bool) {
+    let (n, dim) = moves.shape();
+    let fewest = FEWEST_BLOCKS.max(BLOCKS_PER_PARAMETER * dim);
     let (least, most) = (n.div_ceil(MOST_BLOCKS).max(1), (n / fewest).max(1));
-    let rows = moves.select_rows(shown).transpose();
-    let singles: Vec<f64> = rows.column_iter().map(|row| row.norm_squared()).collect();
-    let memory = |length: usize| -> f64 {
-        rows.column_iter().zip(&singles).fold(1.0, |worst: f64, (row, single)| {
-            let summed: f64 = row.as_slice().chunks(length).map(|x| x.iter().sum::<f64>().powi(2)).sum();
+    let singles: Vec<f64> = moves.column_iter().map(|column| column.norm_squared()).collect();
+    let memory = |sums: &[Vec<f64>]| -> f64 {
+        sums.iter().zip(&singles).fold(1.0, |worst: f64, (sums, single)| {
+            let summed: f64 = sums.iter().map(|x| x * x).sum();
             // Sums that cancel (a residual that alternates) make the sandwich too wide at worst.
             if *single > 0.0 { worst.max(summed / single) } else { worst }
         })
     };
+    let summed = |length: usize| -> Vec<Vec<f64>> {
+        let sums = |column: &[f64]| column.chunks(length).map(|x| x.iter().sum()).collect();
+        moves.as_slice().chunks_exact(n).map(sums).collect()
+    };
     let mut length = 1;
+    let mut sums = summed(1);
     while length <= most {
-        if length as f64 >= BLOCK_OVER_MEMORY * memory(length) {
+        if length as f64 >= BLOCK_OVER_MEMORY * memory(&sums) {
             return (length.max(least).min(most), true);
         }
         length *= 2;
+        for column in &mut sums {
+            *column = column.chunks(2).map(|pair| pair.iter().sum()).collect();
+        }
     }
-    (most, most as f64 >= 0.5 * BLOCK_OVER_MEMORY * memory(most))
+    (most, most as f64 >= 0.5 * BLOCK_OVER_MEMORY * memory(&summed(most)))
 }
 
 /// Half width of a 95 % interval in standard errors when the covariance comes from this many blocks: Student's t
@@ -190,21 +208,19 @@ pub struct NotShown {
 }
 
 /// Says which of the parameters `names`, or which combinations, are not shown: those that could change by half of
-/// `sizes` (in the parameters' units: how large a change matters) within one standard error. `advice` says for a name
-/// what kind of recording shows it.
+/// `sizes` (in the parameters' units: how large a change matters) within one standard error of `spread`. `advice` says
+/// for a name what kind of recording shows it.
 ///
 /// # Errors
-/// Those of [`weak_directions`], if the Jacobian is not finite.
+/// Those of [`weak_directions`], if the Jacobian was not finite.
 pub fn not_shown(
     names: &[&str],
     sizes: &[f64],
-    jacobian: &DMatrix<f64>,
     spread: &Spread,
     advice: impl Fn(&str) -> String,
 ) -> Result<Vec<NotShown>> {
-    let information = jacobian.tr_mul(jacobian);
+    let Spread { information, naive, .. } = spread;
     let dim = names.len();
-    let naive = least_squares::covariance(&information, None, &vec![true; dim]);
     // How much the residual's size and colour widen the errors that H alone would give.
     let widen = (0..dim)
         .map(|k| spread.covariance[(k, k)] / naive[(k, k)])
@@ -214,7 +230,7 @@ pub fn not_shown(
     let largest =
         if scaled.iter().all(|x| x.is_finite()) { scaled.symmetric_eigenvalues().max() } else { 0.0 };
     let threshold = if largest > 0.0 { (widen / (SHOWN * SHOWN) / largest).clamp(1e-12, 1.0) } else { 1.0 };
-    let weak = weak_directions(&information, sizes, threshold)?;
+    let weak = weak_directions(information, sizes, threshold)?;
     Ok(weak
         .into_iter()
         .map(|direction| {
@@ -303,7 +319,7 @@ mod tests {
         });
         let spread = spread(&jacobian, &DVector::from_vec(e), n);
         assert!(spread.covariance[(0, 0)].is_infinite() && spread.covariance[(2, 2)].is_finite());
-        let told = not_shown(&["x", "y", "z"], &[1.0; 3], &jacobian, &spread, |name| format!("vary {name}"));
+        let told = not_shown(&["x", "y", "z"], &[1.0; 3], &spread, |name| format!("vary {name}"));
         let told = told.unwrap();
         assert_eq!(told.len(), 1);
         let mut names = told[0].parameters.clone();

@@ -54,36 +54,44 @@ pub struct Stretch<'a> {
     pub has_load: bool,
 }
 
-/// Takes all blocks through the stretch. Their weighted squared errors are added to their sums; where `errors` has room, the
-/// errors themselves are written there instead: per sample and channel (i_d, i_q, ω_e) one number per column.
-pub fn run(kernel: Kernel, blocks: &mut [Block], stretch: Stretch<'_>, errors: &mut [f64]) {
+/// Takes all blocks through the stretch and adds their weighted squared errors to their sums.
+pub fn run(kernel: Kernel, blocks: &mut [Block], stretch: Stretch<'_>) {
     let (path, rounding) = (kernel.path, kernel.rounding);
-    match (kernel.increments, stretch.has_load, errors.is_empty()) {
-        (false, false, true) => {
-            lanes::run(path, rounding, Run::<STAGES, false, false> { blocks, stretch, errors })
-        }
-        (false, true, true) => {
-            lanes::run(path, rounding, Run::<STAGES, true, false> { blocks, stretch, errors })
-        }
-        (false, _, false) => {
-            lanes::run(path, rounding, Run::<STAGES, true, true> { blocks, stretch, errors })
-        }
-        (true, _, true) => {
-            lanes::run(path, rounding, Run::<INCREMENTS, true, false> { blocks, stretch, errors })
-        }
-        (true, _, false) => {
-            lanes::run(path, rounding, Run::<INCREMENTS, true, true> { blocks, stretch, errors })
-        }
+    match (kernel.increments, stretch.has_load) {
+        (false, false) => lanes::run(path, rounding, Run::<STAGES, false> { blocks, stretch }),
+        (false, true) => lanes::run(path, rounding, Run::<STAGES, true> { blocks, stretch }),
+        (true, _) => lanes::run(path, rounding, Run::<INCREMENTS, true> { blocks, stretch }),
     }
 }
 
-struct Run<'a, const FORM: bool, const LOAD: bool, const RECORD: bool> {
-    blocks: &'a mut [Block],
-    stretch: Stretch<'a>,
-    errors: &'a mut [f64],
+/// Where the differences between the first half of the blocks and the second go: one row per sample and channel (i_d, i_q,
+/// ω_e), one number per column of a half: (error in the first − `counts`·error in the second)·`scale`.
+#[derive(Debug)]
+pub struct Differences<'a> {
+    /// How often the second half counts, per column: once or not at all.
+    pub counts: &'a [f64],
+    /// Factor per column.
+    pub scale: &'a [f64],
+    /// The rows.
+    pub rows: &'a mut [f64],
 }
 
-impl<const FORM: bool, const LOAD: bool, const RECORD: bool> Job for Run<'_, FORM, LOAD, RECORD> {
+/// Takes all blocks through the stretch and writes the differences between their halves.
+pub fn subtract(kernel: Kernel, blocks: &mut [Block], stretch: Stretch<'_>, to: Differences<'_>) {
+    let (path, rounding) = (kernel.path, kernel.rounding);
+    if kernel.increments {
+        lanes::run(path, rounding, Subtract::<INCREMENTS> { blocks, stretch, to });
+    } else {
+        lanes::run(path, rounding, Subtract::<STAGES> { blocks, stretch, to });
+    }
+}
+
+struct Run<'a, const FORM: bool, const LOAD: bool> {
+    blocks: &'a mut [Block],
+    stretch: Stretch<'a>,
+}
+
+impl<const FORM: bool, const LOAD: bool> Job for Run<'_, FORM, LOAD> {
     type Output = ();
     #[inline(always)]
     fn run<V: Lane>(mut self) {
@@ -98,54 +106,111 @@ impl<const FORM: bool, const LOAD: bool, const RECORD: bool> Job for Run<'_, FOR
     }
 }
 
-impl<const FORM: bool, const LOAD: bool, const RECORD: bool> Run<'_, FORM, LOAD, RECORD> {
+impl<const FORM: bool, const LOAD: bool> Run<'_, FORM, LOAD> {
     /// Takes `R` vectors, from number `first` on, through the samples.
     #[inline(always)]
     fn advance<V: Lane, const R: usize>(&mut self, first: usize) {
-        let columns = self.blocks.len() * BLOCK;
-        let mut with = [Coefficients::<V>::load(&self.blocks[0].0, BLOCK, 0); R];
-        let mut y = [[V::zero(); 3]; R];
-        let mut sum = [V::zero(); R];
-        for r in 0..R {
-            let (block, at) = locate::<V>(first + r);
-            let rows = &self.blocks[block].0;
-            with[r] = Coefficients::load(rows, BLOCK, at);
-            for n in 0..3 {
-                y[r][n] = V::load(&rows[(STATE + n) * BLOCK + at..]);
-            }
-            sum[r] = V::load(&rows[SUM * BLOCK + at..]);
+        let Self { blocks, stretch } = self;
+        let mut columns = [Columns::<V>::load(blocks, first); R];
+        for r in 1..R {
+            columns[r] = Columns::load(blocks, first + r);
         }
-        let show_w = V::constant(self.stretch.show_w);
-        for (k, sample) in self.stretch.samples.iter().enumerate() {
-            let mut now = [V::zero(); 6];
-            for n in 0..6 {
-                now[n] = V::constant(sample[n]);
-            }
+        let show_w = V::constant(stretch.show_w);
+        for sample in stretch.samples {
+            let now = spread(sample);
             for r in 0..R {
-                let e = with[r].errors(y[r], &now, show_w);
-                if RECORD {
-                    for c in 0..3 {
-                        e[c].store(&mut self.errors[(3 * k + c) * columns + (first + r) * V::WIDTH..]);
-                    }
-                } else {
-                    sum[r] = e[2].mul_add(e[2], e[1].mul_add(e[1], e[0].mul_add(e[0], sum[r])));
-                }
+                let e = columns[r].with.errors(columns[r].y, &now, show_w);
+                let sum = columns[r].sum;
+                columns[r].sum = e[2].mul_add(e[2], e[1].mul_add(e[1], e[0].mul_add(e[0], sum)));
             }
-            for _ in 0..self.stretch.pieces {
+            for _ in 0..stretch.pieces {
                 for r in 0..R {
-                    y[r] = with[r].step::<FORM, LOAD>(y[r], &now);
+                    columns[r].y = columns[r].with.step::<FORM, LOAD>(columns[r].y, &now);
                 }
             }
         }
         for r in 0..R {
-            let (block, at) = locate::<V>(first + r);
-            let rows = &mut self.blocks[block].0;
-            for n in 0..3 {
-                y[r][n].store(&mut rows[(STATE + n) * BLOCK + at..]);
-            }
-            sum[r].store(&mut rows[SUM * BLOCK + at..]);
+            columns[r].store(blocks, first + r);
         }
     }
+}
+
+struct Subtract<'a, const FORM: bool> {
+    blocks: &'a mut [Block],
+    stretch: Stretch<'a>,
+    to: Differences<'a>,
+}
+
+impl<const FORM: bool> Job for Subtract<'_, FORM> {
+    type Output = ();
+    #[inline(always)]
+    fn run<V: Lane>(self) {
+        let Self { blocks, stretch, to } = self;
+        let half = blocks.len() * BLOCK / 2;
+        let show_w = V::constant(stretch.show_w);
+        for vector in 0..half / V::WIDTH {
+            let at = vector * V::WIDTH;
+            let (scale, counts) = (V::load(&to.scale[at..]), V::load(&to.counts[at..]));
+            let mut first = Columns::<V>::load(blocks, vector);
+            let mut second = Columns::<V>::load(blocks, vector + half / V::WIDTH);
+            for (k, sample) in stretch.samples.iter().enumerate() {
+                let now = spread(sample);
+                let e = first.with.errors(first.y, &now, show_w);
+                let f = second.with.errors(second.y, &now, show_w);
+                for c in 0..3 {
+                    let difference = f[c].neg_mul_add(counts, e[c]) * scale;
+                    difference.store(&mut to.rows[(3 * k + c) * half + at..]);
+                }
+                for _ in 0..stretch.pieces {
+                    first.y = first.with.step::<FORM, true>(first.y, &now);
+                    second.y = second.with.step::<FORM, true>(second.y, &now);
+                }
+            }
+            first.store(blocks, vector);
+            second.store(blocks, vector + half / V::WIDTH);
+        }
+    }
+}
+
+/// A vector of columns under way.
+#[derive(Clone, Copy)]
+struct Columns<V> {
+    with: Coefficients<V>,
+    y: [V; 3],
+    sum: V,
+}
+
+impl<V: Lane> Columns<V> {
+    #[inline(always)]
+    fn load(blocks: &[Block], vector: usize) -> Self {
+        let (block, at) = locate::<V>(vector);
+        let rows = &blocks[block].0;
+        let mut y = [V::zero(); 3];
+        for n in 0..3 {
+            y[n] = V::load(&rows[(STATE + n) * BLOCK + at..]);
+        }
+        Self { with: Coefficients::load(rows, BLOCK, at), y, sum: V::load(&rows[SUM * BLOCK + at..]) }
+    }
+
+    #[inline(always)]
+    fn store(&self, blocks: &mut [Block], vector: usize) {
+        let (block, at) = locate::<V>(vector);
+        let rows = &mut blocks[block].0;
+        for n in 0..3 {
+            self.y[n].store(&mut rows[(STATE + n) * BLOCK + at..]);
+        }
+        self.sum.store(&mut rows[SUM * BLOCK + at..]);
+    }
+}
+
+/// A sample for every column.
+#[inline(always)]
+fn spread<V: Lane>(sample: &[f64; 6]) -> [V; 6] {
+    let mut now = [V::zero(); 6];
+    for n in 0..6 {
+        now[n] = V::constant(sample[n]);
+    }
+    now
 }
 
 /// Block and first column therein of a vector.

@@ -178,7 +178,7 @@ fn in_a_row(
             return None;
         }
         let (pieces, show_w, has_load) = (segment.pieces, segment.show_w, track.has_load);
-        block::run(kernel, &mut blocks, Stretch { samples, pieces, show_w, has_load }, &mut []);
+        block::run(kernel, &mut blocks, Stretch { samples, pieces, show_w, has_load });
     }
     Some(block::get(&blocks, 0, block::SUM))
 }

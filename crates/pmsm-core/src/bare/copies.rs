@@ -1,7 +1,7 @@
 //! Errors and their derivatives from perturbed copies: for each parameter one copy a little above and one a little below, all
 //! in one group of vectors beside the point itself, so that derivatives cost hardly more than the run.
 
-use super::block::{self, BLOCK, Block, Stretch};
+use super::block::{self, BLOCK, Block, Differences, Stretch};
 use super::track::Track;
 use super::{Kernel, POINT};
 use crate::lanes::{self, Job, Lane};
@@ -57,9 +57,9 @@ pub fn rows(
     // The last column of the first half is the point itself.
     let width = width(around.free.len());
     let mut blocks = Block::room(2 * width);
-    let mut errors = vec![0.0; STRETCH * 3 * 2 * width];
     let mut rows = vec![0.0; STRETCH * 3 * width];
-    let mut scale = vec![0.0; width];
+    let (mut counts, mut scale) = (vec![1.0; width], vec![0.0; width]);
+    (counts[width - 1], scale[width - 1]) = (0.0, 1.0);
     for (number, segment) in track.segments.iter().enumerate() {
         for column in 0..2 * width {
             let (slot, sign) = (column % width, if column < width { 1.0 } else { -1.0 });
@@ -80,37 +80,14 @@ pub fn rows(
             }
             let stretch =
                 Stretch { samples, pieces: segment.pieces, show_w: segment.show_w, has_load: track.has_load };
-            let errors = &mut errors[..samples.len() * 3 * 2 * width];
-            block::run(kernel, &mut blocks, stretch, errors);
             let rows = &mut rows[..samples.len() * 3 * width];
-            lanes::run(kernel.path, kernel.rounding, Subtract { errors, scale: &scale, rows: &mut *rows });
+            let differences = Differences { counts: &counts, scale: &scale, rows };
+            block::subtract(kernel, &mut blocks, stretch, differences);
             let first = segment.range.start + part * STRETCH;
             sink(Rows { segment: number, first, rows });
         }
     }
     true
-}
-
-/// Differences of the copies above and below, and the error of the point itself in the last place.
-struct Subtract<'a> {
-    errors: &'a [f64],
-    scale: &'a [f64],
-    rows: &'a mut [f64],
-}
-
-impl Job for Subtract<'_> {
-    type Output = ();
-    #[inline(always)]
-    fn run<V: Lane>(self) {
-        let width = self.scale.len();
-        for (row, errors) in self.rows.chunks_exact_mut(width).zip(self.errors.chunks_exact(2 * width)) {
-            for at in (0..width).step_by(V::WIDTH) {
-                let (above, below) = (V::load(&errors[at..]), V::load(&errors[width + at..]));
-                ((above - below) * V::load(&self.scale[at..])).store(&mut row[at..]);
-            }
-            row[width - 1] = errors[width - 1];
-        }
-    }
 }
 
 /// Adds to `sums` (width × width, one row after the other) the products of all pairs of columns: the normal equations of
@@ -137,9 +114,9 @@ impl Job for Products<'_> {
                 for n in 0..BLOCK {
                     part[n] = V::load(&sums[(from + n) * width + at..]);
                 }
-                for row in rows.chunks_exact(width) {
-                    let right = V::load(&row[at..]);
-                    let left = &row[from..from + BLOCK];
+                for row in 0..rows.len() / width {
+                    let right = V::load(&rows[row * width + at..]);
+                    let left = &rows[row * width + from..][..BLOCK];
                     for n in 0..BLOCK {
                         part[n] = V::constant(left[n]).mul_add(right, part[n]);
                     }

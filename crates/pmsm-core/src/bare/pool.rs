@@ -44,7 +44,7 @@ pub fn costs(
             let stretch =
                 Stretch { samples, pieces: segment.pieces, show_w: segment.show_w, has_load: track.has_load };
             let blocks = &mut pool.blocks[..pool.who.len().div_ceil(block::BLOCK)];
-            block::run(kernel, blocks, stretch, &mut []);
+            block::run(kernel, blocks, stretch);
             pool.close_ranks();
             if pool.who.is_empty() {
                 return true;

@@ -70,12 +70,13 @@ impl Track {
             }
             let pieces = coupled::pieces(coupled::fastest_rate(signals, range), h);
             let g = 0.5 * h / pieces as f64;
-            let sample = |k: usize| {
+            let mut padded = Vec::with_capacity(range.len() + 1);
+            for k in range.clone() {
                 let load = coupled::known_load(signals, k, end);
                 let measured = [-current * i[0][k], -current * i[1][k], -speed * omega[k]];
-                [g * v[0][k], g * v[1][k], measured[0], measured[1], measured[2], load]
-            };
-            let padded = (start..end).map(sample).chain([[0.0; 6]]).collect();
+                padded.push([g * v[0][k], g * v[1][k], measured[0], measured[1], measured[2], load]);
+            }
+            padded.push([0.0; 6]);
             segments.push(Segment {
                 range: range.clone(),
                 first: [i[0][start], i[1][start], omega[start]],

@@ -18,26 +18,25 @@ pub fn assemble(
     signals: &Signals,
     machine: &Machine,
     request: &Request,
-    found: Found,
+    mut found: Found,
 ) -> Result<Identification> {
     let point = plan.point(&found.values);
-    let whole = objective.linearise(&point, &plan.free());
+    let at = || objective.linearise(&point, &plan.free(), found.starts.as_ref());
+    let whole = found.linear.take().unwrap_or_else(at);
     let mut cannot_show = plan.refused.clone();
     let mut spread = uncertainty::spread(&whole.jacobian, &whole.residual, signals.len());
-    if whole.jacobian.iter().all(|x| x.is_finite()) {
+    if whole.jacobian.as_slice().iter().all(|x| x.is_finite()) {
         let names: Vec<&str> = plan.targets.iter().map(|t| t.name()).collect();
         let sizes: Vec<f64> =
             plan.targets.iter().zip(&found.values).map(|(t, x)| plan::size(*t, *x, signals)).collect();
-        cannot_show.extend(uncertainty::not_shown(&names, &sizes, &whole.jacobian, &spread, plan::advice)?);
+        cannot_show.extend(uncertainty::not_shown(&names, &sizes, &spread, plan::advice)?);
     }
     let on_bound = |k: usize| found.values[k] <= plan.bounds[k].0 || found.values[k] >= plan.bounds[k].1;
     let inside: Vec<usize> = (0..found.values.len()).filter(|k| !on_bound(*k)).collect();
-    let mut linear = whole;
     if inside.len() < found.values.len() {
-        linear.jacobian = linear.jacobian.select_columns(&inside);
-        spread = uncertainty::spread(&linear.jacobian, &linear.residual, signals.len());
+        spread = uncertainty::spread(&whole.jacobian.select_columns(&inside), &whole.residual, signals.len());
     }
-    let judge = uncertainty::Judge::new(&linear.jacobian, &linear.residual, spread);
+    let judge = uncertainty::Judge::new(spread);
     let mut parameters = Vec::new();
     for (k, target) in plan.targets.iter().enumerate() {
         let (value, unit) = (found.values[k], target.unit());
@@ -57,7 +56,7 @@ pub fn assemble(
             }
         }
     }
-    let rms = objective.rms(&linear.residual).into_iter().map(|(c, x)| (c.name(), x)).collect();
+    let rms = objective.rms(&whole.residual).into_iter().map(|(c, x)| (c.name(), x)).collect();
     Ok(Identification {
         parameters,
         cost: found.cost,
@@ -86,10 +85,11 @@ fn disturbed_load(plan: &Plan, signals: &Signals, machine: &Machine, point: &[f6
         gained += (signals.omega_e[last] - signals.omega_e[first]) / signals.n_p;
         time += signals.t[last] - signals.t[first];
         for k in first..last {
-            let speed = 0.5 * (signals.omega_e[k] + signals.omega_e[k + 1]) / signals.n_p;
+            let speed = 0.5 * (signals.omega_e[k] + signals.omega_e[k + 1]);
             turned += speed * (signals.t[k + 1] - signals.t[k]);
         }
     }
+    turned /= signals.n_p;
     let inertia = point[BaseParameter::J.index()] - j;
     let friction = point[BaseParameter::B.index()] - b;
     (time > 0.0).then(|| point[plan::LOAD] + (inertia * gained + friction * turned) / time)

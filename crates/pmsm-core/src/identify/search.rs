@@ -2,11 +2,13 @@
 
 use super::plan::Plan;
 use crate::error::Result;
+use crate::experiment::Linearisation;
 use crate::least_squares::{self, Fit, Normal, Problem, Settings, Status};
 use crate::monitor::Monitor;
-use crate::objective::{Objective, Starts};
+use crate::objective::{Nearby, Objective, Starts};
 use crate::swarm::{self, Swarm, SwarmResult, SwarmSettings};
-use std::sync::{Mutex, PoisonError};
+use nalgebra::DVector;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// When least squares has converged: a thousandth of a standard error or better.
 pub const SETTINGS: Settings =
@@ -15,10 +17,13 @@ pub const SETTINGS: Settings =
 pub const WARM: Settings =
     Settings { max_iterations: 30, cost_tolerance: 1e-8, step_tolerance: 1e-9, initial_damping: 0.0 };
 
-/// Most times that initial values are settled anew at a minimum. They hardly move.
+/// Most times that a minimum is run anew from the initial values that it calls for. They hardly move.
 const ROUNDS: usize = 4;
-/// Change of an initial value (A, rad/s), relative above one, that no longer matters.
-const SETTLED: f64 = 1e-6;
+/// Change of an initial value (A, rad/s), relative above one, that no longer matters: what is left of it after it was taken
+/// out to first order is about its square.
+const SETTLED: f64 = 1e-4;
+/// A step that promises to lower the cost by less than this share may be the last: what the answer needs is recorded on it.
+const LAST: f64 = 1e-4;
 
 /// The swarm of [`crate::swarm`] on the fitness (9), the particles of a generation in parallel. A particle is abandoned
 /// once its sum has passed its own best, which does not change the swarm's path. `warm` puts one particle on the
@@ -52,13 +57,18 @@ pub fn swarm(
 pub struct Descent {
     /// The fit.
     pub fit: Fit,
+    /// The initial values that belong to it, where the kernels know the model.
+    pub starts: Option<Starts>,
+    /// Residual and derivatives there, if the last step recorded them.
+    pub linear: Option<Linearisation>,
     /// Cost at the start and after each accepted step.
     pub history: Vec<f64>,
     /// Number of evaluations of the sum of squares.
     pub evaluations: usize,
 }
 
-/// Least squares on the residuals of the objective from `values` (one per fitted parameter).
+/// Least squares on the residuals of the objective from `values` (one per fitted parameter). Every step takes the initial
+/// values along.
 ///
 /// # Errors
 /// Those of [`least_squares::minimise`].
@@ -69,24 +79,23 @@ pub fn descend(
     settings: &Settings,
     monitor: &dyn Monitor,
 ) -> Result<Descent> {
-    let starts = objective.has_kernels().then(|| objective.measured_starts());
-    let mut problem =
-        Descending { objective, plan, free: plan.free(), monitor, starts, kept: Mutex::default() };
+    let problem = Descending { objective, plan, free: plan.free(), monitor, kept: Mutex::default() };
+    problem.kept().begin = objective.has_kernels().then(|| objective.measured_starts());
     let mut fit = least_squares::minimise(&problem, values, &plan.bounds, settings, monitor)?;
     for _ in 0..ROUNDS {
-        let Some(starts) = problem.starts.take() else { break };
-        if fit.status == Status::Interrupted || !fit.cost.is_finite() {
+        if fit.status == Status::Interrupted || !fit.cost.is_finite() || problem.kept().settled() {
             break;
         }
-        let next = objective.settled_starts(&plan.point(&fit.parameters), starts.clone());
-        if next.as_ref().is_none_or(|next| close(&starts, next)) {
-            break;
-        }
-        problem.starts = next;
         fit = least_squares::minimise(&problem, &fit.parameters, &plan.bounds, settings, monitor)?;
     }
     let kept = problem.kept.into_inner().unwrap_or_else(PoisonError::into_inner);
-    Ok(Descent { fit, history: kept.history, evaluations: kept.evaluations })
+    let (starts, linear) = match kept.here {
+        Some(Run { values, nearby, .. }) if values == fit.parameters && fit.cost.is_finite() => {
+            (Some(nearby.course.best().clone()), nearby.linear)
+        }
+        _ => (None, None),
+    };
+    Ok(Descent { fit, starts, linear, history: kept.history, evaluations: kept.evaluations })
 }
 
 /// Whether initial values have settled.
@@ -95,13 +104,52 @@ fn close(a: &Starts, b: &Starts) -> bool {
     a.iter().flatten().zip(b.iter().flatten()).all(|(a, b)| off(*a, *b))
 }
 
+/// A run of the kernels: at which point, from which initial values, and what it tells.
+struct Run {
+    values: Vec<f64>,
+    starts: Starts,
+    nearby: Nearby,
+}
+
+impl Run {
+    /// How far `values` are away.
+    fn moves(&self, values: &[f64]) -> DVector<f64> {
+        DVector::from_iterator(values.len(), values.iter().zip(&self.values).map(|(to, from)| to - from))
+    }
+
+    /// Whether the cost hardly changes on the way to `values`.
+    fn is_near(&self, values: &[f64]) -> bool {
+        let (moves, Normal { cost, jtj, jtr }) = (self.moves(values), &self.nearby.normal);
+        let promised = -2.0 * jtr.dot(&moves) - moves.dot(&(jtj * &moves));
+        promised.abs() <= LAST * cost
+    }
+}
+
 /// What one evaluation leaves for the next.
 #[derive(Default)]
 struct Kept {
     history: Vec<f64>,
     evaluations: usize,
-    /// The point tried last and its normal equations.
-    tried: Option<(Vec<f64>, Normal)>,
+    /// Where the kernels know the model: initial values for the first run.
+    begin: Option<Starts>,
+    /// The run at the best point so far.
+    here: Option<Run>,
+    /// The run tried last.
+    tried: Option<Run>,
+}
+
+impl Kept {
+    /// Initial values for a run at `values`.
+    fn starts(&self, values: &[f64]) -> Option<Starts> {
+        let Some(here) = &self.here else { return self.begin.clone() };
+        Some(here.nearby.course.at(here.moves(values).as_slice()))
+    }
+
+    /// Whether the best point was run from the initial values that it calls for. If not, the next run begins there.
+    fn settled(&self) -> bool {
+        let Some(here) = &self.here else { return true };
+        close(&here.starts, here.nearby.course.best())
+    }
 }
 
 struct Descending<'a> {
@@ -109,18 +157,23 @@ struct Descending<'a> {
     plan: &'a Plan,
     free: Vec<usize>,
     monitor: &'a dyn Monitor,
-    /// Where the kernels know the model: initial values around which they are eliminated.
-    starts: Option<Starts>,
     kept: Mutex<Kept>,
 }
 
 impl Descending<'_> {
-    /// Normal equations on the kernels, which cost hardly more than a run.
-    fn on_kernels(&self, values: &[f64], first: bool) -> Option<Normal> {
-        // The start is evaluated in any case, so that an interrupted fit has a cost.
-        let stop = || !first && self.monitor.cancelled();
-        let starts = self.starts.as_ref()?;
-        Some(self.objective.normal(&self.plan.point(values), &self.free, starts, &stop)?.0)
+    fn kept(&self) -> MutexGuard<'_, Kept> {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A run of the kernels, which delivers normal equations for hardly more than the cost. With `finish` nothing cuts it
+    /// short.
+    fn on_kernels(&self, values: &[f64], kept: &Kept, finish: bool) -> Option<Run> {
+        let stop = || !finish && self.monitor.cancelled();
+        let starts = kept.starts(values)?;
+        let record = kept.here.as_ref().is_some_and(|here| here.is_near(values));
+        let point = self.plan.point(values);
+        let nearby = self.objective.normal(&point, &self.free, &starts, record, &stop)?;
+        Some(Run { values: values.to_vec(), starts, nearby })
     }
 }
 
@@ -130,29 +183,36 @@ impl Problem for Descending<'_> {
     }
 
     fn cost(&self, values: &[f64]) -> f64 {
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut kept = self.kept();
         kept.evaluations += 1;
-        if let Some(normal) = self.on_kernels(values, false) {
-            let cost = normal.cost;
-            kept.tried = Some((values.to_vec(), normal));
-            return cost;
+        kept.tried = self.on_kernels(values, &kept, false);
+        match &kept.tried {
+            Some(run) => run.nearby.normal.cost,
+            None => self.objective.residual(&self.plan.point(values)).norm_squared(),
         }
-        self.objective.residual(&self.plan.point(values)).norm_squared()
     }
 
     fn normal(&self, values: &[f64]) -> Normal {
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = kept.tried.take().filter(|(at, _)| at == values).map(|(_, normal)| normal);
+        let mut kept = self.kept();
+        let known = kept.tried.take().filter(|run| run.values == values);
         kept.evaluations += usize::from(known.is_none());
+        // The start is evaluated in any case, so that an interrupted fit has a cost.
         let first = kept.history.is_empty();
-        let normal = known.or_else(|| self.on_kernels(values, first)).unwrap_or_else(|| {
-            let linear = self.objective.linearise(&self.plan.point(values), &self.free);
-            Normal {
-                cost: linear.residual.norm_squared(),
-                jtj: linear.jacobian.tr_mul(&linear.jacobian),
-                jtr: linear.jacobian.tr_mul(&linear.residual),
+        let normal = match known.or_else(|| self.on_kernels(values, &kept, first)) {
+            Some(run) => {
+                let normal = run.nearby.normal.clone();
+                kept.here = Some(run);
+                normal
             }
-        });
+            None => {
+                let linear = self.objective.linearise(&self.plan.point(values), &self.free, None);
+                Normal {
+                    cost: linear.residual.norm_squared(),
+                    jtj: linear.jacobian.tr_mul(&linear.jacobian),
+                    jtr: linear.jacobian.tr_mul(&linear.residual),
+                }
+            }
+        };
         // Settling initial values anew may raise the cost in its last digits.
         let last = kept.history.last().copied().unwrap_or(f64::INFINITY);
         kept.history.push(normal.cost.min(last));

@@ -8,6 +8,7 @@ use crate::experiment::Linearisation;
 use crate::least_squares::Normal;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Fewer points than fill the vectors: a long recording is then cut into pieces instead.
@@ -21,6 +22,35 @@ const LEAST_FLUX: f64 = 1e-3;
 
 /// Initial i_d, i_q (A), ω_e (rad/s) of each gap-free segment.
 pub type Starts = Vec<[f64; INITIAL]>;
+
+/// How the best initial values follow the free parameters near the point of a run, to first order.
+#[derive(Debug, Clone)]
+pub struct Course {
+    /// The best initial values at the point itself.
+    best: Starts,
+    /// Their derivatives, segment by segment, one entry per free parameter.
+    slopes: Vec<Vec<Vector3<f64>>>,
+}
+
+impl Course {
+    /// The best initial values where the free parameters are `moves` away from the point.
+    pub fn at(&self, moves: &[f64]) -> Starts {
+        let mut starts = self.best.clone();
+        for (start, slopes) in starts.iter_mut().zip(&self.slopes) {
+            for (slope, moved) in slopes.iter().zip(moves) {
+                for k in 0..INITIAL {
+                    start[k] += slope[k] * moved;
+                }
+            }
+        }
+        starts
+    }
+
+    /// The best initial values at the point itself.
+    pub fn best(&self) -> &Starts {
+        &self.best
+    }
+}
 
 /// Products of all pairs of columns of one segment: free parameters, initial values, error.
 struct Sums {
@@ -42,6 +72,63 @@ impl Sums {
         let right = Vector3::from_fn(|a, _| self.get(x(a), of.unwrap_or(self.width - 1)));
         let solved = normal.cholesky().map(|factor| factor.solve(&right));
         solved.filter(|share| share.iter().all(|s| s.is_finite())).unwrap_or_default()
+    }
+}
+
+/// What one run of the kernels tells of a point.
+#[derive(Debug, Clone)]
+pub struct Nearby {
+    /// Normal equations without the initial values.
+    pub normal: Normal,
+    /// The initial values that the run calls for, there and nearby.
+    pub course: Course,
+    /// Residual and derivatives without what the initial values can still do, where they were asked for.
+    pub linear: Option<Linearisation>,
+}
+
+/// Residual and derivatives as they come from the kernels, and the derivatives with respect to the initial values.
+struct Recorded {
+    linear: Linearisation,
+    initial: DMatrix<f64>,
+}
+
+impl Recorded {
+    fn room(samples: usize, free: usize) -> Self {
+        let rows = 3 * samples;
+        let linear = Linearisation { residual: DVector::zeros(rows), jacobian: DMatrix::zeros(rows, free) };
+        Self { linear, initial: DMatrix::zeros(rows, INITIAL) }
+    }
+
+    fn take(&mut self, part: &copies::Rows<'_>) {
+        let Linearisation { residual, jacobian } = &mut self.linear;
+        let (n, width) = (residual.len() / 3, copies::width(jacobian.ncols()));
+        let columns = jacobian.as_mut_slice().chunks_exact_mut(3 * n);
+        let columns = columns.chain(self.initial.as_mut_slice().chunks_exact_mut(3 * n)).enumerate();
+        for (at, column) in columns.chain([(width - 1, residual.as_mut_slice())]) {
+            for channel in 0..3 {
+                let column = &mut column[channel * n + part.first..];
+                for k in 0..part.rows.len() / (3 * width) {
+                    column[k] = part.rows[(3 * k + channel) * width + at];
+                }
+            }
+        }
+    }
+
+    /// Takes out of a segment what the initial values can still do: derivatives follow them by `slopes`, the residual by
+    /// `error`.
+    fn project(&mut self, segment: &Range<usize>, slopes: &[Vector3<f64>], error: &Vector3<f64>) {
+        let Linearisation { residual, jacobian } = &mut self.linear;
+        let n = residual.len() / 3;
+        let columns = jacobian.as_mut_slice().chunks_exact_mut(3 * n).zip(slopes.iter().copied());
+        for (column, follows) in columns.chain([(residual.as_mut_slice(), -error)]) {
+            for channel in 0..3 {
+                let rows = channel * n + segment.start..channel * n + segment.end;
+                let [d, q, w] = [0, 1, 2].map(|x| &self.initial.as_slice()[3 * n * x..][rows.clone()]);
+                for (((x, d), q), w) in column[rows.clone()].iter_mut().zip(d).zip(q).zip(w) {
+                    *x += d * follows[0] + q * follows[1] + w * follows[2];
+                }
+            }
+        }
     }
 }
 
@@ -119,83 +206,67 @@ impl Objective<'_> {
     }
 
     /// Normal equations at `p` with respect to the entries `free`, the initial values taken out after one run from
-    /// `starts`; and the initial values that this calls for. `None` where the kernels do not apply; not finite once `stop`
-    /// says so.
+    /// `starts`; with `record` the residual and its derivatives themselves, too. `None` where the kernels do not apply; not
+    /// finite once `stop` says so.
     pub fn normal(
         &self,
         p: &[f64],
         free: &[usize],
         starts: &Starts,
+        record: bool,
         stop: &dyn Fn() -> bool,
-    ) -> Option<(Normal, Starts)> {
-        let all = self.sums(p, free, starts, stop, |_| ())?;
+    ) -> Option<Nearby> {
+        let mut rows = record.then(|| Recorded::room(self.experiment.signals.len(), free.len()));
+        let all = self.sums(p, free, starts, stop, |part| {
+            if let Some(rows) = &mut rows {
+                rows.take(part);
+            }
+        })?;
         let mut normal = Normal {
             cost: 0.0,
             jtj: DMatrix::zeros(free.len(), free.len()),
             jtr: DVector::zeros(free.len()),
         };
-        let mut next = starts.clone();
-        for (sums, start) in all.iter().zip(&mut next) {
+        let mut course = Course { best: starts.clone(), slopes: Vec::with_capacity(starts.len()) };
+        for (number, (sums, start)) in all.iter().zip(&mut course.best).enumerate() {
             let initial = |of: usize| Vector3::from_fn(|k, _| sums.get(free.len() + k, of));
             let (last, error) = (sums.width - 1, sums.explained(None));
             normal.cost += sums.get(last, last) - initial(last).dot(&error);
+            let mut slopes = Vec::with_capacity(free.len());
             for a in 0..free.len() {
                 let own = sums.explained(Some(a));
                 normal.jtr[a] += sums.get(a, last) - initial(last).dot(&own);
                 for b in 0..=a {
                     normal.jtj[(a, b)] += sums.get(a, b) - initial(b).dot(&own);
                 }
+                slopes.push(-own);
+            }
+            if let Some(rows) = &mut rows {
+                rows.project(&self.experiment.signals.segments[number], &slopes, &error);
             }
             for k in 0..INITIAL {
                 start[k] -= error[k];
             }
+            course.slopes.push(slopes);
         }
         normal.jtj.fill_upper_triangle_with_lower_triangle();
-        Some((normal, next))
+        Some(Nearby { normal, course, linear: rows.map(|rows| rows.linear) })
     }
 
-    /// The best initial values at `p` to first order around `starts`; `None` where the kernels do not apply.
-    pub fn settled_starts(&self, p: &[f64], starts: Starts) -> Option<Starts> {
-        self.normal(p, &[], &starts, &|| false).map(|(_, next)| next)
-    }
-
-    /// [`Objective::linearise`] on the kernels.
-    pub(super) fn kernel_linear(&self, p: &[f64], free: &[usize]) -> Option<Linearisation> {
+    /// [`Objective::linearise`] on the kernels, around the initial values `starts`; without them around the best ones to
+    /// first order.
+    pub(super) fn kernel_linear(
+        &self,
+        p: &[f64],
+        free: &[usize],
+        starts: Option<&Starts>,
+    ) -> Option<Linearisation> {
         let go = || false;
-        let starts = self.settled_starts(p, self.measured_starts())?;
-        let n = self.experiment.signals.len();
-        let mut linear =
-            Linearisation { residual: DVector::zeros(3 * n), jacobian: DMatrix::zeros(3 * n, free.len()) };
-        let mut initial = vec![[0.0; INITIAL]; 3 * n];
-        let width = copies::width(free.len());
-        let sums = self.sums(p, free, &starts, &go, |rows| {
-            for (at, row) in rows.rows.chunks_exact(width).enumerate() {
-                let place = at % 3 * n + rows.first + at / 3;
-                linear.residual[place] = row[width - 1];
-                for a in 0..free.len() {
-                    linear.jacobian[(place, a)] = row[a];
-                }
-                initial[place].copy_from_slice(&row[free.len()..free.len() + INITIAL]);
-            }
-        })?;
-        // What the initial values can still do is taken out.
-        for (sums, segment) in sums.iter().zip(&self.experiment.signals.segments) {
-            let targets = (0..free.len()).map(Some).chain([None]);
-            for of in targets {
-                let share = sums.explained(of);
-                let column = match of {
-                    Some(a) => linear.jacobian.column_mut(a).data.into_slice_mut(),
-                    None => linear.residual.as_mut_slice(),
-                };
-                for channel in 0..3 {
-                    let rows = channel * n + segment.start..channel * n + segment.end;
-                    for (x, initial) in column[rows.clone()].iter_mut().zip(&initial[rows]) {
-                        *x -= initial[0] * share[0] + initial[1] * share[1] + initial[2] * share[2];
-                    }
-                }
-            }
-        }
-        Some(linear)
+        let best = match starts {
+            Some(starts) => starts,
+            None => &self.normal(p, &[], &self.measured_starts(), false, &go)?.course.best,
+        };
+        self.normal(p, free, best, true, &go)?.linear
     }
 
     /// Products of columns, segment by segment.

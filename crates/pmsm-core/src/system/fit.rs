@@ -217,12 +217,12 @@ impl<'a> Search<'a> {
                 .collect();
             let spread = uncertainty::spread(&linear.jacobian, &linear.residual, samples);
             let advice = |_: &str| "let the inputs move more, or fix it".to_owned();
-            cannot_show = uncertainty::not_shown(names, &sizes, &linear.jacobian, &spread, advice)?;
+            cannot_show = uncertainty::not_shown(names, &sizes, &spread, advice)?;
             let on_bound = |k: &usize| self.at[*k] <= self.bounds[*k].0 || self.at[*k] >= self.bounds[*k].1;
             let inside: Vec<usize> = (0..names.len()).filter(|k| !on_bound(k)).collect();
             let jacobian = linear.jacobian.select_columns(&inside);
             let spread = uncertainty::spread(&jacobian, &linear.residual, samples);
-            let judge = Judge::new(&jacobian, &linear.residual, spread);
+            let judge = Judge::new(spread);
             for (k, name) in names.iter().enumerate() {
                 let estimate = match inside.iter().position(|x| *x == k) {
                     Some(at) => judge.estimate(at, self.at[k], ""),

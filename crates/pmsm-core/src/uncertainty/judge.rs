@@ -1,36 +1,27 @@
 //! From covariances to what is said of each estimate.
 
 use super::{Estimate, Spread, quantile};
-use crate::least_squares;
-use nalgebra::{DMatrix, DVector};
 
 /// An estimate farther than this many standard errors from the minimum has no standard error.
 const STOPPED_SHORT: f64 = 10.0;
 
 /// What residuals and derivatives at the best point say of the parameters that are free there.
 #[derive(Debug)]
-pub struct Judge {
-    spread: Spread,
-    /// (JᵀJ)⁻¹ and Jᵀr.
-    inverse: DMatrix<f64>,
-    off: DVector<f64>,
-}
+pub struct Judge(Spread);
 
 impl Judge {
-    /// `spread` is that of these residuals and derivatives.
-    pub fn new(jacobian: &DMatrix<f64>, residual: &DVector<f64>, spread: Spread) -> Self {
-        let all = vec![true; jacobian.ncols()];
-        let inverse = least_squares::covariance(&jacobian.tr_mul(jacobian), None, &all);
-        Self { spread, inverse, off: jacobian.tr_mul(residual) }
+    /// From the spread of these parameters.
+    pub fn new(spread: Spread) -> Self {
+        Self(spread)
     }
 
     /// The estimate of column `at`, whose best value is `value`.
     pub fn estimate(&self, at: usize, value: f64, unit: &'static str) -> Estimate {
-        let variance = self.spread.covariance[(at, at)];
+        let variance = self.0.covariance[(at, at)];
         if !variance.is_finite() {
             return Estimate::bare(None, unit, "the recording does not show it");
         }
-        if !self.spread.settled {
+        if !self.0.settled {
             return Estimate::bare(
                 Some(value),
                 unit,
@@ -38,12 +29,12 @@ impl Judge {
                  longer, or find what the model leaves out",
             );
         }
-        let short = (self.inverse.row(at) * &self.off)[0];
+        let short = (self.0.naive.row(at) * &self.0.gradient)[0];
         if short.abs() > STOPPED_SHORT * variance.sqrt() {
             let why = "the search stopped short of the minimum; give it more iterations or use pso+lm";
             return Estimate::bare(Some(value), unit, why);
         }
-        Estimate::known(value, variance.sqrt().hypot(short), quantile(self.spread.blocks), unit)
+        Estimate::known(value, variance.sqrt().hypot(short), quantile(self.0.blocks), unit)
     }
 }
 

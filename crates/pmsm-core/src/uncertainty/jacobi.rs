@@ -1,0 +1,78 @@
+//! A function of a small symmetric matrix times a vector, over and over without memory of its own.
+
+use nalgebra::{DMatrix, DVector};
+
+/// Sweeps after which rounding alone is left.
+const SWEEPS: usize = 30;
+
+/// Q·f(Λ)·Qᵀ·`v`, where `a` = Q·Λ·Qᵀ is symmetric: cyclic Jacobi rotations (Golub & Van Loan, "Matrix Computations",
+/// section 8.5). `a` is used up, `axes` holds Q afterwards; both are square and as long as `v`.
+pub fn function_times(
+    a: &mut DMatrix<f64>,
+    axes: &mut DMatrix<f64>,
+    v: &DVector<f64>,
+    f: impl Fn(f64) -> f64,
+) -> DVector<f64> {
+    let n = v.len();
+    axes.fill_with_identity();
+    for _ in 0..SWEEPS {
+        let mut turned = false;
+        for q in 1..n {
+            for p in 0..q {
+                let beside = a[(p, q)];
+                // Also false for NaN.
+                if beside.abs() > f64::EPSILON * (a[(p, p)] * a[(q, q)]).abs().sqrt() {
+                    let half = 0.5 * (a[(q, q)] - a[(p, p)]) / beside;
+                    let t = half.signum() / (half.abs() + half.hypot(1.0));
+                    let c = t.hypot(1.0).recip();
+                    rotate(a, axes, [p, q], [c, t * c]);
+                    turned = true;
+                }
+            }
+        }
+        if !turned {
+            break;
+        }
+    }
+    let mut along = axes.tr_mul(v);
+    for k in 0..n {
+        along[k] *= f(a[(k, k)]);
+    }
+    &*axes * along
+}
+
+/// One rotation of rows and columns `p` and `q` by cosine and sine, and of the axes.
+fn rotate(a: &mut DMatrix<f64>, axes: &mut DMatrix<f64>, [p, q]: [usize; 2], [c, s]: [f64; 2]) {
+    let turn = |x: f64, y: f64| [c * x - s * y, s * x + c * y];
+    for k in 0..a.nrows() {
+        [a[(k, p)], a[(k, q)]] = turn(a[(k, p)], a[(k, q)]);
+        [axes[(k, p)], axes[(k, q)]] = turn(axes[(k, p)], axes[(k, q)]);
+    }
+    for k in 0..a.nrows() {
+        [a[(p, k)], a[(q, k)]] = turn(a[(p, k)], a[(q, k)]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::SymmetricEigen;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn it_is_the_function_by_eigenvalues(
+            n in 1usize..6, entries in prop::collection::vec(-1.0..1.0f64, 36), v in prop::collection::vec(-1.0..1.0f64, 6),
+        ) {
+            let half = DMatrix::from_fn(n, n, |r, c| entries[6 * r + c]);
+            let a = half.tr_mul(&half) * 0.1;
+            let v = DVector::from_column_slice(&v[..n]);
+            let f = |x: f64| (1.0 - x).clamp(0.05, 1.0).sqrt().recip();
+            let eigen = SymmetricEigen::new(a.clone());
+            let along = eigen.eigenvectors.tr_mul(&v).component_mul(&eigen.eigenvalues.map(f));
+            let expected = &eigen.eigenvectors * along;
+            let found = function_times(&mut a.clone(), &mut DMatrix::zeros(n, n), &v, f);
+            prop_assert!((found - &expected).norm() <= 1e-12 * (1.0 + expected.norm()));
+        }
+    }
+}
