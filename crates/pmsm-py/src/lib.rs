@@ -5,6 +5,7 @@ mod diagnosis;
 mod errors;
 mod fitness;
 mod machine;
+mod pools;
 mod recording;
 mod run;
 mod simulation;
@@ -13,6 +14,11 @@ mod system;
 mod tracking;
 
 use pyo3::prelude::*;
+
+/// Keeps what a call gives back for the next one. The allocator of the C library returns it to the operating system, and
+/// faulting it in again would take a third of a short call.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 /// The Rust core of pmsm_rs.
 #[pymodule]

@@ -1,6 +1,7 @@
-//! Long computations: on a thread of their own in a local pool, watched by the calling thread for signals.
+//! Long computations: in a pool of their own, watched by the calling thread for signals.
 
 use crate::errors::{InternalError, UsageError, to_python};
+use crate::pools;
 use pmsm_core::error::Result as CoreResult;
 use pmsm_core::monitor::Monitor;
 use pyo3::exceptions::PyKeyboardInterrupt;
@@ -70,19 +71,17 @@ pub fn run<T: Send>(
     if threads == Some(0) {
         return Err(UsageError::new_err("threads is 0; give at least 1, or None for all processors"));
     }
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads.unwrap_or(0))
-        .build()
+    let pool = pools::take(threads)
         .map_err(|error| InternalError::new_err(format!("no threads could be started: {error}")))?;
     let watch = Watch::default();
     let mut interrupted = false;
     let mut trouble = None;
-    let outcome = std::thread::scope(|scope| {
-        let worker = scope.spawn(|| {
-            let outcome = catch_unwind(AssertUnwindSafe(|| pool.install(|| job(&watch))));
+    let mut outcome = None;
+    pool.in_place_scope(|scope| {
+        scope.spawn(|_| {
+            outcome = Some(catch_unwind(AssertUnwindSafe(|| job(&watch))));
             *lock(&watch.done) = true;
             watch.finished.notify_all();
-            outcome
         });
         while !py.detach(|| watch.wait()) {
             let told = py.check_signals().and_then(|()| tell(&watch, progress));
@@ -95,14 +94,15 @@ pub fn run<T: Send>(
                 }
             }
         }
-        py.detach(|| worker.join())
     });
+    pools::give_back(threads, pool);
     if let Some(error) = trouble {
         return Err(error);
     }
     match outcome {
-        Ok(Ok(result)) => result.map(|value| (value, interrupted)).map_err(|error| to_python(py, &error)),
-        Ok(Err(payload)) | Err(payload) => Err(internal(payload.as_ref())),
+        Some(Ok(result)) => result.map(|value| (value, interrupted)).map_err(|error| to_python(py, &error)),
+        Some(Err(payload)) => Err(internal(payload.as_ref())),
+        None => Err(InternalError::new_err("the computation was lost; please report it")),
     }
 }
 
