@@ -132,30 +132,39 @@ fn block_length(moves: DMatrix<f64>) -> (usize, bool) {
     let (n, dim) = moves.shape();
     let fewest = FEWEST_BLOCKS.max(BLOCKS_PER_PARAMETER * dim);
     let (least, most) = (n.div_ceil(MOST_BLOCKS).max(1), (n / fewest).max(1));
-    let singles: Vec<f64> = moves.column_iter().map(|column| column.norm_squared()).collect();
+    let mut columns: Vec<Vec<f64>> = moves.as_slice().chunks_exact(n).map(<[f64]>::to_vec).collect();
+    let square = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>();
+    let singles: Vec<f64> = columns.iter().map(|x| square(x)).collect();
     let memory = |sums: &[Vec<f64>]| -> f64 {
         sums.iter().zip(&singles).fold(1.0, |worst: f64, (sums, single)| {
-            let summed: f64 = sums.iter().map(|x| x * x).sum();
             // Sums that cancel (a residual that alternates) make the sandwich too wide at worst.
-            if *single > 0.0 { worst.max(summed / single) } else { worst }
+            if *single > 0.0 { worst.max(square(sums) / single) } else { worst }
         })
     };
-    let summed = |length: usize| -> Vec<Vec<f64>> {
-        let sums = |column: &[f64]| column.chunks(length).map(|x| x.iter().sum()).collect();
-        moves.as_slice().chunks_exact(n).map(sums).collect()
-    };
     let mut length = 1;
-    let mut sums = summed(1);
     while length <= most {
-        if length as f64 >= BLOCK_OVER_MEMORY * memory(&sums) {
+        // A memory is one sample at least.
+        if length as f64 >= BLOCK_OVER_MEMORY && length as f64 >= BLOCK_OVER_MEMORY * memory(&columns) {
             return (length.max(least).min(most), true);
         }
         length *= 2;
-        for column in &mut sums {
-            *column = column.chunks(2).map(|pair| pair.iter().sum()).collect();
-        }
+        columns.iter_mut().for_each(halve);
     }
-    (most, most as f64 >= 0.5 * BLOCK_OVER_MEMORY * memory(&summed(most)))
+    let summed = |column: &[f64]| column.chunks(most).map(|x| x.iter().sum()).collect();
+    let columns: Vec<Vec<f64>> = moves.as_slice().chunks_exact(n).map(summed).collect();
+    (most, most as f64 >= 0.5 * BLOCK_OVER_MEMORY * memory(&columns))
+}
+
+/// Adds neighbours in pairs; the last one may stay alone.
+fn halve(x: &mut Vec<f64>) {
+    let pairs = x.len() / 2;
+    for k in 0..pairs {
+        x[k] = x[2 * k] + x[2 * k + 1];
+    }
+    if x.len() % 2 == 1 {
+        x[pairs] = x[2 * pairs];
+    }
+    x.truncate(x.len().div_ceil(2));
 }
 
 /// Half width of a 95 % interval in standard errors when the covariance comes from this many blocks: Student's t
