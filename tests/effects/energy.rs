@@ -6,6 +6,7 @@ use pmsm_core::effect::{Context, Electrical, Env, Field, FieldPoint, Site};
 use pmsm_core::effects::{ALL, EffectId};
 use pmsm_core::model::Model;
 use pmsm_core::rk4;
+use pmsm_core::simulate::mechanical;
 use std::f64::consts::TAU;
 
 const FLUXES: [[f64; 2]; 4] = [[0.12, 0.1], [0.25, -0.15], [0.19, 0.02], [0.08, -0.2]];
@@ -198,4 +199,28 @@ fn friction_never_drives() {
             }
         }
     }
+}
+
+#[test]
+fn what_bypasses_the_winding_follows_the_voltage_while_the_current_changes() {
+    let signals = run(false);
+    let model = Model::new(signals.context, &[EffectId::IronLoss]);
+    let r_c = 400.0;
+    let p = [&MACHINE[..], &[1.0 / r_c, 1e-4, 0.0]].concat();
+    let torque = mechanical::torque(&model, &signals, &p);
+    let (v, i) = (signals.v.as_ref().unwrap(), signals.i.as_ref().unwrap());
+    let [r_s, l_d, l_q, psi_m, ..] = MACHINE;
+    let tau = |i: [f64; 2]| 1.5 * N_P * (psi_m + (l_d - l_q) * i[0]) * i[1];
+    let mut moved = 0.0f64;
+    for k in 1..signals.len() - 1 {
+        let here = [i[0][k], i[1][k]];
+        let left = |e: [f64; 2]| [here[0] - e[0] / r_c, here[1] - e[1] / r_c];
+        let e = [0, 1].map(|axis| 0.5 * (v[axis][k - 1] + v[axis][k]) - r_s * here[axis]);
+        let expected = tau(left(e));
+        assert!((torque[k] - expected).abs() < 1e-9, "sample {k}: {} {expected}", torque[k]);
+        let omega = signals.omega_e[k];
+        let at_rest = [-omega * l_q * here[1], omega * (psi_m + l_d * here[0])];
+        moved = moved.max((tau(left(at_rest)) - expected).abs());
+    }
+    assert!(moved > 0.05, "the currents change too slowly to tell: {moved} N m");
 }

@@ -1,28 +1,21 @@
 //! Products of matrices with many more rows than columns, such as Jacobians: taken in blocks of rows that stay in the cache, always in
 //! the same order.
 
+use crate::lanes::{self, Job, Lane, Path, Rounding};
 use nalgebra::{DMatrix, DVector};
 
-/// Rows of a block: a dozen columns of them fit in the first caches.
-const BLOCK: usize = 1024;
-/// Partial sums of a dot product.
-const LANES: usize = 8;
+/// Rows of a block: a dozen columns of them fit in the first cache.
+const BLOCK: usize = 256;
+/// Partial sums of a dot product, the same on every processor.
+const SUMS: usize = 8;
 
 /// AᵀB. Shapes: n × p and n × q give p × q.
 ///
 /// # Panics
 /// If the numbers of rows differ.
 pub fn tr_mul(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
-    let (p, q) = (a.ncols(), b.ncols());
-    let mut out = DMatrix::zeros(p, q);
-    blocks(a, b, |of_a, of_b, from, to| {
-        for l in 0..q {
-            for k in 0..p {
-                out[(k, l)] += dot(column(of_a, k, from, to), column(of_b, l, from, to));
-            }
-        }
-    });
-    out
+    assert_eq!(a.nrows(), b.nrows(), "rows of a product");
+    fast(Product { a, b, symmetric: false })
 }
 
 /// Aᵀy. Shapes: n × p and n give p.
@@ -31,20 +24,13 @@ pub fn tr_mul(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
 /// If the numbers of rows differ.
 pub fn tr_mul_vector(a: &DMatrix<f64>, y: &DVector<f64>) -> DVector<f64> {
     assert_eq!(a.nrows(), y.len(), "rows of a product");
-    DVector::from_iterator(a.ncols(), a.as_slice().chunks_exact(a.nrows().max(1)).map(|c| dot(c, y.as_slice())))
+    let y = DMatrix::from_column_slice(y.len(), 1, y.as_slice());
+    fast(Product { a, b: &y, symmetric: false }).column(0).into_owned()
 }
 
 /// AᵀA, symmetric to the bit. Shape: n × p gives p × p.
 pub fn gram(a: &DMatrix<f64>) -> DMatrix<f64> {
-    let p = a.ncols();
-    let mut out = DMatrix::zeros(p, p);
-    blocks(a, a, |of_a, _, from, to| {
-        for l in 0..p {
-            for k in 0..=l {
-                out[(k, l)] += dot(column(of_a, k, from, to), column(of_a, l, from, to));
-            }
-        }
-    });
+    let mut out = fast(Product { a, b: a, symmetric: true });
     out.fill_lower_triangle_with_upper_triangle();
     out
 }
@@ -54,37 +40,72 @@ pub fn gram(a: &DMatrix<f64>) -> DMatrix<f64> {
 /// # Panics
 /// If shapes do not agree.
 pub fn subtract(a: &mut DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>) {
-    let n = a.nrows();
-    assert!(b.nrows() == n && c.shape() == (b.ncols(), a.ncols()), "shapes of a product");
-    for from in (0..n).step_by(BLOCK) {
-        let to = (from + BLOCK).min(n);
-        for (l, own) in a.as_mut_slice().chunks_exact_mut(n).enumerate() {
-            for (k, basis) in b.as_slice().chunks_exact(n).enumerate() {
-                let times = c[(k, l)];
-                for (x, y) in own[from..to].iter_mut().zip(&basis[from..to]) {
-                    *x -= times * y;
+    assert!(b.nrows() == a.nrows() && c.shape() == (b.ncols(), a.ncols()), "shapes of a product");
+    fast(Difference { a, b, c });
+}
+
+/// Runs on the widest vectors of this processor.
+fn fast<J: Job>(job: J) -> J::Output {
+    lanes::run(Path::best(), Rounding::Reproducible, job)
+}
+
+struct Product<'a> {
+    a: &'a DMatrix<f64>,
+    b: &'a DMatrix<f64>,
+    /// Whether only the upper triangle is asked for.
+    symmetric: bool,
+}
+
+impl Job for Product<'_> {
+    type Output = DMatrix<f64>;
+    #[inline(always)]
+    fn run<V: Lane>(self) -> DMatrix<f64> {
+        let (n, p, q) = (self.a.nrows(), self.a.ncols(), self.b.ncols());
+        let mut out = DMatrix::zeros(p, q);
+        for from in (0..n).step_by(BLOCK) {
+            let to = (from + BLOCK).min(n);
+            for l in 0..q {
+                let right = &self.b.as_slice()[l * n + from..l * n + to];
+                for k in 0..if self.symmetric { l + 1 } else { p } {
+                    out[(k, l)] += dot(&self.a.as_slice()[k * n + from..k * n + to], right);
+                }
+            }
+        }
+        out
+    }
+}
+
+struct Difference<'a> {
+    a: &'a mut DMatrix<f64>,
+    b: &'a DMatrix<f64>,
+    c: &'a DMatrix<f64>,
+}
+
+impl Job for Difference<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<V: Lane>(self) {
+        let (n, p, q) = (self.a.nrows(), self.b.ncols(), self.a.ncols());
+        for from in (0..n).step_by(BLOCK) {
+            let to = (from + BLOCK).min(n);
+            for l in 0..q {
+                let own = &mut self.a.as_mut_slice()[l * n + from..l * n + to];
+                for k in 0..p {
+                    let times = self.c[(k, l)];
+                    let basis = &self.b.as_slice()[k * n + from..k * n + to];
+                    for (x, y) in own.iter_mut().zip(basis) {
+                        *x -= times * y;
+                    }
                 }
             }
         }
     }
 }
 
-/// Hands out blocks of rows of both matrices.
-fn blocks(a: &DMatrix<f64>, b: &DMatrix<f64>, mut each: impl FnMut(&DMatrix<f64>, &DMatrix<f64>, usize, usize)) {
-    let n = a.nrows();
-    assert_eq!(n, b.nrows(), "rows of a product");
-    for from in (0..n).step_by(BLOCK) {
-        each(a, b, from, (from + BLOCK).min(n));
-    }
-}
-
-fn column(a: &DMatrix<f64>, k: usize, from: usize, to: usize) -> &[f64] {
-    &a.as_slice()[k * a.nrows() + from..k * a.nrows() + to]
-}
-
+#[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; LANES];
-    let (heads, tails) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+    let mut sums = [0.0; SUMS];
+    let (heads, tails) = (a.chunks_exact(SUMS), b.chunks_exact(SUMS));
     let rest: f64 = heads.remainder().iter().zip(tails.remainder()).map(|(x, y)| x * y).sum();
     for (x, y) in heads.zip(tails) {
         for (sum, (x, y)) in sums.iter_mut().zip(x.iter().zip(y)) {

@@ -249,6 +249,17 @@ mod tests {
     }
 
     #[test]
+    fn many_effects_must_leave_less() {
+        use crate::effects::EffectId::{CoggingTorque, CoulombFriction, DeadTime};
+        let base = judged(60.0, 1.0, 60.0, 4);
+        let mut model = judged(13.0, 1.0, 13.0, 9);
+        assert!(model.unexplained(&base) <= 1.0);
+        let context = *model.fitted.model.context();
+        model.fitted.model = Model::new(context, &[CoulombFriction, CoggingTorque, DeadTime]);
+        assert!(model.unexplained(&base) > 1.0);
+    }
+
+    #[test]
     fn what_driven_noise_may_do_by_chance_decides_nothing() {
         let (mut base, mut other) = (judged(1.0, 1.3, 1.0, 4), judged(1.0, 1.0, 1.0, 5));
         let scale = Scale::new([&base, &other].into_iter());

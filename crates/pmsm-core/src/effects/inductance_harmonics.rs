@@ -52,9 +52,9 @@ impl Effect for InductanceHarmonics {
     #[inline(always)]
     fn field<T: Real>(p: &[T], at: &FieldPoint<T>, base: &Base<T>, _: &Context, out: &mut Field<T>) {
         let (s6, c6) = six_fold(at.sin_cos);
-        let turned = |a: T, b: T| ((a * c6 + b * s6) * base.l_q, (b * c6 - a * s6) * base.l_q);
-        let ((dd, slope_dd), (dq, slope_dq), (qq, slope_qq)) =
-            (turned(p[0], p[1]), turned(p[2], p[3]), turned(p[4], p[5]));
+        let (dd, slope_dd) = turned((p[0] * base.l_q, p[1] * base.l_q), (s6, c6));
+        let (dq, slope_dq) = turned((p[2] * base.l_q, p[3] * base.l_q), (s6, c6));
+        let (qq, slope_qq) = turned((p[4] * base.l_q, p[5] * base.l_q), (s6, c6));
         // The inverse of L + ΔL, and the current that it gives.
         let (l_d, l_q) = (base.l_d + dd, base.l_q + qq);
         let scale = T::one() / (l_d * l_q - dq * dq);
@@ -76,6 +76,12 @@ impl Effect for InductanceHarmonics {
         let size = own.iter().fold(T::zero(), |sum, x| sum + x.squared());
         vec![("l6_rel", "1", (size * 0.5).sqrt())]
     }
+}
+
+/// a·cos 6θ + b·sin 6θ, and a sixth of its derivative with respect to θ.
+#[inline(always)]
+fn turned<T: Real>((a, b): (T, T), (s6, c6): (T, T)) -> (T, T) {
+    (a * c6 + b * s6, b * c6 - a * s6)
 }
 
 /// Sine and cosine of six times an angle.

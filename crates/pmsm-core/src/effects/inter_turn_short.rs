@@ -84,6 +84,7 @@ impl Effect for InterTurnShort {
         dx[0] = (p[0] * driving(p, at) - x[0]) / p[1];
     }
 
+    #[inline(always)]
     fn electrical_start<T: Real>(p: &[T], at: &Electrical<T>, _: &Context, x: &mut [T]) {
         x[0] = p[0] * driving(p, at);
     }

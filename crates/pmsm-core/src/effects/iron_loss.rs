@@ -50,12 +50,16 @@ impl Effect for IronLoss {
                 role: Role::Shape,
                 low: |_| 0.0,
                 high: |cx| 0.5 * cx.psi_max / cx.i_max,
-                typical: |_| 0.0,
+                typical: |cx| 0.05 * cx.psi_max / cx.i_max,
             },
         ],
     };
     const MAGNETIC: bool = true;
     const ELECTRICAL_STATES: usize = 2;
+
+    fn probes(cx: &Context) -> Vec<Vec<f64>> {
+        vec![vec![0.0, cx.period, 0.0]]
+    }
 
     #[inline(always)]
     fn shunt<T: Real>(_: &[T], x: &[T], _: (T, T), _: &Context, i: &mut [T; 2]) {
@@ -77,6 +81,7 @@ impl Effect for IronLoss {
         dx[1] = (p[0] * e[1] - x[1]) / p[1];
     }
 
+    #[inline(always)]
     fn electrical_start<T: Real>(p: &[T], at: &Electrical<T>, _: &Context, x: &mut [T]) {
         let e = behind_the_leakage(p, &[T::zero(); 2], at);
         x[0] = p[0] * e[0];
@@ -130,7 +135,7 @@ mod tests {
         let (r_c, omega, l_sigma, l) = (150.0, 400.0, 0.5e-3, MACHINE[1]);
         let mut p = [&MACHINE[..], &[1.0 / r_c, 1e-6, l_sigma]].concat();
         p[2] = l;
-        let base = crate::base::Base::new(&p);
+        let base = Base::new(&p);
         let model = Model::new(CX, &[EffectId::IronLoss]);
         let i_m = [-1.0, 3.0];
         let e = [-omega * (l - l_sigma) * i_m[1], omega * (MACHINE[3] + (l - l_sigma) * i_m[0])];
