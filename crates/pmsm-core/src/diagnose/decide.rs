@@ -38,6 +38,7 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
         if unexplained { 1.0 - CEILING_UNKNOWN / left } else { UNKNOWN.0 + UNKNOWN.1 * left * left };
     let loss = |judged: &Judged| outcome.scale.loss(judged);
     let floor = loss(&outcome.best);
+    let to_the_noise = outcome.best.excess() < MISMATCH;
     let mut ranked: Vec<Ranked> = Vec::new();
     for &effect in &effects {
         let rivals: Vec<(EffectId, &Judged)> = outcome
@@ -51,11 +52,12 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
         let odds = |judged: &Judged| (floor - loss(judged)).min(50.0).exp();
         let none = odds(removed.unwrap_or(&outcome.base));
         // A rival that only generalises the effect competes with what its extra freedom deserves, not as another cause; unless that
-        // freedom earned nothing and the recording would not have shown it in any of its forms.
+        // freedom earned nothing and the recording would not have shown it in any of its forms. Where the model leaves more than noise,
+        // it is what it leaves, and not the recording, that would hide it.
         let hidden = |wide: EffectId| {
             let earned = rivals.iter().any(|(e, j)| *e == wide && loss(j) < floor);
             let shown = outcome.shown.iter().find(|s| s.effect == wide).map(|s| s.at_best);
-            shown.filter(|power| generalises(wide, effect) && !earned && *power < EVEN)
+            shown.filter(|power| to_the_noise && generalises(wide, effect) && !earned && *power < EVEN)
         };
         let weight = |rival: EffectId| match hidden(rival) {
             Some(power) => 1.0 - power,
