@@ -129,8 +129,7 @@ def account(machine: Machine, effects: Effects, manoeuvre: Manoeuvre, run: Run) 
         k: float(np.sqrt(np.mean(v**2)))
         for k, v in (("i_d", n_d), ("i_q", n_q), ("omega_e", noise["omega_e"]))
     }
-    load = manoeuvre.tau_load[manoeuvre.settle :]
-    breaks = tuple(int(k) for k in np.flatnonzero(np.diff(load)) + 1) if "unknown" in manoeuvre.load else ()
+    load, known = manoeuvre.tau_load[manoeuvre.settle :], manoeuvre.known_load
     base, least = base_of(machine), dict(rms)
     if not manoeuvre.locked:
         i_d, i_q = park(*(clean[k] for k in ("i_a", "i_b", "i_c")), theta)
@@ -139,17 +138,9 @@ def account(machine: Machine, effects: Effects, manoeuvre: Manoeuvre, run: Run) 
             push -= run.log["tau_m"] - load
         rest = speed_residual(base, push, noise["omega_e"], 1.0 / machine.f_sample, machine.n_p)
         least["omega_e"] = float(np.sqrt(np.mean(rest**2)))
-    out: dict[str, Any] = {"noise_rms": rms, "least_rms": least, "load_breaks": list(breaks)}
+    out: dict[str, Any] = {"noise_rms": rms, "least_rms": least, "load_breaks": list(known["breaks"])}
     for name, refit in (("plain_true", False), ("plain_refit", True)):
-        fit = fit_plain(
-            base,
-            run.log,
-            1.0 / machine.f_sample,
-            load=manoeuvre.load,
-            load_value=float(load[0]),
-            breaks=breaks,
-            refit=refit,
-        )
+        fit = fit_plain(base, run.log, 1.0 / machine.f_sample, **known, refit=refit)
         out[name] = {k: round(v / rms[k], 4) for k, v in fit.rms().items()}
     out["refit_base"] = fit.base
     return out

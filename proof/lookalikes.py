@@ -50,19 +50,9 @@ def lookalikes(
     w = run.log["omega_e"] / machine.n_p
     i_d, i_q = park(run.log["i_a"], run.log["i_b"], run.log["i_c"], run.log["theta_e"])
     torque = torque_of(base, i_d, i_q)
-    load = manoeuvre.tau_load[manoeuvre.settle :]
-    breaks = tuple(int(k) for k in np.flatnonzero(np.diff(load)) + 1) if "unknown" in manoeuvre.load else ()
 
     def left(added: tuple[np.ndarray, ...]) -> float:
-        fit = fit_plain(
-            base,
-            run.log,
-            1.0 / machine.f_sample,
-            load=manoeuvre.load,
-            load_value=float(load[0]),
-            breaks=breaks,
-            shapes=added,
-        )
+        fit = fit_plain(base, run.log, 1.0 / machine.f_sample, **manoeuvre.known_load, shapes=added)
         return fit.rms()["omega_e"]
 
     true = shapes(name, values, w, torque)

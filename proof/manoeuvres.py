@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
 
@@ -10,6 +11,14 @@ from .parameters import Machine
 
 LOADS = ("none", "known_constant", "measured", "unknown_constant", "unknown_piecewise", "locked")
 KINDS = ("rich", "poor", "fast", "locked")
+
+
+class KnownLoad(TypedDict):
+    """load one of LOADS, load_value in N·m, breaks the rows at which an unknown load changes."""
+
+    load: str
+    load_value: float
+    breaks: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -30,6 +39,13 @@ class Manoeuvre:
     w_start: float = 0.0
     settle: int = 0
     log_v_dc: bool = False
+
+    @property
+    def known_load(self) -> KnownLoad:
+        """What a fit to the recorded rows is told of the load."""
+        load = self.tau_load[self.settle :]
+        steps = np.flatnonzero(np.diff(load)) + 1 if "unknown" in self.load else ()
+        return {"load": self.load, "load_value": float(load[0]), "breaks": tuple(int(k) for k in steps)}
 
     @property
     def locked(self) -> bool:

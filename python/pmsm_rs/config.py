@@ -6,14 +6,13 @@ import os
 import re
 import tomllib
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from ._core import Machine, MachineError, PmsmError, UsageError
+from ._core import Machine, MachineError, PmsmError
 from .columns import Rule, Rules
-from .errors import did_you_mean, refuse
+from .errors import did_you_mean, opened, refuse
 from .quantities import CANONICAL
 from .units import canonical, suggest
 
@@ -126,21 +125,12 @@ def read_toml(name: str, role: str = "machine file", kind: type[PmsmError] = Mac
     """The content of a TOML file that is to be a `role`. Raises UsageError where there is no such file, and
     `kind` where it is none.
     """
-    file = Path(name)
-    try:
-        if file.is_dir():
-            raise refuse(UsageError, "this is a folder", file=name, fix=f"name the {role} in it")
+    with opened(name, role) as file:
         if file.stat().st_size > _LARGEST_FILE:
             raise refuse(kind, f"it is far too large for a {role}", file=name, fix="name the TOML file")
-        return tomllib.loads(file.read_bytes().decode("utf-8"))
-    except FileNotFoundError:
-        raise refuse(
-            UsageError, "there is no such file", file=name, fix="check the name and the folder"
-        ) from None
-    except OSError as error:
-        raise refuse(
-            UsageError, f"cannot be read ({error.strerror})", file=name, fix="check its access rights"
-        ) from error
+        content = file.read_bytes()
+    try:
+        return tomllib.loads(content.decode("utf-8"))
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         what = (
             "it is no UTF-8 text"

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TypeVar
 
-from ._core import PmsmError
+from ._core import PmsmError, UsageError
 
 Refusal = TypeVar("Refusal", bound=PmsmError)
 
@@ -37,6 +39,27 @@ def _annotate(error: Refusal, **facts: object) -> Refusal:
     for name, value in facts.items():
         setattr(error, name, value)
     return error
+
+
+@contextmanager
+def opened(name: str, role: str) -> Iterator[Path]:
+    """The file `name`, which is to be a `role`, while it is read.
+
+    Raises UsageError where it is a folder, is not there or cannot be read.
+    """
+    file = Path(name)
+    try:
+        if file.is_dir():
+            raise refuse(UsageError, "this is a folder", file=name, fix=f"name the {role} in it")
+        yield file
+    except FileNotFoundError:
+        raise refuse(
+            UsageError, "there is no such file", file=name, fix="check the name and the folder"
+        ) from None
+    except OSError as error:
+        raise refuse(
+            UsageError, f"cannot be read ({error.strerror})", file=name, fix="check its access rights"
+        ) from error
 
 
 def fact(error: BaseException, name: str) -> object:

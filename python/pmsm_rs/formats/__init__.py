@@ -10,8 +10,8 @@ import re
 from importlib import import_module
 from pathlib import Path
 
-from .._core import DataError, UsageError
-from ..errors import refuse
+from .._core import DataError
+from ..errors import opened, refuse
 from .source import Source
 
 _MAGIC = (
@@ -62,22 +62,11 @@ def open_source(path: str | os.PathLike[str], max_bytes: int) -> Source:
     Raises UsageError where there is no such file, DataError where it is no recording or would take more than
     `max_bytes` bytes of memory.
     """
-    file = Path(path)
-    name = str(file)
-    try:
-        if file.is_dir():
-            raise refuse(UsageError, "this is a folder", file=name, fix="name a file in it")
+    name = str(Path(path))
+    with opened(name, "recording") as file:
         size = file.stat().st_size
         with file.open("rb") as handle:
             head = handle.read(128)
-    except FileNotFoundError:
-        raise refuse(
-            UsageError, "there is no such file", file=name, fix="check the name and the folder"
-        ) from None
-    except OSError as error:
-        raise refuse(
-            UsageError, f"cannot be read ({error.strerror})", file=name, fix="check its access rights"
-        ) from error
     if size == 0:
         raise refuse(DataError, "the file is empty", file=name, fix="record or export it again")
     if size > max_bytes:

@@ -141,13 +141,18 @@ impl Judged {
 
     /// Largest excess mean square of any channel on the held-out recordings, beyond chance; zero without any.
     pub fn held_out_excess(&self) -> f64 {
-        self.held_out.iter().flat_map(beyond_chance).fold(0.0, f64::max)
+        self.held_out.iter().map(largest_excess).fold(0.0, f64::max)
     }
 
     /// Largest excess mean square of any channel on the recording, beyond chance.
     pub fn excess(&self) -> f64 {
-        beyond_chance(&self.fitted).fold(0.0, f64::max)
+        largest_excess(&self.fitted)
     }
+}
+
+/// Largest excess mean square of any channel, beyond chance.
+pub fn largest_excess(hypothesis: &Hypothesis) -> f64 {
+    beyond_chance(hypothesis).fold(0.0, f64::max)
 }
 
 fn excess(hypothesis: &Hypothesis) -> f64 {
