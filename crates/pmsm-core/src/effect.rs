@@ -275,6 +275,9 @@ pub trait Effect {
     const REFINES: Option<&'static str> = None;
     /// Whether its derivative at zero strength tells how much it can explain.
     const FIRST_ORDER: bool = true;
+    /// Whether its electrical states are temperatures: they begin at zero with the recording, go on over its gaps, and change too
+    /// slowly for a sample to matter.
+    const THERMAL: bool = false;
     /// Whether it has a [`Effect::field`] or [`Effect::shunt`], so that the flux of a current must be iterated for.
     const MAGNETIC: bool = false;
 

@@ -42,6 +42,10 @@ macro_rules! catalogue {
             pub fn is_first_order(self) -> bool {
                 match self { $(Self::$name => <$module::$name as Effect>::FIRST_ORDER),+ }
             }
+            /// Whether its electrical states are temperatures.
+            pub fn is_thermal(self) -> bool {
+                match self { $(Self::$name => <$module::$name as Effect>::THERMAL),+ }
+            }
             /// Whether the flux of a current must be iterated for.
             pub fn is_magnetic(self) -> bool {
                 match self { $(Self::$name => <$module::$name as Effect>::MAGNETIC),+ }

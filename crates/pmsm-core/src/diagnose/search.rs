@@ -5,7 +5,7 @@ use super::data::Data;
 use super::hypothesis::{self, Hypothesis};
 use super::power::{self, Shown};
 use super::shortlist::{Prospect, Scorer};
-use super::verdict::{self, Judged, LEAST_GAIN, MISMATCH, NESTED_GAIN, PROGRESS, Scale};
+use super::verdict::{self, Judged, LEAST_GAIN, MISMATCH, MISMATCH_HELD_OUT, NESTED_GAIN, PROGRESS, Scale};
 use crate::effect::{Need, Site};
 use crate::effects::{self, EffectId};
 use crate::error::Result;
@@ -102,7 +102,7 @@ impl Search<'_> {
         let base = self.judge(base)?;
         let (able, unfit) = self.able();
         // What explains less than would be called a mismatch may be the floor's own error.
-        let mismatch = base.excess().max(base.held_out_excess()) > MISMATCH;
+        let mismatch = base.excess() > MISMATCH || base.held_out_excess() > MISMATCH_HELD_OUT;
         let singles = if mismatch { self.extend(&base, &able, SINGLES, true)? } else { Vec::new() };
         self.monitor.report("single effects", 0.6);
         let mut seen: Vec<Judged> = singles.iter().filter_map(|(_, j)| j.clone()).collect();

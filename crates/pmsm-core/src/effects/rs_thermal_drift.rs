@@ -54,6 +54,7 @@ impl Effect for RsThermalDrift {
         ],
     };
     const ELECTRICAL_STATES: usize = 1;
+    const THERMAL: bool = true;
 
     fn probes(cx: &Context) -> Vec<Vec<f64>> {
         [0.15, 0.6, 3.0].map(|x| vec![0.0, 0.0, x * cx.duration]).to_vec()

@@ -73,16 +73,16 @@ fn run_sized<T: Real, W: Carries<T>, const N: usize>(
     let (Some(v), Some(_), Some(phases)) = (&signals.v, &signals.i, &signals.phases) else { return };
     let base = Base::new(p);
     let (n_p, sensed) = (signals.n_p, model.has_sensor());
+    let mut state = [W::zero(); N];
     for segment in &signals.segments {
         let mut measured = measured_env(signals, segment.start);
         let mut sensor = model.sensor(p, &measured);
         let mut env = true_env(&sensor, &measured, n_p);
-        let mut state = [W::zero(); N];
         for k in segment.clone() {
             if k == segment.start {
                 let abc = [phases[0][k], phases[1][k], phases[2][k]];
                 let i = model.true_current(&sensor, abc, measured.theta_e);
-                state = model.steady_state(p, &base, i, &env).0;
+                state = model.state_under(p, &base, i, None, &model.temperatures(&state), &env).0;
             }
             let i = model.state_current(p, &base, &state, &env).i;
             let shown = if sensed { model.measured_current(&sensor, i, measured.theta_e) } else { i };

@@ -104,7 +104,8 @@ impl<T: Real, const N: usize> Loop<T> for Torque<'_, T, N> {
         let (Some(phases), Some(i)) = (&signals.phases, &signals.i) else { return torque };
         let p: Vec<W> = self.p.iter().map(|x| W::carry(*x)).collect();
         let base = Base::new(&p);
-        let sensed = model.has_sensor();
+        let (sensed, thermal) = (model.has_sensor(), model.is_thermal());
+        let mut warm = [W::zero(); N];
         for segment in &signals.segments {
             for k in segment.clone() {
                 let mut env = measured_env(signals, k);
@@ -119,7 +120,10 @@ impl<T: Real, const N: usize> Loop<T> for Torque<'_, T, N> {
                     v = v.map(|v| rotate(v, c, s));
                 }
                 let emf = v.map(|v| [v[0] - base.r_s * i[0], v[1] - base.r_s * i[1]]);
-                torque[k] = model.state_under::<W, N>(&p, &base, i, emf, &env).1.give();
+                torque[k] = model.state_under(&p, &base, i, emf, &warm, &env).1.give();
+                if thermal && k + 1 < segment.end {
+                    model.warm(&p, &base, &mut warm, i, signals.t[k + 1] - signals.t[k], &env);
+                }
             }
         }
         torque
