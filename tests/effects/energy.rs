@@ -149,7 +149,12 @@ fn lossy_windings_lose_energy_and_magnetic_effects_keep_it() {
     for effect in
         [BackEmfHarmonics, SaturationD, SaturationQ, CrossSaturation, InductanceHarmonics, MagnetThermalDrift]
     {
-        let loss = steady_loss(effect, &typical(effect, &signals), signals.context);
+        let mut own = typical(effect, &signals);
+        // A magnet exchanges energy while it weakens: it is to have settled by the last turn.
+        if let Some(tau) = effect.info().parameters.iter().position(|p| p.name == "tau_th") {
+            own[tau] = 1e-3;
+        }
+        let loss = steady_loss(effect, &own, signals.context);
         assert!(loss.abs() < 1e-4, "{}: {loss} W", effect.id());
     }
 }
