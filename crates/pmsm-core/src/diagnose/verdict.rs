@@ -29,13 +29,14 @@ pub const INDISTINGUISHABLE: f64 = 3.0;
 pub const INDISTINGUISHABLE_POOR: f64 = 12.0;
 /// What may remain of a channel's excess mean square: this share of it, and this much of the floor's.
 pub const UNEXPLAINED: (f64, f64) = (0.25, 0.12);
-/// Effects from which together only a share in proportion may remain: so many bend to much that they do not cause.
-const FEW: f64 = 2.0;
 /// The same on a recording that was not used for fitting.
 pub const UNEXPLAINED_HELD_OUT: (f64, f64) = (0.3, 0.2);
+/// Of more effects than this together a smaller share may remain, by the square of their number: so many bend to much that they do not
+/// cause.
+const FEW: f64 = 2.0;
 /// A mean square beyond this multiple of the bare machine's, and this much more, refutes a model.
 const REFUTES: (f64, f64) = (2.0, 1.0);
-/// Excess mean square from which a channel is called mismatched although nothing explains it.
+/// Excess mean square from which a channel is called mismatched; below it nothing is looked for.
 pub const MISMATCH: f64 = 0.3;
 /// The same on a recording that was not used for fitting.
 pub const MISMATCH_HELD_OUT: f64 = 1.0;
