@@ -275,6 +275,8 @@ pub trait Effect {
     const REFINES: Option<&'static str> = None;
     /// Whether its derivative at zero strength tells how much it can explain.
     const FIRST_ORDER: bool = true;
+    /// Whether its torque jumps where the speed changes its sign, as an unknown load that changes in steps may do, too.
+    const JUMPS: bool = false;
     /// Whether its electrical states are temperatures: they begin at zero with the recording, go on over its gaps, and change too
     /// slowly for a sample to matter.
     const THERMAL: bool = false;

@@ -42,6 +42,10 @@ macro_rules! catalogue {
             pub fn is_first_order(self) -> bool {
                 match self { $(Self::$name => <$module::$name as Effect>::FIRST_ORDER),+ }
             }
+            /// Whether its torque jumps where the speed changes its sign.
+            pub fn jumps(self) -> bool {
+                match self { $(Self::$name => <$module::$name as Effect>::JUMPS),+ }
+            }
             /// Whether its electrical states are temperatures.
             pub fn is_thermal(self) -> bool {
                 match self { $(Self::$name => <$module::$name as Effect>::THERMAL),+ }

@@ -19,8 +19,9 @@ use crate::machine::BaseParameter;
 use crate::model::Model;
 use crate::real::Real;
 use crate::signals::Signals;
+use crate::simulate::electrical::{self, incremental_inductances};
 use crate::simulate::mechanical::Nuisance;
-use crate::simulate::{electrical, quasi_static};
+use crate::simulate::quasi_static;
 use crate::whitening::Whitening;
 use nalgebra::{DMatrix, DVector};
 use std::borrow::Cow;
@@ -143,7 +144,7 @@ impl<'a> Experiment<'a> {
         let mut residual = DVector::zeros(self.channels.len() * self.samples());
         if self.has_electrical() {
             self.fill_electrical::<f64>(p, |row, value| residual[row] = value);
-            self.whiten_currents(residual.as_mut_slice());
+            self.whiten_residual(p, &[], &[], &mut residual, &mut DMatrix::zeros(0, 0));
         }
         if self.has_mechanical() {
             let torque = self.torque_at(p);
@@ -168,10 +169,7 @@ impl<'a> Experiment<'a> {
                     _ => self.electrical_pass::<LANES>(at, &mut residual, &mut jacobian),
                 }
             }
-            self.whiten_currents(residual.as_mut_slice());
-            for column in reaching {
-                self.whiten_currents(jacobian.column_mut(column).as_mut_slice());
-            }
+            self.whiten_residual(p, free, &reaching, &mut residual, &mut jacobian);
         }
         if self.has_mechanical() {
             self.linearise_mechanical(p, free, &mut residual, &mut jacobian);
@@ -201,13 +199,53 @@ impl<'a> Experiment<'a> {
         }
     }
 
-    /// Passes the rows of the currents through the whitening filter.
-    fn whiten_currents(&self, rows: &mut [f64]) {
-        let (Some((filter, floors)), Some((d, wd)), Some((q, wq))) =
-            (self.whitening, self.row_of(Channel::ID), self.row_of(Channel::IQ))
-        else {
+    /// Passes a residual at `p` and the `columns` of its derivatives with respect to the parameters `free` through the whitening filter
+    /// that belongs to `p`.
+    fn whiten_residual(
+        &self,
+        p: &[f64],
+        free: &[usize],
+        columns: &[usize],
+        residual: &mut DVector<f64>,
+        jacobian: &mut DMatrix<f64>,
+    ) {
+        let Some((whitening, _)) = self.whitening else { return };
+        let count = self.model.parameter_count();
+        if !whitening.wanders() {
+            self.on_currents(residual.as_mut_slice(), |d, q| whitening.apply(d, q));
+            for &column in columns {
+                self.on_currents(jacobian.column_mut(column).as_mut_slice(), |d, q| whitening.apply(d, q));
+            }
             return;
-        };
+        }
+        let wanted = incremental_inductances(self.model, self.signals, &p[..count]);
+        let l = whitening.within(wanted);
+        let followed = [0, 1].map(|axis| (l[axis] / wanted[axis] - 1.0).abs() < 1e-9);
+        let filter = whitening.at(self.signals, l, !columns.is_empty());
+        let bend = self.on_currents(residual.as_mut_slice(), |d, q| filter.follow(l, d, q)).flatten();
+        for chunk in columns.chunks(LANES) {
+            let seeded = seed::<LANES>(&p[..count], chunk, free);
+            let along = incremental_inductances(self.model, self.signals, &seeded);
+            for (slot, &column) in chunk.iter().enumerate() {
+                let mut rows = jacobian.column_mut(column);
+                self.on_currents(rows.as_mut_slice(), |d, q| {
+                    filter.apply(d, q);
+                    for (axis, [bend_d, bend_q]) in
+                        bend.iter().flatten().enumerate().filter(|(a, _)| followed[*a])
+                    {
+                        let rate = along[axis].eps[slot] / along[axis].re;
+                        let bends = d.iter_mut().zip(bend_d).chain(q.iter_mut().zip(bend_q));
+                        bends.for_each(|(x, bend)| *x += rate * bend);
+                    }
+                });
+            }
+        }
+    }
+
+    /// Does something to the rows of the currents, in units of A before and of the floors afterwards.
+    fn on_currents<R>(&self, rows: &mut [f64], act: impl FnOnce(&mut [f64], &mut [f64]) -> R) -> Option<R> {
+        let (_, floors) = self.whitening?;
+        let ((d, wd), (q, wq)) = (self.row_of(Channel::ID)?, self.row_of(Channel::IQ)?);
         let n = self.samples();
         let (first, second) = rows.split_at_mut(d.max(q));
         let (d, q) = if d < q {
@@ -217,9 +255,10 @@ impl<'a> Experiment<'a> {
         };
         d.iter_mut().for_each(|x| *x /= wd);
         q.iter_mut().for_each(|x| *x /= wq);
-        filter.apply(d, q);
+        let out = act(d, q);
         d.iter_mut().for_each(|x| *x *= floors[0] * wd);
         q.iter_mut().for_each(|x| *x *= floors[1] * wq);
+        Some(out)
     }
 
     /// Electrical residuals and their derivatives for some `columns` of the parameters `free`.

@@ -5,13 +5,14 @@
 //! the variance 20·σ_i² + 6·m·s² then: they see the sensors' white noise σ_i, which the log tells by itself, and the wandering, but
 //! neither physics that is smooth over 3·m samples nor, through the median, rare transients.
 
-use crate::machine::BaseParameter;
 use crate::signals::{Finding, Signals};
 
 /// Lags over which the wandering is looked for, samples.
 const LAGS: [usize; 4] = [1, 2, 4, 8];
 /// A longer lag that shows more than this factor of what a shorter one did sees physics.
-const GROWTH: f64 = 2.0;
+const GROWTH: f64 = 1.2;
+/// Relative standard error of the wandering's variance at which no longer lag is asked: longer ones see more physics.
+const PRECISE: f64 = 0.05;
 /// Standard errors from which noise counts as found.
 const SIGNIFICANT: f64 = 4.0;
 /// Log periods over control periods from which a voltage counts as averaged.
@@ -47,17 +48,16 @@ impl InputNoise {
 }
 
 impl InputNoise {
-    /// Reads it from the current residuals `rest` (A, d and q) of a fitted free run with base parameters `p`, and the sensors'
-    /// noise in each axis, A; `known` says that this was measured without any model. Otherwise it is corrected in place.
+    /// Reads it from the current residuals `rest` (A, d and q) of a fitted free run of a machine with the inductances `l` (d, q), H, and the
+    /// sensors' noise in each axis, A; `known` says that this was measured without any model. Otherwise it is corrected in place.
     pub fn estimate(
         signals: &Signals,
-        p: &[f64],
+        l: [f64; 2],
         rest: [&[f64]; 2],
         sensor: &mut [f64; 2],
         known: bool,
     ) -> Self {
         let h = signals.period;
-        let l = [BaseParameter::LD, BaseParameter::LQ].map(|b| p[b.index()]);
         let mut wander = [(0.0, 0.0); 2];
         let count = (signals.len() as f64).sqrt();
         for axis in 0..2 {
@@ -80,6 +80,9 @@ impl InputNoise {
                 match found {
                     Some((before, doubt)) if square > GROWTH * before.max(0.0) + 2.0 * doubt => break,
                     _ => found = Some((square, error)),
+                }
+                if error < PRECISE * square {
+                    break;
                 }
             }
             wander[axis] = found.unwrap_or((0.0, f64::INFINITY));

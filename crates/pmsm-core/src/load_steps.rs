@@ -28,7 +28,10 @@ const GAIN: f64 = 30.0;
 /// Steps allowed per second, and at least.
 const RATE: (f64, usize) = (4.0, 4);
 /// Closest distance of two steps, share of the duration.
-const CLOSEST: f64 = 0.004;
+pub const CLOSEST: f64 = 0.004;
+/// Strides in which steps are moved, one after the other, in units of the first scan's: down to where the noise would leave them, lest
+/// a second step be needed to put the first one right.
+const STRIDES: [f64; 4] = [0.5, 0.12, 0.03, 0.007];
 /// Mechanical parameters of the model that may be corrected at once.
 const LANES: usize = 8;
 
@@ -44,8 +47,9 @@ pub fn find(model: &Model, signals: &Signals, p: &[f64], tau_e: &[f64], free: &[
     while steps.len() < most {
         let Some(step) = Fit::new(&grid, &steps).best_hinge(&grid, &steps) else { break };
         steps.push(step);
-        grid.move_each(&mut steps);
+        grid.move_each(&mut steps, &STRIDES[..2]);
     }
+    grid.move_each(&mut steps, &STRIDES);
     grid.prune(&mut steps);
     steps
 }
@@ -53,6 +57,8 @@ pub fn find(model: &Model, signals: &Signals, p: &[f64], tau_e: &[f64], free: &[
 /// y(t) and its columns on a coarse grid.
 struct Grid {
     t: Vec<f64>,
+    /// Half the time over which each point is an average, s.
+    half: Vec<f64>,
     y: DVector<f64>,
     columns: DMatrix<f64>,
     closest: f64,
@@ -78,6 +84,7 @@ impl Grid {
         let block = n.div_ceil(POINTS).max(1);
         let count = n.div_ceil(block);
         let (mut t, mut y) = (Vec::with_capacity(count), DVector::zeros(count));
+        let mut half = Vec::with_capacity(count);
         let mut columns = DMatrix::zeros(count, 2 + seeds.len());
         let n_p = signals.n_p;
         let acceleration = |k: usize| -> Dual<LANES> {
@@ -100,6 +107,8 @@ impl Grid {
             let weight = 1.0 / (block.min(n - row * block)) as f64;
             if k % block == 0 {
                 t.push(0.0);
+                let last = (k + block).min(n) - 1;
+                half.push(0.5 * (signals.t[last] - signals.t[k]));
             }
             t[row] += signals.t[k] * weight;
             let rest = sum - base.j * ((signals.omega_e[k] - signals.omega_e[0]) / n_p);
@@ -113,7 +122,7 @@ impl Grid {
             columns[(row, 1)] = t[row];
         }
         let closest = CLOSEST * signals.context.duration;
-        let mut grid = Self { t, y, columns, closest };
+        let mut grid = Self { t, half, y, columns, closest };
         for slot in model.slots() {
             let f = slot.effect.ringing(&p[slot.parameters.clone()]);
             if f > 0.0 {
@@ -150,13 +159,17 @@ impl Grid {
     }
 
     fn hinge(&self, step: f64) -> DVector<f64> {
-        DVector::from_iterator(self.t.len(), self.t.iter().map(|t| (t - step).max(0.0)))
+        let average = |(t, half): (&f64, &f64)| {
+            let behind = t - step;
+            if behind.abs() < *half { (behind + half).powi(2) / (4.0 * half) } else { behind.max(0.0) }
+        };
+        DVector::from_iterator(self.t.len(), self.t.iter().zip(&self.half).map(average))
     }
 
     /// Moves each step to where it explains most, in ever finer strides.
-    fn move_each(&self, steps: &mut [f64]) {
+    fn move_each(&self, steps: &mut [f64], strides: &[f64]) {
         let duration = self.t[self.t.len() - 1];
-        for stride in [0.5 / SCAN as f64, 0.15 / SCAN as f64] {
+        for stride in strides.iter().map(|s| s / SCAN as f64) {
             for at in 0..steps.len() {
                 let others: Vec<f64> =
                     steps.iter().enumerate().filter(|(k, _)| *k != at).map(|(_, s)| *s).collect();
@@ -184,7 +197,7 @@ impl Grid {
             match weakest {
                 Some((at, worth)) if worth < GAIN => {
                     steps.remove(at);
-                    self.move_each(steps);
+                    self.move_each(steps, &STRIDES);
                 }
                 _ => return,
             }
@@ -354,8 +367,9 @@ mod tests {
     fn steps_are_found_in_spite_of_a_wrong_nameplate() {
         let steps = [0.4, 0.9, 1.45];
         let found = found(&[0.8, 1.6, 0.5, 1.2], &steps);
-        for step in steps {
-            assert!(found.iter().any(|f| (f - step).abs() < 0.02), "{step}: {found:?}");
+        assert_eq!(found.len(), steps.len(), "{found:?}");
+        for (found, step) in found.iter().zip(steps) {
+            assert!((found - step).abs() < 0.001, "{step}: {found}");
         }
     }
 

@@ -47,7 +47,8 @@ pub struct Magnetic<T> {
     pub i: [T; 2],
     /// Motor torque, N·m.
     pub tau_e: T,
-    inverse: [T; 3],
+    /// ∂i_d/∂λ_d, ∂i_d/∂λ_q, ∂i_q/∂λ_q of the magnetising current, 1/H.
+    pub inverse: [T; 3],
 }
 
 impl Model {

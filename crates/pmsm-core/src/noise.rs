@@ -6,6 +6,7 @@ use crate::input_noise::InputNoise;
 use crate::random::normal_pair;
 use crate::recording::Kind;
 use crate::signals::Signals;
+use crate::simulate::electrical::incremental_inductances;
 use crate::transforms::{inverse_clarke, rotate};
 
 /// Samples of a stretch over which noise is compared, and how much louder than the median stretch the whole may be for nothing but
@@ -116,7 +117,8 @@ fn voltage_noise(
     let (in_d, in_q) = (rest(d), rest(q));
     let mut sensor = [floors[d].sensor, floors[q].sensor];
     let known = current_noise(signals).is_some();
-    let input = InputNoise::estimate(signals, p, [&in_d, &in_q], &mut sensor, known);
+    let l = incremental_inductances(experiment.model, signals, &p[..experiment.model.parameter_count()]);
+    let input = InputNoise::estimate(signals, l, [&in_d, &in_q], &mut sensor, known);
     for (at, sensor) in [d, q].into_iter().zip(sensor) {
         floors[at].sensor = sensor.max(1e-6 * signals.context.i_max);
     }

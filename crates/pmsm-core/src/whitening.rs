@@ -7,19 +7,50 @@
 //!
 //! w the voltage noise times h/l, n the sensors' noise. A Kalman filter with these covariances turns e into innovations, and their
 //! Cholesky factor into white noise of unit variance (Anderson & Moore, "Optimal filtering", 1979, chapters 3 and 5). The filter
-//! depends on the machine and the log alone: it is one fixed linear map for residuals and derivatives of every model.
+//! depends on the machine and the log alone: it is one fixed linear map for derivatives of every model.
+//!
+//! The inductances decide how much of the voltage's noise a simulation shows. Under one fixed filter larger ones, which show less,
+//! would fit better than the true ones; so the residual passes a filter that follows them, as the weights do when a straight line is
+//! laid through points with errors in both coordinates (Deming, "Statistical adjustment of data", 1943).
 
-use crate::base::BASE;
 use crate::input_noise::InputNoise;
-use crate::machine::BaseParameter;
 use crate::signals::Signals;
+use std::borrow::Cow;
 use std::ops::Range;
+
+/// Relative step of an inductance for the derivative of the filter.
+const STEP: f64 = 0.01;
+/// Distance (ln) of an inductance from that of the filter up to which the filter is taken to first order, and none is made anew.
+const NEAR: f64 = 0.01;
+
+/// Distance (ln) up to which the filter follows: inductances near zero would drown every misfit in the noise that they let through.
+const REACH: f64 = 0.25;
 
 /// A whitening filter over one recording.
 #[derive(Debug, Clone)]
 pub struct Whitening {
     segments: Vec<Range<usize>>,
-    wanders: bool,
+    here: Filter,
+    /// What the filter was made of, and those for a slightly larger l_d and l_q, where noise of the voltage lets the currents wander.
+    wander: Option<Wander>,
+}
+
+/// What a filter depends on that follows the inductances.
+#[derive(Debug, Clone)]
+struct Wander {
+    r_s: f64,
+    l: [f64; 2],
+    sensor: [f64; 2],
+    input: InputNoise,
+    beside: Option<[Filter; 2]>,
+}
+
+/// What a residual of d and q turns into when the filter changes with ln l_d and with ln l_q.
+pub type Bend = [[Vec<f64>; 2]; 2];
+
+/// A Kalman filter, sample by sample.
+#[derive(Debug, Clone)]
+struct Filter {
     /// A_k, row by row.
     transition: Vec<[f64; 4]>,
     /// Kalman gain, row by row.
@@ -29,19 +60,92 @@ pub struct Whitening {
 }
 
 impl Whitening {
-    /// The filter for a machine with base parameters `p` whose current sensors have the noise `sensor` (A per axis).
-    pub fn new(signals: &Signals, p: &[f64], sensor: [f64; 2], input: &InputNoise) -> Self {
-        debug_assert!(p.len() >= BASE);
-        let [r_s, l_d, l_q] =
-            [BaseParameter::RS, BaseParameter::LD, BaseParameter::LQ].map(|b| p[b.index()].max(1e-12));
-        let n = signals.len();
-        let mut out = Self {
-            segments: signals.segments.clone(),
-            wanders: input.voltage > 0.0,
-            transition: vec![[0.0; 4]; n],
-            gain: vec![[0.0; 4]; n],
-            root: vec![[0.0; 3]; n],
+    /// The filter for a machine with this resistance (Ω) and these inductances (d, q), H, whose current sensors have the noise
+    /// `sensor` (A per axis).
+    pub fn new(signals: &Signals, r_s: f64, l: [f64; 2], sensor: [f64; 2], input: &InputNoise) -> Self {
+        Self::made(signals, (r_s, l, sensor, input), true)
+    }
+
+    fn made(
+        signals: &Signals,
+        (r_s, l, sensor, input): (f64, [f64; 2], [f64; 2], &InputNoise),
+        beside: bool,
+    ) -> Self {
+        let (r_s, l) = (r_s.max(1e-12), l.map(|l| l.max(1e-12)));
+        let at = |l: [f64; 2]| Filter::new(signals, r_s, l, sensor, input);
+        let more = 1.0 + STEP;
+        let wander = (input.voltage > 0.0).then(|| Wander {
+            r_s,
+            l,
+            sensor,
+            input: input.clone(),
+            beside: beside.then(|| [at([l[0] * more, l[1]]), at([l[0], l[1] * more])]),
+        });
+        Self { segments: signals.segments.clone(), here: at(l), wander }
+    }
+
+    /// The nearest inductances (d, q), H, to which the filter follows.
+    pub fn within(&self, l: [f64; 2]) -> [f64; 2] {
+        let near = |w: &Wander, axis: usize| w.l[axis] * self.away(l)[axis].clamp(-REACH, REACH).exp();
+        self.wander.as_ref().map_or(l, |w| [0, 1].map(|axis| near(w, axis)))
+    }
+
+    /// The filter for other inductances `l` (d, q), H; with derivatives, if wanted.
+    pub fn at(&self, signals: &Signals, l: [f64; 2], derivatives: bool) -> Cow<'_, Self> {
+        match &self.wander {
+            Some(w) if self.away(l).iter().any(|x| x.abs() > NEAR) => {
+                Cow::Owned(Self::made(signals, (w.r_s, l, w.sensor, &w.input), derivatives))
+            }
+            _ => Cow::Borrowed(self),
+        }
+    }
+
+    /// Whether noise of the voltage lets the currents wander all along, so that a plain residual hides what lasts.
+    pub fn wanders(&self) -> bool {
+        self.wander.is_some()
+    }
+
+    /// How far (d, q) inductances are from those of the filter, ln.
+    pub fn away(&self, l: [f64; 2]) -> [f64; 2] {
+        let away = |w: &Wander| [0, 1].map(|axis| (l[axis].max(1e-12) / w.l[axis]).ln());
+        self.wander.as_ref().map_or([0.0; 2], away)
+    }
+
+    /// Turns a current residual (A, one value per sample and axis) into one of unit variance.
+    pub fn apply(&self, d: &mut [f64], q: &mut [f64]) {
+        self.here.apply(&self.segments, d, q);
+    }
+
+    /// The same for the residual of a model with the inductances `l` near those of the filter, which follows them; with the derivatives
+    /// through the filter, if it has them.
+    pub fn follow(&self, l: [f64; 2], d: &mut [f64], q: &mut [f64]) -> Option<Bend> {
+        let Some(filters) = self.wander.as_ref().and_then(|w| w.beside.as_ref()) else {
+            self.apply(d, q);
+            return None;
         };
+        let mut bend: Bend = [[d.to_vec(), q.to_vec()], [d.to_vec(), q.to_vec()]];
+        self.apply(d, q);
+        for (filter, [along_d, along_q]) in filters.iter().zip(&mut bend) {
+            filter.apply(&self.segments, along_d, along_q);
+            for (along, here) in along_d.iter_mut().zip(&*d).chain(along_q.iter_mut().zip(&*q)) {
+                *along = (*along - here) / STEP.ln_1p();
+            }
+        }
+        for (away, [along_d, along_q]) in self.away(l).into_iter().zip(&bend) {
+            d.iter_mut()
+                .zip(along_d)
+                .chain(q.iter_mut().zip(along_q))
+                .for_each(|(x, along)| *x += away * along);
+        }
+        Some(bend)
+    }
+}
+
+impl Filter {
+    fn new(signals: &Signals, r_s: f64, [l_d, l_q]: [f64; 2], sensor: [f64; 2], input: &InputNoise) -> Self {
+        let n = signals.len();
+        let mut out =
+            Self { transition: vec![[0.0; 4]; n], gain: vec![[0.0; 4]; n], root: vec![[0.0; 3]; n] };
         let noise = [sensor[0] * sensor[0], sensor[1] * sensor[1]];
         for segment in &signals.segments {
             // The simulation starts from the measured current: the state is that sensor's error, and the first residual is zero.
@@ -92,14 +196,8 @@ impl Whitening {
         out
     }
 
-    /// Whether noise of the voltage lets the currents wander all along, so that a plain residual hides what lasts.
-    pub fn wanders(&self) -> bool {
-        self.wanders
-    }
-
-    /// Turns a current residual (A, one value per sample and axis) into one of unit variance.
-    pub fn apply(&self, d: &mut [f64], q: &mut [f64]) {
-        for segment in &self.segments {
+    fn apply(&self, segments: &[Range<usize>], d: &mut [f64], q: &mut [f64]) {
+        for segment in segments {
             let mut x = [0.0; 2];
             for k in segment.clone() {
                 let (g, m, root) = (&self.gain[k], &self.transition[k], &self.root[k]);
@@ -196,7 +294,7 @@ mod tests {
         let (sensor, voltage) = (0.02, 1.5);
         let [mut d, mut q] = residual(&signals, sensor, voltage);
         let input = InputNoise { voltage, hidden: Vec::new() };
-        Whitening::new(&signals, &P, [sensor; 2], &input).apply(&mut d, &mut q);
+        Whitening::new(&signals, P[0], [P[1], P[2]], [sensor; 2], &input).apply(&mut d, &mut q);
         for x in [&d, &q] {
             let square = x.iter().map(|x| x * x).sum::<f64>() / x.len() as f64;
             assert!((square - 1.0).abs() < 0.03, "{square}");
@@ -215,7 +313,7 @@ mod tests {
         let (sensor, voltage) = (0.02, 1.5);
         let [d, q] = residual(&signals, sensor, voltage);
         let mut known = [sensor; 2];
-        let found = InputNoise::estimate(&signals, &P, [&d, &q], &mut known, true);
+        let found = InputNoise::estimate(&signals, [P[1], P[2]], [&d, &q], &mut known, true);
         assert!((found.voltage / voltage - 1.0).abs() < 0.1, "{}", found.voltage);
         assert!(found.hidden.is_empty());
         // Smooth physics on top is none.
@@ -223,7 +321,7 @@ mod tests {
             x.iter().zip(&signals.t).map(|(x, t)| x + 0.1 * (150.0 * t).sin()).collect()
         };
         let [quiet_d, quiet_q] = residual(&signals, sensor, 0.0).map(|x| bent(&x));
-        let found = InputNoise::estimate(&signals, &P, [&quiet_d, &quiet_q], &mut known, true);
+        let found = InputNoise::estimate(&signals, [P[1], P[2]], [&quiet_d, &quiet_q], &mut known, true);
         assert_eq!(found.voltage, 0.0);
     }
 }

@@ -4,7 +4,7 @@ use super::answer::Verdict;
 use super::power::EVEN;
 use super::search::Outcome;
 use super::verdict::{
-    INDISTINGUISHABLE, INDISTINGUISHABLE_POOR, Judged, MISMATCH, MISMATCH_HELD_OUT, NESTED_GAIN,
+    self, INDISTINGUISHABLE, INDISTINGUISHABLE_POOR, Judged, MISMATCH, MISMATCH_HELD_OUT, NESTED_GAIN,
 };
 use crate::effects::EffectId;
 
@@ -59,23 +59,28 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
             let shown = outcome.shown.iter().find(|s| s.effect == wide).map(|s| s.at_best);
             shown.filter(|power| to_the_noise && generalises(wide, effect) && !earned && *power < EVEN)
         };
-        let weight = |rival: EffectId| match hidden(rival) {
+        // Or unless the recording asks for that freedom, only not by enough to be sure of what it stands for.
+        let asked_for = |wide: EffectId, judged: &Judged| {
+            to_the_noise && generalises(wide, effect) && verdict::asks_for(judged, &outcome.best)
+        };
+        let weight = |rival: EffectId, judged: &Judged| match hidden(rival) {
             Some(power) => 1.0 - power,
+            None if asked_for(rival, judged) => 1.0,
             None if generalises(rival, effect) => (-NESTED_GAIN).exp(),
             None => 1.0,
         };
-        let sum = 1.0 + none + rivals.iter().map(|(e, j)| weight(*e) * odds(j)).sum::<f64>();
+        let sum = 1.0 + none + rivals.iter().map(|(e, j)| weight(*e, j) * odds(j)).sum::<f64>();
         let share = (1.0 - unknown) / sum;
         let near = if poor { INDISTINGUISHABLE_POOR } else { INDISTINGUISHABLE };
         let mut equivalent: Vec<EffectId> = rivals
             .iter()
-            .filter(|(e, j)| !generalises(*e, effect) && loss(j) < floor + near)
+            .filter(|(e, j)| (!generalises(*e, effect) || asked_for(*e, j)) && loss(j) < floor + near)
             .map(|(e, _)| *e)
             .collect();
         equivalent.extend(outcome.shown.iter().map(|s| s.effect).filter(|e| hidden(*e).is_some()));
         ranked.push(Ranked { effect, probability: share, equivalent, judged: outcome.best.clone() });
         for (rival, judged) in rivals.iter().copied() {
-            let probability = share * odds(judged) * weight(rival);
+            let probability = share * odds(judged) * weight(rival, judged);
             let known = effects.contains(&rival) || ranked.iter().any(|r| r.effect == rival);
             if probability > LEAST_LISTED && !known {
                 ranked.push(Ranked {

@@ -11,6 +11,7 @@ use crate::machine::BaseParameter;
 use crate::model::Model;
 use crate::monitor::Monitor;
 use crate::noise::{self, Floor};
+use crate::simulate::electrical::incremental_inductances;
 use crate::simulate::mechanical::Nuisance;
 use crate::whitening::Whitening;
 
@@ -26,11 +27,24 @@ impl Data {
         let sensor = |channel| floors.iter().find(|f| f.channel == channel).map(|f| f.sensor);
         self.whitening = match (sensor(Channel::ID), sensor(Channel::IQ)) {
             (Some(d), Some(q)) if !input.is_none() || self.signals.segments.len() > 1 => {
-                Some(Whitening::new(&self.signals, hypothesis.own(), [d, q], &input))
+                let own = hypothesis.own();
+                let l = incremental_inductances(&hypothesis.model, &self.signals, own);
+                Some(Whitening::new(&self.signals, own[BaseParameter::RS.index()], l, [d, q], &input))
             }
             _ => None,
         };
         (self.floors, self.input) = (floors, input);
+    }
+
+    /// How far (ln) the inductances of a fitted hypothesis are at most from those that the noise of the voltages was estimated with.
+    pub fn away(&self, hypothesis: &Hypothesis) -> f64 {
+        let away = |run: &Data| {
+            let l = incremental_inductances(&hypothesis.model, &run.signals, hypothesis.own());
+            run.whitening
+                .as_ref()
+                .map_or(0.0, |w| w.away(l).into_iter().fold(0.0, |m: f64, x| m.max(x.abs())))
+        };
+        self.runs().iter().map(away).fold(0.0, f64::max)
     }
 
     /// All channels with the floors as weights, seen through a hypothesis.
@@ -197,6 +211,30 @@ pub fn transfer(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) -> 
         }
     }
     Ok(best)
+}
+
+/// The fitted `bare` machine under the load that another hypothesis finds on the same recordings, without the steps that only it
+/// needs; its rotor is fitted anew if `anew`.
+///
+/// # Errors
+/// Those of the least-squares fit.
+pub fn under_load_of(
+    other: &Hypothesis,
+    data: &Data,
+    bare: &Hypothesis,
+    anew: bool,
+    monitor: &dyn Monitor,
+) -> Result<Hypothesis> {
+    let rotor = if anew { free_parameters(data, &bare.model).1 } else { Vec::new() };
+    let load = (&other.nuisances[..], &other.parameters[other.model.parameter_count()..]);
+    let fitted = motion::fit_under(data, &bare.model, &bare.parameters, &rotor, load, monitor)?;
+    let mut free = Vec::new();
+    if anew {
+        let rigid = |k: &&usize| **k < bare.model.parameter_count() && !rotor.contains(k);
+        free = bare.free.iter().filter(rigid).copied().collect();
+        free.extend(fitted.free);
+    }
+    Ok(finish(data, bare.model.clone(), fitted.parameters, free, fitted.nuisances))
 }
 
 fn finish(

@@ -86,6 +86,27 @@ pub fn fit(
     Ok(best)
 }
 
+/// The same under a load of given shape, whose levels and instants are fitted but to which no step is added: `load` holds the
+/// nuisances and values of each recording.
+///
+/// # Errors
+/// Those of the least-squares fit.
+pub fn fit_under(
+    data: &Data,
+    model: &Model,
+    start: &[f64],
+    rotor: &[usize],
+    (nuisances, load): (&[Nuisance], &[f64]),
+    monitor: &dyn Monitor,
+) -> Result<Motion> {
+    let own = &start[..model.parameter_count()];
+    let states = split(nuisances, load).map(|(nuisance, values)| State {
+        deviations: vec![0.0; model.mechanical_states()],
+        ..State::of(values, nuisance)
+    });
+    settle(data, model, own, states.collect(), rotor, &data.torque(model, own), monitor)
+}
+
 impl Motion {
     fn states(&self, count: usize) -> Vec<State> {
         split(&self.nuisances, &self.parameters[count..]).map(|(n, own)| State::of(own, n)).collect()
@@ -152,7 +173,13 @@ fn settle(
             return Ok(Motion { parameters, free, nuisances, squares });
         }
         let worthwhile = |fitted: &Fitted| -> Vec<Vec<usize>> {
-            (0..nuisances.len()).map(|run| worthwhile_steps(&experiment, fitted, run)).collect()
+            (0..nuisances.len())
+                .map(|run| {
+                    let apart = steps_apart(&experiment, fitted, run);
+                    let all = apart.len() == nuisances[run].steps();
+                    if all { worthwhile_steps(&experiment, fitted, run) } else { apart }
+                })
+                .collect()
         };
         let all_pay = |keep: &[Vec<usize>]| keep.iter().zip(&nuisances).all(|(k, n)| k.len() == n.steps());
         // Steps that do not pay hardly move the cost and are long in settling: they go before the fit is finished.
@@ -169,7 +196,10 @@ fn settle(
         }
         // What is left starts from where it was.
         let fresh = split(&nuisances, &parameters[count..]).map(|(n, own)| State::of(own, n));
-        states = fresh.zip(&keep).map(|(state, keep)| state.with_steps(keep)).collect();
+        let fewer = |(run, state): (usize, State)| {
+            state.with_steps(&keep[run], data.runs()[run].signals.context.duration)
+        };
+        states = fresh.enumerate().map(fewer).collect();
     }
 }
 
@@ -207,13 +237,22 @@ impl State {
         [&self.levels[..], &self.steps, &self.deviations].concat()
     }
 
-    /// The same with some of its steps only.
-    fn with_steps(self, keep: &[usize]) -> Self {
+    /// The same with some of its steps only. Of what lay between two of them the level that lasted longest stays.
+    fn with_steps(self, keep: &[usize], duration: f64) -> Self {
         if self.levels.is_empty() {
             return self;
         }
+        let edges = |at: usize| {
+            let start = if at == 0 { 0.0 } else { self.steps[at - 1] };
+            self.steps.get(at).copied().unwrap_or(duration) - start
+        };
+        let firsts = std::iter::once(0).chain(keep.iter().map(|k| k + 1));
+        let ends = keep.iter().map(|k| k + 1).chain([self.levels.len()]);
+        let longest = |(first, end): (usize, usize)| {
+            (first..end).max_by(|a, b| edges(*a).total_cmp(&edges(*b))).expect("a piece between two steps")
+        };
         Self {
-            levels: std::iter::once(0).chain(keep.iter().map(|k| k + 1)).map(|k| self.levels[k]).collect(),
+            levels: firsts.zip(ends).map(longest).map(|at| self.levels[at]).collect(),
             steps: keep.iter().map(|k| self.steps[*k]).collect(),
             deviations: self.deviations,
         }
@@ -323,6 +362,24 @@ fn start_level(data: &Data, torque: &[f64], own: &[f64]) -> f64 {
 /// variance of what is left, colour included.
 const STEP_SHARE: f64 = 0.003;
 const STEP_SIGNIFICANCE: f64 = 25.0;
+
+/// Numbers of the steps of the fitted load of recording `run` without those that have run into the one before, past it, or into an end
+/// of the recording: nothing can be said of them there.
+fn steps_apart(experiment: &Joint, fitted: &Fitted, run: usize) -> Vec<usize> {
+    let (nuisance, own) = (experiment.runs()[run].nuisance, experiment.nuisance(run).start);
+    let steps = &fitted.parameters[own + nuisance.levels..][..nuisance.steps()];
+    let duration = experiment.runs()[run].signals.context.duration;
+    let closest = load_steps::CLOSEST * duration;
+    let mut last = 0.0;
+    let mut apart = Vec::with_capacity(steps.len());
+    for (at, step) in steps.iter().enumerate() {
+        if *step > last + closest && *step < duration - closest {
+            apart.push(at);
+            last = *step;
+        }
+    }
+    apart
+}
 
 /// Numbers of the steps of the fitted load of recording `run` that pay for themselves: the weakest is taken away as long as it does not, by
 /// what equal levels on either side would cost to second order (Wald).

@@ -4,8 +4,9 @@
 use super::data::Data;
 use super::hypothesis::{self, Hypothesis};
 use super::power::{self, Shown};
+use super::reversals;
 use super::shortlist::{Prospect, Scorer};
-use super::verdict::{self, Judged, LEAST_GAIN, MISMATCH, MISMATCH_HELD_OUT, NESTED_GAIN, PROGRESS, Scale};
+use super::verdict::{self, Judged, LEAST_GAIN, MISMATCH, MISMATCH_HELD_OUT, PROGRESS, Scale};
 use crate::effect::{Need, Site};
 use crate::effects::{self, EffectId};
 use crate::error::Result;
@@ -103,7 +104,9 @@ impl Search<'_> {
         let (able, unfit) = self.able();
         // What explains less than would be called a mismatch may be the floor's own error.
         let mismatch = base.excess() > MISMATCH || base.held_out_excess() > MISMATCH_HELD_OUT;
-        let singles = if mismatch { self.extend(&base, &able, SINGLES, true)? } else { Vec::new() };
+        let asked: Vec<EffectId> =
+            able.iter().copied().filter(|e| mismatch || (e.jumps() && self.steps_reverse(&base))).collect();
+        let singles = self.extend(&base, &asked, SINGLES, true)?;
         self.monitor.report("single effects", 0.6);
         let mut seen: Vec<Judged> = singles.iter().filter_map(|(_, j)| j.clone()).collect();
         seen.push(base.clone());
@@ -146,6 +149,7 @@ impl Search<'_> {
         let shown = power::survey(self.data, &best.fitted, &absent, scale.worth(), poor, self.monitor);
         self.look_alikes(&best, &shown, &mut swaps)?;
         self.monitor.report("alternatives", 0.95);
+        let base = self.under_load_of(&best, base)?;
         let path = path(&base, &best, &seen, &scale);
         Ok(Outcome { base, singles, best, swaps, unfit, shown, scale, path })
     }
@@ -217,10 +221,12 @@ impl Search<'_> {
             (RIVAL * best).max(LEAST_SCORE)
         };
         let shaken = thorough && parent.fitted.square(Channel::OmegaE) > 1.0 + MISMATCH;
+        let reversing = self.steps_reverse(parent);
         let chosen: Vec<bool> = (0..prospects.len())
             .map(|k| {
                 let worth = prospects[k].score > least && order.iter().take(most).any(|o| *o == k);
-                worth || (!prospects[k].effect.is_first_order() && shaken)
+                let effect = prospects[k].effect;
+                worth || (!effect.is_first_order() && shaken) || (effect.jumps() && reversing)
             })
             .collect();
         let judged: Vec<Result<Option<Judged>>> = prospects
@@ -259,7 +265,7 @@ impl Search<'_> {
             for wide in &effects {
                 for narrow in special_cases(*wide).filter(|e| !effects.contains(e)) {
                     let simpler = self.narrowed(&best, *wide, narrow, seen)?;
-                    if scale.loss(&simpler) < scale.loss(&best) + NESTED_GAIN {
+                    if !scale.widens(&best, &simpler) {
                         best = simpler;
                         continue 'again;
                     }
@@ -352,6 +358,29 @@ impl Search<'_> {
 }
 
 impl Search<'_> {
+    /// Whether the load steps where the speed reverses, on any recording.
+    fn steps_reverse(&self, judged: &Judged) -> bool {
+        let held_out = self.held_out.iter().zip(&judged.held_out);
+        std::iter::once((&self.data, &judged.fitted))
+            .chain(held_out)
+            .any(|(d, h)| reversals::meets_step(d, h))
+    }
+
+    /// The bare machine without the load steps that an effect of the best set makes needless.
+    fn under_load_of(&self, best: &Judged, base: Judged) -> Result<Judged> {
+        if !best.fitted.effects().iter().any(|e| e.jumps()) || !self.steps_reverse(&base) {
+            return Ok(base);
+        }
+        let fitted = hypothesis::under_load_of(&best.fitted, self.data, &base.fitted, true, self.monitor)?;
+        let on_others = self
+            .held_out
+            .iter()
+            .zip(&best.held_out)
+            .map(|(data, best)| hypothesis::under_load_of(best, data, &fitted, false, self.monitor));
+        let held_out = on_others.collect::<Result<Vec<_>>>()?;
+        Ok(Judged { fitted, held_out, refuted: base.refuted })
+    }
+
     /// Refits what first-order analysis cannot tell from an effect of the best set and was not tried in its place.
     fn look_alikes(&self, best: &Judged, shown: &[Shown], swaps: &mut Vec<Swap>) -> Result<()> {
         let mut rest = LOOK_ALIKES;

@@ -14,11 +14,16 @@ pub const MOST_WORTH: f64 = 200.0;
 const LEAST_WORTH: f64 = 10.0;
 /// Price of one parameter, nats.
 pub const PRICE: f64 = 0.5;
+/// Price of one step of an unknown load on any recording: its instant and height, and that it may come whenever it likes.
+const STEP_PRICE: f64 = 3.0;
 /// An effect must gain this many nats beyond its price.
 pub const LEAST_GAIN: f64 = 3.0;
 /// An effect that contains a simpler one as a special case must gain this many over it: its further parameters bend to whatever
 /// is left at the same place.
 pub const NESTED_GAIN: f64 = 7.0;
+/// Nats, with every independent sample at its full worth, beyond which the recordings themselves ask for the further parameters, if
+/// the model otherwise reaches the noise.
+const ASKED_FOR: f64 = 50.0;
 /// And this many on recordings that were not used for fitting.
 pub const LEAST_HELD_OUT: f64 = 1.5;
 /// A further effect must bring the excess that is left below this share of what it was.
@@ -88,15 +93,12 @@ impl Scale {
     pub fn loss(&self, judged: &Judged) -> f64 {
         let fitted = &judged.fitted;
         let count = fitted.free.iter().filter(|k| **k < fitted.model.parameter_count()).count();
-        let steps: usize = fitted.nuisances.iter().map(Nuisance::steps).sum();
-        // What a recording leaves open is its own, and the misfit is a mean over recordings.
-        let price = PRICE * (count as f64 + (2 * steps) as f64 / fitted.runs() as f64);
         let wrong = if judged.refuted { INDISTINGUISHABLE_POOR } else { 0.0 };
         let all = misfit(fitted, &self.fitted) + self.others(judged) + wrong;
-        all / (1 + judged.held_out.len()) as f64 + price
+        all / (1 + judged.held_out.len()) as f64 + PRICE * count as f64
     }
 
-    /// Misfit on the held-out recordings (on the recording where there are none), nats, without any price.
+    /// Misfit on the held-out recordings (on the recording where there are none), nats; only load steps have a price there.
     pub fn held_out_misfit(&self, judged: &Judged) -> f64 {
         if judged.held_out.is_empty() {
             misfit(&judged.fitted, &self.fitted)
@@ -107,6 +109,12 @@ impl Scale {
 
     fn others(&self, judged: &Judged) -> f64 {
         judged.held_out.iter().zip(&self.held_out).map(|(h, worth)| misfit(h, worth)).sum()
+    }
+
+    /// Whether `wide`, which contains `narrow` as a special case, is worth its further parameters.
+    pub fn widens(&self, wide: &Judged, narrow: &Judged) -> bool {
+        let least = if asks_for(wide, narrow) { LEAST_GAIN } else { NESTED_GAIN };
+        self.loss(narrow) >= self.loss(wide) + least
     }
 
     /// Whether `a` is worth its parameters over `b`: on all recordings together, and not only on the fitted one.
@@ -151,6 +159,18 @@ impl Judged {
     }
 }
 
+/// Whether the recordings together would not have left so much more to `narrow` than to `wide`, which contains it and reaches the noise,
+/// by chance. That this is the further physics, and not the next thing that either leaves out, it does not say.
+pub fn asks_for(wide: &Judged, narrow: &Judged) -> bool {
+    let likelier = |wide: &Hypothesis, narrow: &Hypothesis| -> f64 {
+        let samples = wide.samples.iter().zip(&narrow.samples).map(|(a, b)| a.min(*b));
+        let ratios = wide.squares.iter().zip(&narrow.squares).map(|((_, a), (_, b))| (b / a).ln());
+        samples.zip(ratios).map(|(n, ratio)| 0.5 * n * ratio).sum()
+    };
+    let others = wide.held_out.iter().zip(&narrow.held_out).map(|(a, b)| likelier(a, b));
+    wide.excess() < MISMATCH && likelier(&wide.fitted, &narrow.fitted) + others.sum::<f64>() > ASKED_FOR
+}
+
 /// Largest excess mean square of any channel, beyond chance.
 pub fn largest_excess(hypothesis: &Hypothesis) -> f64 {
     beyond_chance(hypothesis).fold(0.0, f64::max)
@@ -160,11 +180,12 @@ fn excess(hypothesis: &Hypothesis) -> f64 {
     hypothesis.squares.iter().map(|(_, s)| (s - 1.0).max(0.0)).sum()
 }
 
-/// Misfit on one recording, nats; the mean over those that were fitted together.
+/// Misfit on one recording with what its load steps cost, nats; the mean over those that were fitted together.
 fn misfit(hypothesis: &Hypothesis, worth: &[f64]) -> f64 {
     let channels = hypothesis.squares.iter().zip(&hypothesis.chance).zip(worth);
     let all: f64 = channels.map(|(((_, s), chance), w)| 0.5 * w * log_square(*s, *chance)).sum();
-    all / hypothesis.runs() as f64
+    let steps: usize = hypothesis.nuisances.iter().map(Nuisance::steps).sum();
+    (all + STEP_PRICE * steps as f64) / hypothesis.runs() as f64
 }
 
 /// Logarithm of a mean square; what falls below the floor or within chance of it earns nothing, what is not a number costs
@@ -292,6 +313,30 @@ mod tests {
         assert!(scale.loss(&good) > scale.loss(&rival) && scale.beats(&good, &base));
         rival.refuted = true;
         assert!(scale.loss(&good) < scale.loss(&rival));
+    }
+
+    #[test]
+    fn a_special_case_stands_unless_the_recordings_ask_for_more() {
+        let narrow = judged(1.0, 1.05, 1.0, 5);
+        let wide = judged(1.0, 1.0, 1.0, 6);
+        let scale = Scale::new([&narrow, &wide].into_iter());
+        assert!(asks_for(&wide, &narrow) && !asks_for(&narrow, &wide));
+        assert!(scale.widens(&wide, &narrow));
+        // Where the wider model leaves more than noise, it may bend to what neither describes.
+        let (narrow, wide) = (judged(2.0, 1.05, 2.0, 5), judged(2.0, 1.0, 2.0, 6));
+        assert!(!asks_for(&wide, &narrow) && !scale.widens(&wide, &narrow));
+        let slight = judged(1.0, 1.001, 1.0, 5);
+        assert!(!asks_for(&judged(1.0, 1.0, 1.0, 6), &slight));
+    }
+
+    #[test]
+    fn load_steps_have_their_price_on_every_recording() {
+        let (bare, mut stepping) = (judged(1.0, 1.0, 1.0, 4), judged(1.0, 1.0, 1.0, 4));
+        stepping.fitted.nuisances = vec![Nuisance::unknown(3, 0)];
+        stepping.held_out[0].nuisances = vec![Nuisance::unknown(1, 0)];
+        let scale = Scale::new([&bare, &stepping].into_iter());
+        assert!((scale.loss(&stepping) - scale.loss(&bare) - 2.0 * STEP_PRICE).abs() < 1e-12);
+        assert!((scale.held_out_misfit(&stepping) - STEP_PRICE).abs() < 1e-12);
     }
 
     #[test]

@@ -43,6 +43,7 @@ impl Effect for AsymmetricFriction {
             },
         ],
     };
+    const JUMPS: bool = true;
     const REFINES: Option<&'static str> = Some("coulomb_friction");
 
     #[inline(always)]

@@ -43,6 +43,7 @@ impl Effect for CoulombFriction {
             },
         ],
     };
+    const JUMPS: bool = true;
 
     #[inline(always)]
     fn rotor<T: Real>(p: &[T], _: &[T], at: &Mechanical<T>, _: &Context, out: &mut Rotor<T>) {

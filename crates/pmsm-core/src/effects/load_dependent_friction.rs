@@ -31,6 +31,7 @@ impl Effect for LoadDependentFriction {
             typical: |_| 0.04,
         }],
     };
+    const JUMPS: bool = true;
 
     #[inline(always)]
     fn rotor<T: Real>(p: &[T], _: &[T], at: &Mechanical<T>, cx: &Context, out: &mut Rotor<T>) {

@@ -62,6 +62,7 @@ impl Effect for StribeckFriction {
             },
         ],
     };
+    const JUMPS: bool = true;
 
     fn probes(cx: &Context) -> Vec<Vec<f64>> {
         let top = cx.omega_m_max();

@@ -39,6 +39,26 @@ impl<T: Real, S: FnMut(usize, [T; 2]), const N: usize> Loop<T> for Run<'_, T, S,
     }
 }
 
+/// Samples of a recording at which its inductances are looked at.
+const POINTS: usize = 64;
+
+/// The inductances (d, q), H, that noise of the voltage meets: those of small changes, at the measured currents of samples all over
+/// the recording, so that their mean square is that of the slopes ∂i/∂λ.
+pub fn incremental_inductances<T: Real>(model: &Model, signals: &Signals, p: &[T]) -> [T; 2] {
+    let base = Base::new(p);
+    let Some(i) = &signals.i else { return [base.l_d, base.l_q] };
+    let stride = signals.len().div_ceil(POINTS).max(1);
+    let (mut squares, mut count) = ([T::zero(); 2], 0.0);
+    for k in (0..signals.len()).step_by(stride) {
+        let env = measured_env(signals, k);
+        let state: [T; 12] = model.steady_state(p, &base, [0, 1].map(|axis| T::constant(i[axis][k])), &env).0;
+        let [d, _, q] = model.state_current(p, &base, &state, &env).inverse;
+        squares = [squares[0] + d * d, squares[1] + q * q];
+        count += 1.0;
+    }
+    squares.map(|square| (square * (1.0 / count)).sqrt()).map(|slope| T::one() / slope)
+}
+
 /// The environment at sample `k`, in the measured frame.
 #[inline(always)]
 pub fn measured_env<T: Real>(signals: &Signals, k: usize) -> Env<T> {
