@@ -99,8 +99,13 @@ pub fn state(scale: &Scale, p: &[f64], i: [f64; 2], omega_e: f64) -> [f64; 3] {
 }
 
 /// One sample as the kernel reads it: g·v_d, g·v_q of the interval that begins here, the weighted measurements −i_d, −i_q, −ω_e,
-/// and the load torque known from the recording, N·m.
+/// and the load torque known from the recording, N·m. In memory the last one is left out where nothing is known of a load.
 pub type Sample<V> = [V; 6];
+
+/// Numbers per sample in memory.
+pub const fn fields(has_load: bool) -> usize {
+    if has_load { 6 } else { 5 }
+}
 
 impl<V: Lane> Coefficients<V> {
     /// From [`COEFFICIENTS`] rows of numbers, each `stride` long, of which the columns from `at` are taken.
