@@ -55,7 +55,7 @@ class Recording(_core.Recording):
                     fix=unknown_column(name),
                 )
         if _is_plain(given):
-            # The core checks every value anyway. What it refuses is refused below, in the words of `assemble`.
+            # The core checks every value. What it refuses is refused below, in the words of `assemble`.
             with suppress(DataError):
                 _make_room(given)
                 return super().__new__(cls, given, load=load, load_value=load_value)
