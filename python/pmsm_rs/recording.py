@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any, Self
 
 import numpy as np
@@ -53,6 +54,11 @@ class Recording(_core.Recording):
                     column=name,
                     fix=unknown_column(name),
                 )
+        if _is_plain(given):
+            # The core checks every value. What it refuses is refused below, in the words of `assemble`.
+            with suppress(DataError):
+                _make_room(given)
+                return super().__new__(cls, given, load=load, load_value=load_value)
         checked = assemble(frame_source(given, DEFAULT_MAX_BYTES))
         _make_room(checked)
         return super().__new__(cls, checked, load=load, load_value=load_value)
@@ -69,6 +75,18 @@ class Recording(_core.Recording):
         return (
             f"<Recording of {len(self)} samples, {self.duration:.6g} s, {self.kind}: {', '.join(self.names)}>"
         )
+
+
+def _is_plain(given: Mapping[str, Any]) -> bool:
+    """Whether all columns are arrays as the core takes them."""
+    return "n" not in given and all(
+        type(values) is np.ndarray
+        and values.dtype == np.float64
+        and values.ndim == 1
+        and values.flags.c_contiguous
+        and values.flags.aligned
+        for values in given.values()
+    )
 
 
 def _make_room(columns: Mapping[str, NDArray[np.float64]]) -> None:

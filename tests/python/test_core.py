@@ -151,17 +151,19 @@ def test_bad_bounds_are_usage_errors(bad: dict[str, object]) -> None:
         pm.identify(recording, machine, fit=bad)  # type: ignore[arg-type]
 
 
-def test_a_failing_progress_callback_is_not_swallowed() -> None:
+@pytest.mark.parametrize("threads", [1, None])
+def test_a_failing_progress_callback_is_not_swallowed(threads: int | None) -> None:
     recording, validation, machine = demo()
 
     def progress(stage: str, fraction: float) -> None:
         raise LookupError(stage)
 
     with pytest.raises(LookupError):
-        pm.diagnose(recording, machine, validation, progress=progress)
+        pm.diagnose(recording, machine, validation, threads=threads, progress=progress)
 
 
-def test_ctrl_c_gives_the_best_so_far() -> None:
+@pytest.mark.parametrize("threads", [1, None])
+def test_ctrl_c_gives_the_best_so_far(threads: int | None) -> None:
     assert threading.current_thread() is threading.main_thread()
     recording, validation, machine = demo()
     told: list[float] = []
@@ -172,7 +174,7 @@ def test_ctrl_c_gives_the_best_so_far() -> None:
         if len(told) == 1:
             os.kill(os.getpid(), signal.SIGINT)
 
-    answer = pm.diagnose(recording, machine, validation, progress=progress)
+    answer = pm.diagnose(recording, machine, validation, threads=threads, progress=progress)
     assert told
     assert all(0.0 <= fraction <= 1.0 for fraction in told)
     assert answer.interrupted

@@ -77,6 +77,14 @@ pub fn speed_weight(signals: &Signals) -> f64 {
 pub struct Objective<'a> {
     drive: Drive,
     experiment: Experiment<'a>,
+    prepared: Prepared,
+}
+
+/// What is prepared once for any number of evaluations.
+#[derive(Debug, Clone)]
+pub struct Prepared {
+    /// [`speed_weight`] of the recording.
+    weight: f64,
     /// The recording for the kernels, where they know the model and the sampling.
     track: Option<Arc<Track>>,
 }
@@ -84,23 +92,24 @@ pub struct Objective<'a> {
 impl<'a> Objective<'a> {
     /// Compares `model` with `signals`; `windows` are those of [`crate::simulate::mechanical::windows`].
     pub fn new(drive: Drive, model: &'a Model, signals: &'a Signals, windows: &'a [Range<usize>]) -> Self {
-        let mut objective = Self::with_track(drive, model, signals, windows, None);
+        let prepared = Prepared { weight: speed_weight(signals), track: None };
+        let mut objective = Self::with(drive, model, signals, windows, prepared);
         if drive == Drive::Coupled && model.slots().is_empty() && model.map().is_none() {
             let [i_d, _, omega_e] = [0, 1, 2].map(|k| objective.experiment.channels[k].1.powi(-2));
-            objective.track = Track::new(signals, i_d, omega_e).map(Arc::new);
+            objective.prepared.track = Track::new(signals, i_d, omega_e).map(Arc::new);
         }
         objective
     }
 
-    /// The same with a recording that was prepared for the kernels before (see [`Objective::into_track`]).
-    pub fn with_track(
+    /// The same with what another objective of this recording has prepared (see [`Objective::into_prepared`]).
+    pub fn with(
         drive: Drive,
         model: &'a Model,
         signals: &'a Signals,
         windows: &'a [Range<usize>],
-        track: Option<Arc<Track>>,
+        prepared: Prepared,
     ) -> Self {
-        let (phase, speed) = (1.0 / PHASES.sqrt(), 1.0 / speed_weight(signals));
+        let (phase, speed) = (1.0 / PHASES.sqrt(), 1.0 / prepared.weight);
         let sigma = |c: Channel| if c == Channel::OmegaE { speed } else { phase };
         let logged = |c: &&Channel| match c {
             Channel::VD => signals.axes[0],
@@ -122,7 +131,7 @@ impl<'a> Objective<'a> {
             whitening: None,
             colour: None,
         };
-        Self { drive, experiment, track }
+        Self { drive, experiment, prepared }
     }
 
     /// What drives the model.
@@ -141,14 +150,14 @@ impl<'a> Objective<'a> {
         false
     }
 
-    /// The recording as it was prepared for the kernels, where they apply.
-    pub fn into_track(self) -> Option<Arc<Track>> {
-        self.track
+    /// What it has prepared.
+    pub fn into_prepared(self) -> Prepared {
+        self.prepared
     }
 
     /// The same objective without the kernels: every number by the equations as the catalogue has them.
     pub fn reference(self) -> Self {
-        Self { track: None, ..self }
+        Self { prepared: Prepared { track: None, ..self.prepared }, ..self }
     }
 
     /// The fitness (9) at `p`, the coupled model starting from the measured values as in the paper; infinite where the

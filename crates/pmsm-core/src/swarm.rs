@@ -42,8 +42,6 @@ pub struct Swarm {
     neighbours: Vec<Vec<usize>>,
     /// Share of particles that the last costs bettered.
     bettered: f64,
-    /// Room for the point that a particle hears of.
-    heard: Vec<f64>,
     history: Vec<f64>,
 }
 
@@ -79,7 +77,6 @@ impl Swarm {
             best_cost: f64::INFINITY,
             neighbours: Vec::new(),
             bettered: 0.0,
-            heard: vec![0.0; dims],
             history: Vec::with_capacity(settings.iterations + 1),
         };
         for i in 0..n {

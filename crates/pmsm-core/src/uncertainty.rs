@@ -133,7 +133,6 @@ fn block_length(moves: DMatrix<f64>) -> (usize, bool) {
     let fewest = FEWEST_BLOCKS.max(BLOCKS_PER_PARAMETER * dim);
     let (least, most) = (n.div_ceil(MOST_BLOCKS).max(1), (n / fewest).max(1));
     let mut columns: Vec<Vec<f64>> = moves.as_slice().chunks_exact(n).map(<[f64]>::to_vec).collect();
-    let square = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>();
     let singles: Vec<f64> = columns.iter().map(|x| square(x)).collect();
     let memory = |sums: &[Vec<f64>]| -> f64 {
         sums.iter().zip(&singles).fold(1.0, |worst: f64, (sums, single)| {
@@ -153,6 +152,18 @@ fn block_length(moves: DMatrix<f64>) -> (usize, bool) {
     let summed = |column: &[f64]| column.chunks(most).map(|x| x.iter().sum()).collect();
     let columns: Vec<Vec<f64>> = moves.as_slice().chunks_exact(n).map(summed).collect();
     (most, most as f64 >= 0.5 * BLOCK_OVER_MEMORY * memory(&columns))
+}
+
+/// Sum of squares, in four sums that do not wait for each other.
+fn square(x: &[f64]) -> f64 {
+    let (quads, rest) = x.as_chunks::<4>();
+    let mut sums = [0.0; 4];
+    for x in quads {
+        for k in 0..4 {
+            sums[k] += x[k] * x[k];
+        }
+    }
+    (sums[0] + sums[2]) + (sums[1] + sums[3]) + rest.iter().map(|x| x * x).sum::<f64>()
 }
 
 /// Adds neighbours in pairs; the last one may stay alone.

@@ -1,4 +1,8 @@
-//! Long computations: in a pool of their own, watched by the calling thread for signals.
+//! Long computations: in a pool of their own, watched by the calling thread for signals. With one thread they run on the calling
+//! thread itself, which then looks for signals whenever the computation asks whether to stop: handing a short call to another
+//! thread and back would take a tenth of it.
+
+mod here;
 
 use crate::errors::{InternalError, UsageError, to_python};
 use crate::pools;
@@ -27,11 +31,14 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Stage and share that were reported last and not yet told.
+type Latest = Option<(String, f64)>;
+
 /// The monitor that a computation sees, and the calling thread's side of it.
 #[derive(Debug, Default)]
 struct Watch {
     stop: AtomicBool,
-    latest: Mutex<Option<(String, f64)>>,
+    latest: Mutex<Latest>,
     done: Mutex<bool>,
     finished: Condvar,
 }
@@ -59,9 +66,9 @@ impl Watch {
 
 /// Runs `job` and returns its result and whether Ctrl-C cut it short.
 ///
-/// The job runs detached from Python in a pool of `threads` threads (all processors when `None`); meanwhile this
-/// thread forwards progress to `progress(stage, fraction)` and handles signals. A signal or an exception from the
-/// callback raises the stop flag; the job then returns its best so far.
+/// The job runs detached from Python in a pool of `threads` threads (all processors when `None`); this thread forwards
+/// progress to `progress(stage, fraction)` and handles signals. A signal or an exception from the callback raises the stop
+/// flag; the job then returns its best so far.
 pub fn run<T: Send>(
     py: Python<'_>,
     threads: Option<usize>,
@@ -70,6 +77,9 @@ pub fn run<T: Send>(
 ) -> PyResult<(T, bool)> {
     if threads == Some(0) {
         return Err(UsageError::new_err("threads is 0; give at least 1, or None for all processors"));
+    }
+    if threads == Some(1) && here::possible() {
+        return here::run(py, progress, job);
     }
     let pool = pools::take(threads)
         .map_err(|error| InternalError::new_err(format!("no threads could be started: {error}")))?;
@@ -84,7 +94,7 @@ pub fn run<T: Send>(
             watch.finished.notify_all();
         });
         while !py.detach(|| watch.wait()) {
-            let told = py.check_signals().and_then(|()| tell(&watch, progress));
+            let told = py.check_signals().and_then(|()| tell(&watch.latest, progress));
             if let Err(error) = told {
                 watch.stop.store(true, Ordering::Relaxed);
                 if error.is_instance_of::<PyKeyboardInterrupt>(py) {
@@ -96,18 +106,28 @@ pub fn run<T: Send>(
         }
     });
     pools::give_back(threads, pool);
-    if let Some(error) = trouble {
-        return Err(error);
-    }
     match outcome {
-        Some(Ok(result)) => result.map(|value| (value, interrupted)).map_err(|error| to_python(py, &error)),
-        Some(Err(payload)) => Err(internal(payload.as_ref())),
+        Some(outcome) => finish(py, outcome, interrupted, trouble),
         None => Err(InternalError::new_err("the computation was lost; please report it")),
     }
 }
 
-fn tell(watch: &Watch, progress: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
-    let latest = lock(&watch.latest).take();
+/// What a computation left, as Python sees it.
+fn finish<T>(
+    py: Python<'_>,
+    outcome: std::thread::Result<CoreResult<T>>,
+    interrupted: bool,
+    trouble: Option<PyErr>,
+) -> PyResult<(T, bool)> {
+    match (trouble, outcome) {
+        (Some(error), _) => Err(error),
+        (None, Ok(result)) => result.map(|value| (value, interrupted)).map_err(|error| to_python(py, &error)),
+        (None, Err(payload)) => Err(internal(payload.as_ref())),
+    }
+}
+
+fn tell(latest: &Mutex<Latest>, progress: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+    let latest = lock(latest).take();
     match (latest, progress) {
         (Some((stage, fraction)), Some(callback)) => callback.call1((stage, fraction)).map(drop),
         _ => Ok(()),

@@ -1,7 +1,7 @@
 //! Eight parameter sets side by side, and their way through a stretch of samples.
 
 use super::Kernel;
-use super::step::{COEFFICIENTS, Coefficients, INCREMENTS, STAGES, Scale, coefficients, state};
+use super::step::{COEFFICIENTS, Coefficients, INCREMENTS, STAGES, Sample, Scale, coefficients, state};
 use crate::lanes::{self, Job, Lane};
 
 /// Parameter sets per block: the widest vector.
@@ -44,8 +44,8 @@ pub fn place(blocks: &mut [Block], column: usize, scale: &Scale, p: &[f64], [i_d
 /// A stretch of samples.
 #[derive(Debug, Clone, Copy)]
 pub struct Stretch<'a> {
-    /// The samples, see [`super::step::Sample`].
-    pub samples: &'a [[f64; 6]],
+    /// The samples one after the other, see [`super::step::Sample`].
+    pub samples: &'a [f64],
     /// Steps per sample.
     pub pieces: usize,
     /// Weight of ω_e over g.
@@ -58,9 +58,10 @@ pub struct Stretch<'a> {
 pub fn run(kernel: Kernel, blocks: &mut [Block], stretch: Stretch<'_>) {
     let (path, rounding) = (kernel.path, kernel.rounding);
     match (kernel.increments, stretch.has_load) {
-        (false, false) => lanes::run(path, rounding, Run::<STAGES, false> { blocks, stretch }),
-        (false, true) => lanes::run(path, rounding, Run::<STAGES, true> { blocks, stretch }),
-        (true, _) => lanes::run(path, rounding, Run::<INCREMENTS, true> { blocks, stretch }),
+        (false, false) => lanes::run(path, rounding, Run::<STAGES, false, 5> { blocks, stretch }),
+        (false, true) => lanes::run(path, rounding, Run::<STAGES, true, 6> { blocks, stretch }),
+        (true, false) => lanes::run(path, rounding, Run::<INCREMENTS, false, 5> { blocks, stretch }),
+        (true, true) => lanes::run(path, rounding, Run::<INCREMENTS, true, 6> { blocks, stretch }),
     }
 }
 
@@ -79,19 +80,20 @@ pub struct Differences<'a> {
 /// Takes all blocks through the stretch and writes the differences between their halves.
 pub fn subtract(kernel: Kernel, blocks: &mut [Block], stretch: Stretch<'_>, to: Differences<'_>) {
     let (path, rounding) = (kernel.path, kernel.rounding);
-    if kernel.increments {
-        lanes::run(path, rounding, Subtract::<INCREMENTS> { blocks, stretch, to });
-    } else {
-        lanes::run(path, rounding, Subtract::<STAGES> { blocks, stretch, to });
+    match (kernel.increments, stretch.has_load) {
+        (false, false) => lanes::run(path, rounding, Subtract::<STAGES, false, 5> { blocks, stretch, to }),
+        (false, true) => lanes::run(path, rounding, Subtract::<STAGES, true, 6> { blocks, stretch, to }),
+        (true, false) => lanes::run(path, rounding, Subtract::<INCREMENTS, false, 5> { blocks, stretch, to }),
+        (true, true) => lanes::run(path, rounding, Subtract::<INCREMENTS, true, 6> { blocks, stretch, to }),
     }
 }
 
-struct Run<'a, const FORM: bool, const LOAD: bool> {
+struct Run<'a, const FORM: bool, const LOAD: bool, const N: usize> {
     blocks: &'a mut [Block],
     stretch: Stretch<'a>,
 }
 
-impl<const FORM: bool, const LOAD: bool> Job for Run<'_, FORM, LOAD> {
+impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Run<'_, FORM, LOAD, N> {
     type Output = ();
     #[inline(always)]
     fn run<V: Lane>(mut self) {
@@ -106,7 +108,7 @@ impl<const FORM: bool, const LOAD: bool> Job for Run<'_, FORM, LOAD> {
     }
 }
 
-impl<const FORM: bool, const LOAD: bool> Run<'_, FORM, LOAD> {
+impl<const FORM: bool, const LOAD: bool, const N: usize> Run<'_, FORM, LOAD, N> {
     /// Takes `R` vectors, from number `first` on, through the samples.
     #[inline(always)]
     fn advance<V: Lane, const R: usize>(&mut self, first: usize) {
@@ -116,7 +118,7 @@ impl<const FORM: bool, const LOAD: bool> Run<'_, FORM, LOAD> {
             columns[r] = Columns::load(blocks, first + r);
         }
         let show_w = V::constant(stretch.show_w);
-        for sample in stretch.samples {
+        for sample in stretch.samples.as_chunks::<N>().0 {
             let now = spread(sample);
             for r in 0..R {
                 let e = columns[r].with.errors(columns[r].y, &now, show_w);
@@ -135,13 +137,13 @@ impl<const FORM: bool, const LOAD: bool> Run<'_, FORM, LOAD> {
     }
 }
 
-struct Subtract<'a, const FORM: bool> {
+struct Subtract<'a, const FORM: bool, const LOAD: bool, const N: usize> {
     blocks: &'a mut [Block],
     stretch: Stretch<'a>,
     to: Differences<'a>,
 }
 
-impl<const FORM: bool> Job for Subtract<'_, FORM> {
+impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Subtract<'_, FORM, LOAD, N> {
     type Output = ();
     #[inline(always)]
     fn run<V: Lane>(self) {
@@ -153,7 +155,7 @@ impl<const FORM: bool> Job for Subtract<'_, FORM> {
             let (scale, counts) = (V::load(&to.scale[at..]), V::load(&to.counts[at..]));
             let mut first = Columns::<V>::load(blocks, vector);
             let mut second = Columns::<V>::load(blocks, vector + half / V::WIDTH);
-            for (k, sample) in stretch.samples.iter().enumerate() {
+            for (k, sample) in stretch.samples.as_chunks::<N>().0.iter().enumerate() {
                 let now = spread(sample);
                 let e = first.with.errors(first.y, &now, show_w);
                 let f = second.with.errors(second.y, &now, show_w);
@@ -162,8 +164,8 @@ impl<const FORM: bool> Job for Subtract<'_, FORM> {
                     difference.store(&mut to.rows[(3 * k + c) * half + at..]);
                 }
                 for _ in 0..stretch.pieces {
-                    first.y = first.with.step::<FORM, true>(first.y, &now);
-                    second.y = second.with.step::<FORM, true>(second.y, &now);
+                    first.y = first.with.step::<FORM, LOAD>(first.y, &now);
+                    second.y = second.with.step::<FORM, LOAD>(second.y, &now);
                 }
             }
             first.store(blocks, vector);
@@ -205,9 +207,9 @@ impl<V: Lane> Columns<V> {
 
 /// A sample for every column.
 #[inline(always)]
-fn spread<V: Lane>(sample: &[f64; 6]) -> [V; 6] {
+fn spread<V: Lane, const N: usize>(sample: &[f64; N]) -> Sample<V> {
     let mut now = [V::zero(); 6];
-    for n in 0..6 {
+    for n in 0..N {
         now[n] = V::constant(sample[n]);
     }
     now

@@ -5,7 +5,7 @@
 //! in which the piece before it ends. This is checked at every seam; where it fails, the whole recording is run in a row.
 
 use super::block::{self, Block, Stretch};
-use super::step::{COEFFICIENTS, Coefficients, STAGES, coefficients, state};
+use super::step::{COEFFICIENTS, Coefficients, STAGES, Sample, coefficients, fields, state};
 use super::track::{Segment, Track};
 use super::{Kernel, POINT};
 use crate::lanes::{self, Job, Lane};
@@ -16,8 +16,6 @@ const LANES: usize = 16;
 const VECTORS: usize = 2;
 /// Samples by which reading is ahead: more streams run side by side than the processor would foresee.
 const AHEAD: usize = 48;
-/// Numbers per sample.
-const FIELDS: usize = 6;
 /// Run-in in units of the motor's slowest memory: until a difference has fallen below the last bit.
 const RUN_IN: f64 = 42.0;
 /// Longest run-in that pays, as a share of a piece.
@@ -53,7 +51,7 @@ pub fn cost(
     for segment in &track.segments {
         let run_in =
             (RUN_IN * memory(segment, point) / (2.0 * segment.scale.g * segment.pieces as f64)).ceil();
-        let n = segment.samples().len();
+        let n = segment.range.len();
         let mut cut = None;
         if n >= SHORTEST && run_in <= LONGEST * (n / LANES) as f64 && !kernel.increments {
             let pieces = in_pieces(track, segment, kernel, point, run_in as usize, stop)?;
@@ -64,7 +62,7 @@ pub fn cost(
         }
         sum += match cut {
             Some(sum) => sum,
-            None => in_a_row(track, segment, kernel, segment.samples(), point, None, stop)?,
+            None => in_a_row(track, segment, kernel, 0, point, None, stop)?,
         };
     }
     Some((sum, seams))
@@ -96,7 +94,7 @@ fn in_pieces(
     run_in: usize,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Option<Pieces> {
-    let length = (segment.samples().len() - run_in) / LANES;
+    let length = (segment.range.len() - run_in) / LANES;
     // The first piece has no run-in and is longer by it.
     let mut begin = [0; LANES];
     let mut y = [[0.0; LANES]; 3];
@@ -152,16 +150,17 @@ fn in_pieces(
     let mut sum: f64 = run.sum.iter().fold(0.0, |sum, part| sum + part);
     let done = (LANES - 1) * length + run_in + length;
     let last = [0, 1, 2].map(|n| run.y[n][LANES - 1]);
-    sum += in_a_row(track, segment, kernel, &segment.samples()[done..], point, Some(last), stop)?;
+    sum += in_a_row(track, segment, kernel, done, point, Some(last), stop)?;
     Some(Pieces { sum: Some(sum), exact })
 }
 
-/// The sum of squares over `samples` one after the other, from a scaled state or the measured one at the beginning.
+/// The sum of squares over the samples from number `first` on one after the other, from a scaled state or the measured one at
+/// the beginning.
 fn in_a_row(
     track: &Track,
     segment: &Segment,
     kernel: Kernel,
-    samples: &[[f64; 6]],
+    first: usize,
     point: &[f64; POINT],
     from: Option<[f64; 3]>,
     stop: &(dyn Fn() -> bool + Sync),
@@ -173,7 +172,8 @@ fn in_a_row(
             block::set(&mut blocks, column, COEFFICIENTS + n, y);
         }
     }
-    for samples in samples.chunks(STRETCH) {
+    let fields = fields(track.has_load);
+    for samples in segment.samples()[first * fields..].chunks(STRETCH * fields) {
         if stop() {
             return None;
         }
@@ -214,6 +214,16 @@ impl<const LOAD: bool> Job for WithLoad<'_, LOAD> {
 }
 
 impl<const LOAD: bool> WithLoad<'_, LOAD> {
+    /// The samples of a vector of pieces whose records begin at `begin`, `at` numbers further on.
+    #[inline(always)]
+    fn samples<V: Lane>(records: &[f64], begin: &[usize], at: usize) -> Sample<V> {
+        if LOAD {
+            return V::columns::<6>(records, begin, 1, at);
+        }
+        let [v_d, v_q, i_d, i_q, omega] = V::columns::<5>(records, begin, 1, at);
+        [v_d, v_q, i_d, i_q, omega, V::zero()]
+    }
+
     /// Takes [`VECTORS`] vectors of pieces through the stretch.
     #[inline(always)]
     fn advance<V: Lane>(&mut self, first: usize) {
@@ -233,12 +243,14 @@ impl<const LOAD: bool> WithLoad<'_, LOAD> {
             }
             sum[r] = V::load(&run.sum[at..]);
         }
+        let fields = fields(LOAD);
+        let begin = begin.map(|sample| sample * fields);
         for k in 0..*count {
             for lane in first..first + VECTORS * V::WIDTH {
-                lanes::prefetch(records, (begin[lane] + k + AHEAD) * FIELDS);
+                lanes::prefetch(records, begin[lane] + (k + AHEAD) * fields);
             }
             for r in 0..VECTORS {
-                let now = V::columns::<FIELDS>(records, &begin[first + r * V::WIDTH..], FIELDS, k);
+                let now = Self::samples::<V>(records, &begin[first + r * V::WIDTH..], k * fields);
                 let e = with.errors(y[r], &now, show_w);
                 sum[r] = e[2].mul_add(e[2], e[1].mul_add(e[1], e[0].mul_add(e[0], sum[r])));
                 for _ in 0..*pieces {

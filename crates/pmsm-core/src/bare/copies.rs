@@ -2,6 +2,7 @@
 //! in one group of vectors beside the point itself, so that derivatives cost hardly more than the run.
 
 use super::block::{self, BLOCK, Block, Differences, Stretch};
+use super::step::fields;
 use super::track::Track;
 use super::{Kernel, POINT};
 use crate::lanes::{self, Job, Lane};
@@ -11,6 +12,10 @@ use crate::lanes::{self, Job, Lane};
 const NUDGE: f64 = 3e-5;
 /// Samples simulated before their errors are used, while they are in the cache.
 const STRETCH: usize = 64;
+/// Stretches between two looks at the stop flag, some ten microseconds.
+const LOOK: usize = 16;
+/// Columns whose products are summed in one go: that many sums fit into the registers of the widest path.
+const GROUP: usize = 6;
 /// Initial values of a segment: i_d, i_q, ω_e.
 pub const INITIAL: usize = 3;
 
@@ -74,13 +79,13 @@ pub fn rows(
             }
             block::place(&mut blocks, column, &segment.scale, &p, start);
         }
-        for (part, samples) in segment.samples().chunks(STRETCH).enumerate() {
-            if stop() {
+        for (part, samples) in segment.stretches(STRETCH).enumerate() {
+            if part % LOOK == 0 && stop() {
                 return false;
             }
             let stretch =
                 Stretch { samples, pieces: segment.pieces, show_w: segment.show_w, has_load: track.has_load };
-            let rows = &mut rows[..samples.len() * 3 * width];
+            let rows = &mut rows[..samples.len() / fields(track.has_load) * 3 * width];
             let differences = Differences { counts: &counts, scale: &scale, rows };
             block::subtract(kernel, &mut blocks, stretch, differences);
             let first = segment.range.start + part * STRETCH;
@@ -90,41 +95,72 @@ pub fn rows(
     true
 }
 
-/// Adds to `sums` (width × width, one row after the other) the products of all pairs of columns: the normal equations of
-/// parameters, initial values and error.
-pub fn accumulate(kernel: Kernel, rows: &[f64], width: usize, sums: &mut [f64]) {
-    lanes::run(kernel.path, kernel.rounding, Products { rows, width, sums });
+/// Adds to `sums` ([`width`] × [`width`], one row after the other) the products of all pairs of columns: the normal equations of
+/// `free` parameters, initial values and error. Rows of the columns of zeros stay as they are.
+pub fn accumulate(kernel: Kernel, rows: &[f64], free: usize, sums: &mut [f64]) {
+    lanes::run(kernel.path, kernel.rounding, Products { rows, free, sums });
 }
 
 struct Products<'a> {
     rows: &'a [f64],
-    width: usize,
+    free: usize,
     sums: &'a mut [f64],
 }
 
 impl Job for Products<'_> {
     type Output = ();
     #[inline(always)]
-    fn run<V: Lane>(self) {
-        let Self { rows, width, sums } = self;
-        // Eight by one vector at a time: that many sums fit into the registers of the widest path.
-        for from in (0..width).step_by(BLOCK) {
-            for at in (0..width).step_by(V::WIDTH) {
-                let mut part = [V::zero(); BLOCK];
-                for n in 0..BLOCK {
-                    part[n] = V::load(&sums[(from + n) * width + at..]);
-                }
-                for row in 0..rows.len() / width {
-                    let right = V::load(&rows[row * width + at..]);
-                    let left = &rows[row * width + from..][..BLOCK];
-                    for n in 0..BLOCK {
-                        part[n] = V::constant(left[n]).mul_add(right, part[n]);
-                    }
-                }
-                for n in 0..BLOCK {
-                    part[n].store(&mut sums[(from + n) * width + at..]);
-                }
+    fn run<V: Lane>(mut self) {
+        let (used, last) = (self.free + INITIAL, width(self.free) - 1);
+        let mut from = 0;
+        while from + GROUP <= used {
+            self.add::<V, GROUP>(std::array::from_fn(|n| from + n));
+            from += GROUP;
+        }
+        // The rest, and the error.
+        match used - from {
+            0 => self.add::<V, 1>([last]),
+            1 => self.add::<V, 2>([from, last]),
+            2 => self.add::<V, 3>([from, from + 1, last]),
+            3 => self.add::<V, 4>([from, from + 1, from + 2, last]),
+            4 => self.add::<V, 5>([from, from + 1, from + 2, from + 3, last]),
+            _ => self.add::<V, 6>([from, from + 1, from + 2, from + 3, from + 4, last]),
+        }
+    }
+}
+
+impl Products<'_> {
+    /// Adds the products of `N` columns with all.
+    #[inline(always)]
+    fn add<V: Lane, const N: usize>(&mut self, columns: [usize; N]) {
+        let width = width(self.free);
+        for at in (0..width).step_by(V::WIDTH) {
+            // Two rows at a time: sums of one row alone would wait for each other.
+            let mut parts = [[V::zero(); N]; 2];
+            for n in 0..N {
+                parts[0][n] = V::load(&self.sums[columns[n] * width + at..]);
+            }
+            let pairs = self.rows.chunks_exact(2 * width);
+            let rest = pairs.remainder();
+            for pair in pairs {
+                add_row(&mut parts[0], &pair[..width], columns, at);
+                add_row(&mut parts[1], &pair[width..], columns, at);
+            }
+            if !rest.is_empty() {
+                add_row(&mut parts[0], rest, columns, at);
+            }
+            for n in 0..N {
+                (parts[0][n] + parts[1][n]).store(&mut self.sums[columns[n] * width + at..]);
             }
         }
+    }
+}
+
+/// Adds to `sums` the products of these columns of a row with those of the vector at `at`.
+#[inline(always)]
+fn add_row<V: Lane, const N: usize>(sums: &mut [V; N], row: &[f64], columns: [usize; N], at: usize) {
+    let right = V::load(&row[at..]);
+    for n in 0..N {
+        sums[n] = V::constant(row[columns[n]]).mul_add(right, sums[n]);
     }
 }

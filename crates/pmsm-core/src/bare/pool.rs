@@ -7,6 +7,9 @@ use super::{Kernel, POINT};
 /// Samples between two looks at who has passed his bound. They and a few blocks fit into the first-level cache.
 const STRETCH: usize = 128;
 
+/// Steps of a parameter set between two looks at the stop flag, some microseconds.
+const LOOK: usize = 1 << 14;
+
 /// Parameter sets under way.
 struct Pool<'a> {
     blocks: Vec<Block>,
@@ -34,12 +37,17 @@ pub fn costs(
         "one point and bound per cost"
     );
     costs.fill(f64::INFINITY);
+    let mut unseen = LOOK;
     let mut pool = Pool { blocks: Block::room(costs.len()), who: (0..costs.len()).collect(), points, bounds };
     for segment in &track.segments {
         pool.restart(segment);
-        for samples in segment.samples().chunks(STRETCH) {
-            if stop() {
-                return false;
+        for samples in segment.stretches(STRETCH) {
+            unseen += STRETCH * pool.who.len();
+            if unseen >= LOOK {
+                if stop() {
+                    return false;
+                }
+                unseen = 0;
             }
             let stretch =
                 Stretch { samples, pieces: segment.pieces, show_w: segment.show_w, has_load: track.has_load };

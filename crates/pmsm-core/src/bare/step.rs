@@ -11,7 +11,8 @@
 //! ```
 //!
 //! Form [`STAGES`] writes the classical method in the values y_2 = y + F(y), y_3 = y + F(y_2), y_4 = y + 2F(y_3) at which F = g·dy/dt
-//! is evaluated, y' = (y_2 + 2y_3 + y_4 − y + F(y_4))/3: two multiplications and additions in a row per stage. Form
+//! is evaluated, y' = (y_2 + 2y_3 + y_4 − y + F(y_4))/3: two multiplications and additions in a row per stage, as what the last
+//! value does not decide is summed up beforehand. A single vector waits for them, not for its arithmetic. Form
 //! [`INCREMENTS`] adds the small increments instead, y' = y + (F_1 + 2F_2 + 2F_3 + F_4)/3, and rounds less.
 
 use crate::lanes::Lane;
@@ -22,7 +23,7 @@ pub const STAGES: bool = false;
 pub const INCREMENTS: bool = true;
 
 /// Numbers per parameter set in [`Coefficients`].
-pub const COEFFICIENTS: usize = 17;
+pub const COEFFICIENTS: usize = 20;
 
 /// What a parameter set contributes to the equations, one vector each.
 #[derive(Debug, Clone, Copy)]
@@ -44,6 +45,9 @@ pub struct Coefficients<V> {
     show_q: V,
     zero_d: V,
     load: V,
+    f_d: V,
+    f_q: V,
+    f_w: V,
 }
 
 /// Scales that all parameter sets share.
@@ -83,6 +87,9 @@ pub fn coefficients(scale: &Scale, p: &[f64]) -> [f64; COEFFICIENTS] {
         current * inverse_q,
         -current * psi_m * inverse_d,
         per_load,
+        a_d - 1.0,
+        a_q - 1.0,
+        c - 1.0,
     ]
 }
 
@@ -92,8 +99,13 @@ pub fn state(scale: &Scale, p: &[f64], i: [f64; 2], omega_e: f64) -> [f64; 3] {
 }
 
 /// One sample as the kernel reads it: g·v_d, g·v_q of the interval that begins here, the weighted measurements −i_d, −i_q, −ω_e,
-/// and the load torque known from the recording, N·m.
+/// and the load torque known from the recording, N·m. In memory the last one is left out where nothing is known of a load.
 pub type Sample<V> = [V; 6];
+
+/// Numbers per sample in memory.
+pub const fn fields(has_load: bool) -> usize {
+    if has_load { 6 } else { 5 }
+}
 
 impl<V: Lane> Coefficients<V> {
     /// From [`COEFFICIENTS`] rows of numbers, each `stride` long, of which the columns from `at` are taken.
@@ -122,6 +134,9 @@ impl<V: Lane> Coefficients<V> {
             show_q: row!(14),
             zero_d: row!(15),
             load: row!(16),
+            f_d: row!(17),
+            f_q: row!(18),
+            f_w: row!(19),
         }
     }
 
@@ -147,17 +162,17 @@ impl<V: Lane> Coefficients<V> {
     fn stages(&self, y: [V; 3], u: [V; 3]) -> [V; 3] {
         let third = V::constant(1.0 / 3.0);
         let once = [self.a_d, self.a_q, self.c];
-        // y + F(y) with the sum of what does not change begun beforehand.
+        // y + F(y) with y in the linear part, so that it need not be added first.
+        let y2 = self.slope([y[1], y[2]], y, [self.f_d, self.f_q, self.f_w], u);
         let b = [y[0] + u[0], y[1] + u[1], y[2] + u[2]];
-        let y2 = self.slope([y[1], y[2]], y, once, b);
         let y3 = self.slope([y2[1], y2[2]], y2, once, b);
         let twice = [y3[0] + y3[0], y3[1] + y3[1], y3[2] + y3[2]];
         let b2 = [b[0] + u[0], b[1] + u[1], b[2] + u[2]];
         let y4 = self.slope([twice[1], twice[2]], y3, [self.a_d2, self.a_q2, self.c_2], b2);
         let z = [
-            ((y2[0] - y[0]) + (twice[0] + u[0])) * third,
-            ((y2[1] - y[1]) + (twice[1] + u[1])) * third,
-            ((y2[2] - y[2]) + (twice[2] + u[2])) * third,
+            (((y2[0] - y[0]) + u[0]) + twice[0]) * third,
+            (((y2[1] - y[1]) + u[1]) + twice[1]) * third,
+            (((y2[2] - y[2]) + u[2]) + twice[2]) * third,
         ];
         self.slope([y4[1] * third, y4[2] * third], y4, [self.e_d, self.e_q, self.e_w], z)
     }

@@ -1,6 +1,6 @@
 //! A recording as the kernels read it.
 
-use super::step::Scale;
+use super::step::{Scale, fields};
 use crate::recording::Load;
 use crate::signals::Signals;
 use crate::simulate::coupled;
@@ -23,24 +23,31 @@ pub(super) struct Segment {
     pub pieces: usize,
     /// Weight of ω_e over g.
     pub show_w: f64,
-    /// Its samples, see [`super::step::Sample`], and one of zeros behind them.
-    padded: Vec<[f64; 6]>,
+    /// Its samples, see [`super::step::Sample`], one after the other, and one of zeros behind them.
+    records: Vec<f64>,
+    /// Numbers per sample.
+    fields: usize,
 }
 
 impl Segment {
-    /// Its samples.
-    pub fn samples(&self) -> &[[f64; 6]] {
-        &self.padded[..self.range.len()]
+    /// Its samples one after the other.
+    pub fn samples(&self) -> &[f64] {
+        &self.records[..self.range.len() * self.fields]
     }
 
-    /// Its samples one after the other, with room to read eight numbers at the last one.
+    /// Its samples in parts of `count`, the last one perhaps shorter.
+    pub fn stretches(&self, count: usize) -> std::slice::Chunks<'_, f64> {
+        self.samples().chunks(count * self.fields)
+    }
+
+    /// Its samples with room to read eight numbers at the last one.
     pub fn records(&self) -> &[f64] {
-        self.padded.as_flattened()
+        &self.records
     }
 
     /// The measured i_d, i_q (A), ω_e (rad/s) of sample number `k` of the segment.
     pub fn measured(&self, k: usize) -> [f64; 3] {
-        let sample = &self.padded[k];
+        let sample = &self.records[k * self.fields..];
         let Scale { g, current, .. } = self.scale;
         [-sample[2] / current, -sample[3] / current, -sample[4] / (self.show_w * g)]
     }
@@ -60,6 +67,9 @@ impl Track {
         let (Some(v), Some(i)) = (&signals.v, &signals.i) else { return None };
         let omega = &signals.omega_e;
         let (current, speed) = (current.sqrt(), speed.sqrt());
+        // A load that is not known is no column: long recordings are read as fast as memory delivers them.
+        let has_load = matches!(signals.load, Load::KnownConstant(_) | Load::Measured);
+        let fields = fields(has_load);
         let mut segments = Vec::with_capacity(signals.segments.len());
         for range in &signals.segments {
             let (start, end) = (range.start, range.end);
@@ -70,23 +80,30 @@ impl Track {
             }
             let pieces = coupled::pieces(coupled::fastest_rate(signals, range), h);
             let g = 0.5 * h / pieces as f64;
-            let mut padded = Vec::with_capacity(range.len() + 1);
-            for k in range.clone() {
-                let load = coupled::known_load(signals, k, end);
-                let measured = [-current * i[0][k], -current * i[1][k], -speed * omega[k]];
-                padded.push([g * v[0][k], g * v[1][k], measured[0], measured[1], measured[2], load]);
+            let mut records = vec![0.0; (range.len() + 1) * fields];
+            let columns =
+                [&v[0][range.clone()], &v[1][range.clone()], &i[0][range.clone()], &i[1][range.clone()]];
+            let [v_d, v_q, i_d, i_q] = columns;
+            let samples = v_d.iter().zip(v_q).zip(i_d.iter().zip(i_q)).zip(&omega[range.clone()]);
+            for (record, (((v_d, v_q), (i_d, i_q)), omega)) in records.chunks_exact_mut(fields).zip(samples) {
+                let sample = [g * v_d, g * v_q, -current * i_d, -current * i_q, -speed * omega];
+                record[..sample.len()].copy_from_slice(&sample);
             }
-            padded.push([0.0; 6]);
+            if has_load {
+                for (k, record) in range.clone().zip(records.chunks_exact_mut(fields)) {
+                    record[fields - 1] = coupled::known_load(signals, k, end);
+                }
+            }
             segments.push(Segment {
                 range: range.clone(),
                 first: [i[0][start], i[1][start], omega[start]],
                 scale: Scale { g, n_p: signals.n_p, current },
                 pieces,
                 show_w: speed / g,
-                padded,
+                records,
+                fields,
             });
         }
-        let has_load = matches!(signals.load, Load::KnownConstant(_) | Load::Measured);
         Some(Self { segments, has_load })
     }
 

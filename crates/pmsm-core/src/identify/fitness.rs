@@ -2,17 +2,15 @@
 
 use super::Target;
 use super::plan::Plan;
-use crate::bare::Track;
 use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::model::Model;
 use crate::monitor::Monitor;
-use crate::objective::Objective;
+use crate::objective::{Objective, Prepared};
 use crate::recording::Recording;
 use crate::signals::Signals;
 use crate::simulate::mechanical;
 use std::ops::Range;
-use std::sync::Arc;
 
 /// A recording prepared for evaluating the fitness of many parameter sets.
 #[derive(Debug, Clone)]
@@ -21,7 +19,7 @@ pub struct Fitness {
     windows: Vec<Range<usize>>,
     model: Model,
     plan: Plan,
-    track: Option<Arc<Track>>,
+    prepared: Prepared,
 }
 
 impl Fitness {
@@ -43,8 +41,8 @@ impl Fitness {
         }
         let windows = mechanical::windows(&signals);
         let model = Model::new(signals.context, &[]);
-        let track = Objective::new(plan.drive, &model, &signals, &windows).into_track();
-        Ok(Self { signals, windows, model, plan, track })
+        let prepared = Objective::new(plan.drive, &model, &signals, &windows).into_prepared();
+        Ok(Self { signals, windows, model, plan, prepared })
     }
 
     /// Parameters per point.
@@ -64,12 +62,12 @@ impl Fitness {
                 format!("give {} values per point", self.dim()),
             ));
         }
-        let objective = Objective::with_track(
+        let objective = Objective::with(
             self.plan.drive,
             &self.model,
             &self.signals,
             &self.windows,
-            self.track.clone(),
+            self.prepared.clone(),
         );
         let whole: Vec<f64> =
             points.chunks_exact(self.dim()).flat_map(|values| self.plan.point(values)).collect();

@@ -15,6 +15,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 const FEW: usize = 4;
 /// Points that a thread must have for another one to pay.
 const PER_THREAD: usize = 250;
+/// Part of a thread's share that another thread may take over.
+const SMALL: usize = 5;
 /// Smallest scale of a load torque or a friction torque at top speed, as a share of the largest torque.
 const LEAST_TORQUE: f64 = 0.05;
 /// Smallest scale of the magnet's flux, as a share of the largest flux linkage.
@@ -86,50 +88,65 @@ pub struct Nearby {
     pub linear: Option<Linearisation>,
 }
 
-/// Residual and derivatives as they come from the kernels, and the derivatives with respect to the initial values.
+/// Rows as they come from the kernels, see [`copies::Rows`], until it is known what the initial values can still do.
 struct Recorded {
+    rows: Vec<f64>,
     linear: Linearisation,
-    initial: DMatrix<f64>,
 }
 
 impl Recorded {
     fn room(samples: usize, free: usize) -> Self {
-        let rows = 3 * samples;
-        let linear = Linearisation { residual: DVector::zeros(rows), jacobian: DMatrix::zeros(rows, free) };
-        Self { linear, initial: DMatrix::zeros(rows, INITIAL) }
+        let linear = Linearisation {
+            residual: DVector::zeros(3 * samples),
+            jacobian: DMatrix::zeros(3 * samples, free),
+        };
+        Self { rows: Vec::with_capacity(3 * samples * copies::width(free)), linear }
     }
 
-    fn take(&mut self, part: &copies::Rows<'_>) {
-        let Linearisation { residual, jacobian } = &mut self.linear;
-        let (n, width) = (residual.len() / 3, copies::width(jacobian.ncols()));
-        let columns = jacobian.as_mut_slice().chunks_exact_mut(3 * n);
-        let columns = columns.chain(self.initial.as_mut_slice().chunks_exact_mut(3 * n)).enumerate();
-        for (at, column) in columns.chain([(width - 1, residual.as_mut_slice())]) {
-            for channel in 0..3 {
-                let column = &mut column[channel * n + part.first..];
-                for k in 0..part.rows.len() / (3 * width) {
-                    column[k] = part.rows[(3 * k + channel) * width + at];
-                }
-            }
-        }
-    }
-
-    /// Takes out of a segment what the initial values can still do: derivatives follow them by `slopes`, the residual by
-    /// `error`.
+    /// Residual and derivatives of a segment without what the initial values can still do: derivatives follow them by `slopes`,
+    /// the residual by `error`.
     fn project(&mut self, segment: &Range<usize>, slopes: &[Vector3<f64>], error: &Vector3<f64>) {
         let Linearisation { residual, jacobian } = &mut self.linear;
-        let n = residual.len() / 3;
-        let columns = jacobian.as_mut_slice().chunks_exact_mut(3 * n).zip(slopes.iter().copied());
-        for (column, follows) in columns.chain([(residual.as_mut_slice(), -error)]) {
+        let (n, free) = (residual.len() / 3, jacobian.ncols());
+        let width = copies::width(free);
+        let rows = &self.rows[3 * width * segment.start..3 * width * segment.end];
+        let columns = jacobian.as_mut_slice().chunks_exact_mut(3 * n).zip(slopes.iter().copied()).enumerate();
+        for (at, (column, follows)) in columns.chain([(width - 1, (residual.as_mut_slice(), -error))]) {
             for channel in 0..3 {
-                let rows = channel * n + segment.start..channel * n + segment.end;
-                let [d, q, w] = [0, 1, 2].map(|x| &self.initial.as_slice()[3 * n * x..][rows.clone()]);
-                for (((x, d), q), w) in column[rows.clone()].iter_mut().zip(d).zip(q).zip(w) {
-                    *x += d * follows[0] + q * follows[1] + w * follows[2];
+                let column = &mut column[channel * n + segment.start..channel * n + segment.end];
+                for (x, row) in column.iter_mut().zip(rows[channel * width..].chunks(3 * width)) {
+                    let initial = &row[free..][..INITIAL];
+                    *x =
+                        row[at] + initial[0] * follows[0] + initial[1] * follows[1] + initial[2] * follows[2];
                 }
             }
         }
     }
+}
+
+/// Points, their bounds, and where their costs go.
+type Part<'a> = ((&'a [f64], &'a [f64]), &'a mut [f64]);
+
+/// Points, bounds and costs cut into shares of `share` points, each share into a large and a small part: whoever is done with
+/// his own takes over a small part of another's. Only large ones keep the vectors full while sets are abandoned.
+fn parts<'a>(
+    mut points: &'a [f64],
+    mut bounds: &'a [f64],
+    mut costs: &'a mut [f64],
+    share: usize,
+) -> Vec<Part<'a>> {
+    let small = (share / SMALL).max(1);
+    let mut parts = Vec::with_capacity(2 * costs.len().div_ceil(share));
+    for size in [share - small, small].into_iter().cycle() {
+        let size = size.min(costs.len());
+        let (own, rest) = std::mem::take(&mut costs).split_at_mut(size);
+        parts.push(((&points[..size * POINT], &bounds[..size]), own));
+        (points, bounds, costs) = (&points[size * POINT..], &bounds[size..], rest);
+        if costs.is_empty() {
+            break;
+        }
+    }
+    parts
 }
 
 impl Objective<'_> {
@@ -143,7 +160,7 @@ impl Objective<'_> {
         stop: &(dyn Fn() -> bool + Sync),
     ) -> usize {
         let evaluated = AtomicUsize::new(0);
-        if let Some(track) = &self.track {
+        if let Some(track) = &self.prepared.track {
             if costs.len() <= FEW && track.len() >= chunks::SHORTEST {
                 points.par_chunks(POINT).zip(bounds).zip(costs).for_each(|((point, bound), cost)| {
                     *cost = f64::INFINITY;
@@ -159,7 +176,7 @@ impl Objective<'_> {
                 return evaluated.into_inner();
             }
             let share = costs.len().div_ceil(rayon::current_num_threads()).max(PER_THREAD);
-            let evaluate = |((points, bounds), costs): ((&[f64], &[f64]), &mut [f64])| {
+            let evaluate = |((points, bounds), costs): Part<'_>| {
                 if bare::costs(track, Kernel::default(), points, bounds, costs, stop) {
                     evaluated.fetch_add(costs.len(), Ordering::Relaxed);
                 } else {
@@ -169,8 +186,7 @@ impl Objective<'_> {
             if share >= costs.len() {
                 evaluate(((points, bounds), costs));
             } else {
-                let parts = points.par_chunks(share * POINT).zip(bounds.par_chunks(share));
-                parts.zip(costs.par_chunks_mut(share)).for_each(evaluate);
+                parts(points, bounds, costs, share).into_par_iter().with_max_len(1).for_each(evaluate);
             }
         } else {
             // What the kernels do not know runs on vectors of parameter sets all the same, the coupled model at least.
@@ -195,7 +211,7 @@ impl Objective<'_> {
 
     /// Whether the kernels know the model and the sampling.
     pub fn has_kernels(&self) -> bool {
-        self.track.is_some()
+        self.prepared.track.is_some()
     }
 
     /// The measured initial values of each segment.
@@ -219,7 +235,7 @@ impl Objective<'_> {
         let mut rows = record.then(|| Recorded::room(self.experiment.signals.len(), free.len()));
         let all = self.sums(p, free, starts, stop, |part| {
             if let Some(rows) = &mut rows {
-                rows.take(part);
+                rows.rows.extend_from_slice(part.rows);
             }
         })?;
         let mut normal = Normal {
@@ -278,7 +294,7 @@ impl Objective<'_> {
         stop: &dyn Fn() -> bool,
         mut see: impl FnMut(&copies::Rows<'_>),
     ) -> Option<Vec<Sums>> {
-        let track = self.track.as_ref().filter(|_| self.drive == Drive::Coupled)?;
+        let track = self.prepared.track.as_ref().filter(|_| self.drive == Drive::Coupled)?;
         let p: &[f64; POINT] = p.try_into().ok()?;
         let cx = &self.experiment.signals.context;
         let mut sizes = p.map(f64::abs);
@@ -292,7 +308,7 @@ impl Objective<'_> {
         let around = Around { p, free, sizes: &sizes, initial_sizes, starts };
         let kernel = Kernel::default();
         let done = copies::rows(track, kernel, around, stop, |rows| {
-            copies::accumulate(kernel, rows.rows, width, &mut all[rows.segment].values);
+            copies::accumulate(kernel, rows.rows, free_count, &mut all[rows.segment].values);
             see(&rows);
         });
         if !done {

@@ -3,36 +3,58 @@
 use super::variants::constriction;
 use super::{Inertia, Swarm, SwarmSettings, Update};
 use crate::random;
+use rayon::prelude::*;
+
+/// Particles of a part of the swarm that moves on one thread.
+const PART: usize = 125;
 
 impl Swarm {
     /// Eq. (5), or a variant of it, with both clamps.
     pub(super) fn advance(&mut self) {
+        let (mut positions, mut velocities) =
+            (std::mem::take(&mut self.positions), std::mem::take(&mut self.velocities));
+        if self.settings.particles < 2 * PART || rayon::current_num_threads() == 1 {
+            self.advance_part(0, &mut positions, &mut velocities);
+        } else {
+            // A particle's move depends on nothing that another one changes.
+            let size = PART * self.bounds.len();
+            let parts = positions.par_chunks_mut(size).zip(velocities.par_chunks_mut(size)).enumerate();
+            parts.for_each(|(part, (positions, velocities))| {
+                self.advance_part(part * PART, positions, velocities);
+            });
+        }
+        (self.positions, self.velocities) = (positions, velocities);
+    }
+
+    /// Moves the particles from number `first` on.
+    fn advance_part(&self, first: usize, positions: &mut [f64], velocities: &mut [f64]) {
         let SwarmSettings { cognitive, social, velocity_limit, update, .. } = self.settings;
         let (generation, dims) = (self.generation(), self.bounds.len());
         let keep = self.kept(generation);
         let chi = if update == Update::Inertia { 1.0 } else { constriction(cognitive + social) };
-        let mut there = std::mem::take(&mut self.heard);
-        for i in 0..self.settings.particles {
-            let social = if self.leader(i, &mut there) { social } else { 0.0 };
+        let rows = positions.chunks_exact_mut(dims).zip(velocities.chunks_exact_mut(dims)).enumerate();
+        for (row, (positions, velocities)) in rows {
+            let i = first + row;
+            let (there, known) = self.leader(i);
+            let social = if known { social } else { 0.0 };
             let cognitive = if self.personal_costs[i] < f64::INFINITY { cognitive } else { 0.0 };
+            let personal = &self.personal[i * dims..][..dims];
             for (k, &(low, high)) in self.bounds.iter().enumerate() {
-                let at = i * dims + k;
-                let x = self.positions[at];
+                let x = positions[k];
                 let limit = velocity_limit * (high - low);
                 let v = if update == Update::FullyInformed {
-                    chi * (self.velocities[at] + self.informed(i, k, x))
+                    chi * (velocities[k] + self.informed(i, k, x))
                 } else {
                     let (r1, r2) = uniform_pair(self.seed, generation, i, k);
-                    let v = keep * self.velocities[at]
-                        + cognitive * r1 * (self.personal[at] - x)
+                    let v = keep * velocities[k]
+                        + cognitive * r1 * (personal[k] - x)
                         + social * r2 * (there[k] - x);
                     if update == Update::Inertia { v } else { chi * v }
                 };
-                self.velocities[at] = v.clamp(-limit, limit);
-                self.positions[at] = (x + self.velocities[at]).clamp(low, high);
+                velocities[k] = v.clamp(-limit, limit);
+                positions[k] = (x + velocities[k]).clamp(low, high);
             }
         }
-        self.heard = there;
     }
 
     /// Share of the velocity that this move keeps.
@@ -56,18 +78,16 @@ impl Swarm {
         }
     }
 
-    /// Writes the best point that particle `i` hears of; false if there is none yet.
-    fn leader(&self, i: usize, there: &mut [f64]) -> bool {
+    /// The best point that particle `i` hears of, and whether there is one yet.
+    fn leader(&self, i: usize) -> (&[f64], bool) {
         if self.neighbours.is_empty() {
-            there.copy_from_slice(&self.best);
-            return self.best_cost < f64::INFINITY;
+            return (&self.best, self.best_cost < f64::INFINITY);
         }
         let costs = &self.personal_costs;
         let best =
             self.neighbours[i].iter().fold(i, |best, n| if costs[*n] < costs[best] { *n } else { best });
-        let dims = there.len();
-        there.copy_from_slice(&self.personal[best * dims..(best + 1) * dims]);
-        costs[best] < f64::INFINITY
+        let dims = self.bounds.len();
+        (&self.personal[best * dims..][..dims], costs[best] < f64::INFINITY)
     }
 
     /// Pull of all neighbours' own best points on dimension `k` of particle `i` at `x`; a particle without neighbours, or
