@@ -3,7 +3,7 @@
 
 use super::data::{Data, SETTINGS};
 use super::motion;
-use crate::effect::Site;
+use crate::effect::{Role, Site};
 use crate::effects::EffectId;
 use crate::error::Result;
 use crate::experiment::{Channel, Channels, Joint};
@@ -14,6 +14,9 @@ use crate::noise::{self, Floor};
 use crate::simulate::electrical::incremental_inductances;
 use crate::simulate::mechanical::Nuisance;
 use crate::whitening::Whitening;
+
+/// Share of its typical strength below which an effect counts as absent.
+const VANISHING: f64 = 2e-3;
 
 impl Data {
     /// Measures the floors and the voltages' noise with the help of a fitted hypothesis.
@@ -95,6 +98,15 @@ impl Hypothesis {
     /// Model parameters without the run's nuisance.
     pub fn own(&self) -> &[f64] {
         &self.parameters[..self.model.parameter_count()]
+    }
+
+    /// Whether an effect of the set was left next to no strength: what is fitted then is not the effect, but the values in which its own
+    /// states begin.
+    pub fn vanishes(&self, effect: EffectId) -> bool {
+        let context = self.model.context();
+        let Some(slot) = self.model.slots().iter().find(|s| s.effect == effect) else { return false };
+        let mut strengths = effect.info().parameters.iter().zip(&self.parameters[slot.parameters.clone()]);
+        strengths.all(|(p, x)| p.role != Role::Amplitude || x.abs() <= VANISHING * (p.typical)(context).abs())
     }
 
     /// The mean square of one channel, over the floor's, in the recording where it is largest.
@@ -302,4 +314,25 @@ pub fn free_parameters(data: &Data, model: &Model) -> (Vec<usize>, Vec<usize>, V
         }
     }
     (electrical, rotor, sensors)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::BASE;
+    use crate::effects::testing::CX;
+
+    #[test]
+    fn a_shaft_without_a_load_on_it_is_no_shaft() {
+        let with = |effects: &[EffectId], own: &[f64]| {
+            Hypothesis::bare(Model::new(CX, effects), [&[1.0; BASE], own].concat())
+        };
+        let shaft = |share: f64| {
+            with(&[EffectId::TwoMassShaft], &[share, 3.0, 0.01]).vanishes(EffectId::TwoMassShaft)
+        };
+        assert!(shaft(0.0) && shaft(1e-6) && !shaft(0.05));
+        // One strength of several is enough, and what is not in the set is not asked for.
+        let load = with(&[EffectId::TimeVaryingLoad], &[0.0, 0.1, 0.0, 2.0]);
+        assert!(!load.vanishes(EffectId::TimeVaryingLoad) && !load.vanishes(EffectId::TwoMassShaft));
+    }
 }

@@ -114,7 +114,8 @@ impl Search<'_> {
         let mut beam = sorted(&seen, &scale);
         let mut best = if scale.beats(&beam[0], &base) { beam[0].clone() } else { base.clone() };
         for size in 2..=self.most {
-            if best.excess() < MISMATCH || self.monitor.cancelled() {
+            let explained = best.excess() < MISMATCH && best.unexplained(&base) <= 1.0;
+            if explained || self.monitor.cancelled() {
                 break;
             }
             self.monitor.report("combinations of effects", 0.5 + 0.1 * size as f64);
@@ -236,7 +237,8 @@ impl Search<'_> {
                 if !*chosen || self.monitor.cancelled() {
                     return Ok(None);
                 }
-                self.refit(parent, prospect).map(Some)
+                let judged = self.refit(parent, prospect)?;
+                Ok((!judged.fitted.vanishes(prospect.effect)).then_some(judged))
             })
             .collect();
         prospects.into_iter().zip(judged).map(|(p, j)| j.map(|j| (p, j))).collect()
@@ -396,7 +398,9 @@ impl Search<'_> {
                 rest -= 1;
                 let prospect = Scorer::new(self.data, &fewer.fitted).score(rival);
                 let judged = self.refit(&fewer, &prospect)?;
-                swaps.push(Swap { replaced: found, by: Some(rival), judged });
+                if !judged.fitted.vanishes(rival) {
+                    swaps.push(Swap { replaced: found, by: Some(rival), judged });
+                }
             }
         }
         Ok(())

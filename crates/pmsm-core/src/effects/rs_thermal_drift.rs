@@ -39,7 +39,7 @@ impl Effect for RsThermalDrift {
                 meaning: "relative rise of resistance per joule of copper loss",
                 role: Role::Amplitude,
                 low: |_| 0.0,
-                high: |cx| 10.0 / (cx.v_max * cx.i_max * cx.duration),
+                high: |cx| 1000.0 / (cx.v_max * cx.i_max * cx.duration),
                 typical: |cx| 0.5 / (cx.v_max * cx.i_max * cx.duration),
             },
             Parameter {
