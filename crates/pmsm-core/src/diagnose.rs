@@ -198,9 +198,16 @@ fn on_whole(data: &Data, found: Outcome, base: &Hypothesis, monitor: &dyn Monito
     for judged in &mut path[1..last.max(1)] {
         judged.fitted = refit(data, &judged.fitted, monitor)?;
     }
+    // What only generalises an effect is compared with it closely, sample for sample.
+    let mut swaps = found.swaps;
+    for swap in &mut swaps {
+        if swap.by.is_some_and(|wide| decide::generalises(wide, swap.replaced)) {
+            swap.judged.fitted = refit(data, &swap.judged.fitted, monitor)?;
+        }
+    }
     path[0] = whole.clone();
     path[last] = if last == 0 { whole.clone() } else { best.clone() };
-    Ok(Outcome { base: whole, best, path, ..found })
+    Ok(Outcome { base: whole, best, path, swaps, ..found })
 }
 
 /// A finding if currents, voltages or speed hardly leave their noise in any recording.

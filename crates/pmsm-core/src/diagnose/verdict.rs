@@ -24,6 +24,9 @@ pub const NESTED_GAIN: f64 = 7.0;
 /// Nats, with every independent sample at its full worth, beyond which the recordings themselves ask for the further parameters, if
 /// the model otherwise reaches the noise.
 const ASKED_FOR: f64 = 50.0;
+/// Mean square, in units of the floor's, that the special case must leave more of in some channel for that: the floors are not known
+/// better.
+const FLOOR_ERROR: f64 = 0.015;
 /// And this many on recordings that were not used for fitting.
 pub const LEAST_HELD_OUT: f64 = 1.5;
 /// A further effect must bring the excess that is left below this share of what it was.
@@ -167,8 +170,17 @@ pub fn asks_for(wide: &Judged, narrow: &Judged) -> bool {
         let ratios = wide.squares.iter().zip(&narrow.squares).map(|((_, a), (_, b))| (b / a).ln());
         samples.zip(ratios).map(|(n, ratio)| 0.5 * n * ratio).sum()
     };
-    let others = wide.held_out.iter().zip(&narrow.held_out).map(|(a, b)| likelier(a, b));
-    wide.excess() < MISMATCH && likelier(&wide.fitted, &narrow.fitted) + others.sum::<f64>() > ASKED_FOR
+    let runs = || {
+        let others = wide.held_out.iter().zip(&narrow.held_out);
+        std::iter::once((&wide.fitted, &narrow.fitted)).chain(others)
+    };
+    let more = |(wide, narrow): (&Hypothesis, &Hypothesis)| {
+        let channels = wide.squares.iter().zip(&narrow.squares);
+        channels.map(|((_, a), (_, b))| b - a).fold(0.0, f64::max)
+    };
+    wide.excess() < MISMATCH
+        && runs().map(more).fold(0.0, f64::max) > FLOOR_ERROR
+        && runs().map(|(wide, narrow)| likelier(wide, narrow)).sum::<f64>() > ASKED_FOR
 }
 
 /// Largest excess mean square of any channel, beyond chance.
@@ -325,7 +337,7 @@ mod tests {
         // Where the wider model leaves more than noise, it may bend to what neither describes.
         let (narrow, wide) = (judged(2.0, 1.05, 2.0, 5), judged(2.0, 1.0, 2.0, 6));
         assert!(!asks_for(&wide, &narrow) && !scale.widens(&wide, &narrow));
-        let slight = judged(1.0, 1.001, 1.0, 5);
+        let slight = judged(1.0, 1.012, 1.0, 5);
         assert!(!asks_for(&judged(1.0, 1.0, 1.0, 6), &slight));
     }
 
