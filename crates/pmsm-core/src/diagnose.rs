@@ -5,6 +5,7 @@
 //! explains everything down to the noise is named; what several effects explain is ambiguous; what none explains is
 //! unknown, and still located.
 
+mod able;
 mod agree;
 pub mod answer;
 mod conclude;

@@ -57,6 +57,11 @@ pub trait Problem: Sync {
     fn cost(&self, p: &[f64]) -> f64;
     /// Cost and normal equations at `p`.
     fn normal(&self, p: &[f64]) -> Normal;
+    /// Cost at a trial point, with the normal equations if they are worth having at once. The first trial of a search is
+    /// the one that is mostly accepted.
+    fn trial(&self, p: &[f64], _first: bool) -> (f64, Option<Normal>) {
+        (self.cost(p), None)
+    }
 }
 
 /// When to stop, and how carefully to begin.
@@ -206,7 +211,10 @@ fn check_box(dim: usize, start: &[f64], bounds: &[(f64, f64)]) -> Result<()> {
 }
 
 fn evaluate(problem: &dyn Problem, p: &[f64]) -> Result<Normal> {
-    let (normal, dim) = (problem.normal(p), p.len());
+    checked(problem.normal(p), p.len())
+}
+
+fn checked(normal: Normal, dim: usize) -> Result<Normal> {
     if normal.jtj.shape() != (dim, dim) || normal.jtr.len() != dim {
         return Err(Error::unusable(
             format!("normal equations of shape {:?} for {dim} parameters", normal.jtj.shape()),
@@ -245,11 +253,11 @@ fn descend(
             if monitor.cancelled() {
                 return Ok(Search::Cancelled);
             }
-            let cost = problem.cost(&trial);
+            let (cost, ready) = problem.trial(&trial, !tried);
             tried = true;
             let gain = (normal.cost - cost) / step.reduction;
             if gain > MIN_GAIN {
-                let there = evaluate(problem, &trial)?;
+                let there = checked(ready.unwrap_or_else(|| problem.normal(&trial)), p.len())?;
                 if there.is_finite() {
                     *damping *= (1.0 - (2.0 * gain - 1.0).powi(3)).max(1.0 / 3.0);
                     return Ok(Search::Found(trial, there));

@@ -3,15 +3,16 @@
 //! The bare machine is the dq-model (1)–(3) of Liu, Liu & Cartes (2008), written in flux linkages (see
 //! [`crate::effect`]). Every simulation of this crate, whatever drives it, goes through the functions here.
 
+mod motion;
+mod sensing;
+mod steady;
+
 use crate::base::{BASE, Base};
-use crate::effect::{
-    Context, Drift, Electrical, Env, Field, FieldPoint, Magnet, Mechanical, Need, Rotor, Sensor, Site,
-};
+use crate::effect::{Context, Drift, Electrical, Env, Field, FieldPoint, Magnet, Need, Site};
 use crate::effects::EffectId;
 use crate::machine::BaseParameter;
 use crate::map::{Map, Point};
 use crate::real::Real;
-use crate::transforms::{inverse_park, park};
 use std::ops::Range;
 
 /// Where one effect's parameters and states sit.
@@ -289,98 +290,6 @@ impl Model {
         out
     }
 
-    /// The steady electrical state that belongs to a terminal current, and its torque: flux linkage by Newton's method on the
-    /// energy's gradient, extra states at their quasi-static start.
-    #[inline(always)]
-    pub fn steady_state<T: Real, const N: usize>(
-        &self,
-        p: &[T],
-        base: &Base<T>,
-        i: [T; 2],
-        env: &Env<T>,
-    ) -> ([T; N], T) {
-        self.state_under(p, base, i, None, &[T::zero(); N], env)
-    }
-
-    /// What of a state belongs to temperatures; the rest is zero.
-    pub fn temperatures<T: Real, const N: usize>(&self, state: &[T; N]) -> [T; N] {
-        let mut out = [T::zero(); N];
-        for s in self.slots.iter().filter(|s| s.effect.is_thermal()) {
-            let range = 2 + s.electrical.start..2 + s.electrical.end;
-            out[range.clone()].copy_from_slice(&state[range]);
-        }
-        out
-    }
-
-    /// Whether an effect has temperatures of its own.
-    pub fn is_thermal(&self) -> bool {
-        self.slots.iter().any(|s| s.effect.is_thermal())
-    }
-
-    /// Lets the temperatures among `state` go on for `h` seconds at the terminal current `i` (d, q).
-    #[inline(always)]
-    pub fn warm<T: Real, const N: usize>(
-        &self,
-        p: &[T],
-        base: &Base<T>,
-        state: &mut [T; N],
-        i: [T; 2],
-        h: f64,
-        env: &Env<T>,
-    ) {
-        let (r_s, _, _) = self.sources(p, base, &state[2..], env);
-        let zero = [T::zero(); 2];
-        let at = Electrical { env: *env, sin_cos: (T::zero(), T::one()), i, r_s, v: zero, emf: zero };
-        for s in self.slots.iter().filter(|s| s.effect.is_thermal()) {
-            let range = 2 + s.electrical.start..2 + s.electrical.end;
-            let mut rate = [T::zero(); N];
-            let own = &p[s.parameters.clone()];
-            let rate = &mut rate[..range.len()];
-            s.effect.electrical_states(own, &state[range.clone()], &at, &self.context, rate);
-            for (x, dx) in state[range].iter_mut().zip(rate.iter()) {
-                *x += *dx * h;
-            }
-        }
-    }
-
-    /// As [`Model::steady_state`], but with the extra states where the induced voltage `emf` (d, q), V, puts them, without one that
-    /// of a flux that stands still in the rotor; and with the temperatures of the state `warm`.
-    #[inline(always)]
-    pub fn state_under<T: Real, const N: usize>(
-        &self,
-        p: &[T],
-        base: &Base<T>,
-        i: [T; 2],
-        emf: Option<[T; 2]>,
-        warm: &[T; N],
-        env: &Env<T>,
-    ) -> ([T; N], T) {
-        let mut state = *warm;
-        let (r_s, psi_m, magnet) = self.sources(p, base, &state[2..], env);
-        let sin_cos = self.sin_cos(env);
-        let mut flux = [magnet.flux[0] + base.l_d * i[0], magnet.flux[1] + base.l_q * i[1]];
-        let mut at = self.magnetic(p, base, psi_m, &magnet, sin_cos, flux);
-        if self.is_magnetic {
-            for _ in 0..6 {
-                let emf = emf.unwrap_or([-env.omega_e * flux[1], env.omega_e * flux[0]]);
-                let winding = Electrical { env: *env, sin_cos, i, r_s, v: [T::zero(); 2], emf };
-                for s in &self.slots {
-                    let x = &mut state[2 + s.electrical.start..2 + s.electrical.end];
-                    s.effect.electrical_start(&p[s.parameters.clone()], &winding, &self.context, x);
-                }
-                let bypass = self.shunt(p, &state[2..], sin_cos);
-                let (e_d, e_q) = (i[0] - bypass[0] - at.i[0], i[1] - bypass[1] - at.i[1]);
-                let [a, b, c] = at.inverse;
-                let determinant = a * c - b * b;
-                flux[0] += (c * e_d - b * e_q) / determinant;
-                flux[1] += (a * e_q - b * e_d) / determinant;
-                at = self.magnetic(p, base, psi_m, &magnet, sin_cos, flux);
-            }
-        }
-        (state[0], state[1]) = (flux[0], flux[1]);
-        (state, at.tau_e)
-    }
-
     /// The voltage that acts, given the commands of this and the two samples before in their own frames.
     #[inline(always)]
     pub fn command<T: Real>(&self, p: &[T], taps: &[[T; 2]; 3], turn: T) -> [T; 2] {
@@ -402,115 +311,6 @@ impl Model {
             any |= map.turned(&mut turned[self.mapped.clone()], shift);
         }
         any.then_some(turned)
-    }
-
-    /// Time derivative of the mechanical state `[ω_m, extra …]` under the motor torque `tau_e` and the load
-    /// torque `tau_load`, equation (2) with the effects. `env.omega_e` is ignored in favour of the state.
-    #[inline(always)]
-    pub fn mechanical_rhs<T: Real, const N: usize>(
-        &self,
-        p: &[T],
-        base: &Base<T>,
-        state: &[T; N],
-        tau_e: T,
-        tau_load: T,
-        env: &Env<T>,
-    ) -> [T; N] {
-        let at = self.mechanical_point(base, state[0], tau_e, tau_load, env);
-        let x = &state[1..];
-        let acceleration = self.acceleration(p, base, x, &at);
-        let mut derivative = [T::zero(); N];
-        derivative[0] = acceleration;
-        for s in &self.slots {
-            let range = s.mechanical.clone();
-            let dx = &mut derivative[1 + range.start..1 + range.end];
-            let own = &p[s.parameters.clone()];
-            s.effect.mechanical_states(own, &x[range], &at, acceleration, &self.context, dx);
-        }
-        derivative
-    }
-
-    #[inline(always)]
-    fn mechanical_point<T: Real>(
-        &self,
-        base: &Base<T>,
-        omega_m: T,
-        tau_e: T,
-        tau_load: T,
-        env: &Env<T>,
-    ) -> Mechanical<T> {
-        let env = Env { omega_e: omega_m * self.context.n_p, ..*env };
-        Mechanical { env, omega_m, tau_e, tau_load, j: base.j }
-    }
-
-    #[inline(always)]
-    fn acceleration<T: Real>(&self, p: &[T], base: &Base<T>, x: &[T], at: &Mechanical<T>) -> T {
-        let mut rotor = Rotor { inertia: base.j, loss: base.b * at.omega_m, load: at.tau_load };
-        for s in &self.slots {
-            let x = &x[s.mechanical.clone()];
-            s.effect.rotor(&p[s.parameters.clone()], x, at, &self.context, &mut rotor);
-        }
-        if let Some(map) = &self.map {
-            let point = Point { env: at.env, i: [T::zero(); 2], v: [T::zero(); 2], tau_e: at.tau_e };
-            rotor.loss += map.torque(&p[self.mapped.clone()], &point);
-        }
-        (at.tau_e - rotor.loss - rotor.load) / rotor.inertia
-    }
-
-    /// Quasi-static start of the mechanical extra states at mechanical speed `omega_m`.
-    #[inline(always)]
-    pub fn mechanical_start<T: Real, const N: usize>(
-        &self,
-        p: &[T],
-        base: &Base<T>,
-        omega_m: T,
-        tau_e: T,
-        tau_load: T,
-        env: &Env<T>,
-    ) -> [T; N] {
-        let mut state = [T::zero(); N];
-        state[0] = omega_m;
-        let at = self.mechanical_point(base, omega_m, tau_e, tau_load, env);
-        let rigid = (tau_e - base.b * omega_m - tau_load) / base.j;
-        for s in &self.slots {
-            let x = &mut state[1 + s.mechanical.start..1 + s.mechanical.end];
-            s.effect.mechanical_start(&p[s.parameters.clone()], &at, rigid, &self.context, x);
-        }
-        state
-    }
-
-    /// What the sensors do at the measured angle of `env`.
-    #[inline(always)]
-    pub fn sensor<T: Real>(&self, p: &[T], env: &Env<T>) -> Sensor<T> {
-        let mut sensor =
-            Sensor { gain: [T::one(); 3], offset: [T::zero(); 3], angle: T::zero(), angle_slope: T::zero() };
-        for s in &self.slots {
-            s.effect.sensor(&p[s.parameters.clone()], env, &self.context, &mut sensor);
-        }
-        sensor
-    }
-
-    /// What the log shows for the true rotor-frame current `i`: `env` and the result are in the measured frame.
-    #[inline(always)]
-    pub fn measured_current<T: Real>(&self, sensor: &Sensor<T>, i: [T; 2], theta_measured: T) -> [T; 2] {
-        let (s, c) = (theta_measured - sensor.angle).sin_cos();
-        let mut abc = inverse_park(i, c, s);
-        for x in 0..3 {
-            abc[x] = abc[x] * sensor.gain[x] + sensor.offset[x];
-        }
-        let (s, c) = theta_measured.sin_cos();
-        park(abc, c, s)
-    }
-
-    /// The true rotor-frame current behind logged phase currents: the inverse of [`Model::measured_current`].
-    #[inline(always)]
-    pub fn true_current<T: Real>(&self, sensor: &Sensor<T>, abc: [f64; 3], theta_measured: T) -> [T; 2] {
-        let mut truth = [T::zero(); 3];
-        for x in 0..3 {
-            truth[x] = (T::constant(abc[x]) - sensor.offset[x]) / sensor.gain[x];
-        }
-        let (s, c) = (theta_measured - sensor.angle).sin_cos();
-        park(truth, c, s)
     }
 }
 

@@ -30,6 +30,10 @@ pub use kernel::{Course, Nearby, Starts};
 const PHASES: f64 = 1.5;
 /// Initial values of a segment: i_d, i_q, ω_e.
 const INITIAL: usize = 3;
+/// Initial values rest where a step changes them by no more than this share of the largest current and speed.
+const AT_REST: f64 = 1e-5;
+/// Most runs on the way to the best initial values.
+const ROUNDS: usize = 20;
 /// Derivatives carried in one pass.
 const SLOTS: usize = 8;
 
@@ -213,12 +217,23 @@ impl<'a> Objective<'a> {
         if let Some(linear) = self.kernel_linear(p, free, starts) {
             return linear;
         }
+        let settled = || self.settle(|starts| Some(self.better_starts(p, starts)));
+        let starts = starts.cloned().or_else(settled).unwrap_or_default();
         let signals = self.experiment.signals;
-        let measured = [Channel::ID, Channel::IQ, Channel::OmegaE].map(|c| self.experiment.measured(c));
-        let mut starts: Vec<[f64; 3]> =
-            signals.segments.iter().map(|s| measured.map(|x| x[s.start])).collect();
-        let (seen, initial) = self.coupled_pass(p, &[], &starts);
-        for (segment, start) in signals.segments.iter().zip(&mut starts) {
+        let (mut linear, mut initial) = self.coupled_pass(p, free, &starts);
+        for segment in &signals.segments {
+            project(&stacked(segment, signals.len()), &mut initial, &mut linear);
+        }
+        linear
+    }
+
+    /// Sum of squares from the initial values `starts`, and the better ones that this run calls for; where they cannot be
+    /// told apart the same ones.
+    fn better_starts(&self, p: &[f64], starts: &Starts) -> (f64, Starts) {
+        let signals = self.experiment.signals;
+        let (seen, initial) = self.coupled_pass(p, &[], starts);
+        let mut better = starts.clone();
+        for (segment, start) in signals.segments.iter().zip(&mut better) {
             let rows = stacked(segment, signals.len());
             let slope = DMatrix::from_fn(rows.len(), INITIAL, |r, c| initial[(rows[r], c)]);
             let error = DVector::from_fn(rows.len(), |r, _| seen.residual[rows[r]]);
@@ -230,11 +245,28 @@ impl<'a> Objective<'a> {
                 }
             }
         }
-        let (mut linear, mut initial) = self.coupled_pass(p, free, &starts);
-        for segment in &signals.segments {
-            project(&stacked(segment, signals.len()), &mut initial, &mut linear);
+        (seen.residual.norm_squared(), better)
+    }
+
+    /// The best initial values, from the measured ones by Gauss–Newton steps, halved while they lead uphill. `look` gives the
+    /// sum of squares from some initial values and the better ones that this run calls for.
+    fn settle(&self, mut look: impl FnMut(&Starts) -> Option<(f64, Starts)>) -> Option<Starts> {
+        let cx = &self.experiment.signals.context;
+        let sizes = [cx.i_max, cx.i_max, cx.omega_e_max];
+        let mut starts = self.measured_starts();
+        let (mut cost, mut goal) = look(&starts)?;
+        for _ in 0..ROUNDS {
+            if apart(&starts, &goal, sizes) <= AT_REST {
+                return Some(goal);
+            }
+            let (there, next) = look(&goal)?;
+            if there <= cost {
+                (starts, cost, goal) = (goal, there, next);
+            } else {
+                goal = halfway(&starts, &goal);
+            }
         }
-        linear
+        Some(starts)
     }
 
     /// Residuals and derivatives from the initial values `starts` of each segment, and the derivatives with respect to
@@ -281,6 +313,16 @@ impl<'a> Objective<'a> {
         let rms = self.experiment.relative_rms(residual);
         self.experiment.channels.iter().zip(rms).map(|((c, sigma), r)| (*c, r * sigma)).collect()
     }
+}
+
+/// Largest difference between initial values, as a share of `sizes`.
+fn apart(a: &Starts, b: &Starts, sizes: [f64; INITIAL]) -> f64 {
+    let both = a.iter().zip(b);
+    both.flat_map(|(a, b)| (0..INITIAL).map(|k| (a[k] - b[k]).abs() / sizes[k])).fold(0.0, f64::max)
+}
+
+fn halfway(a: &Starts, b: &Starts) -> Starts {
+    a.iter().zip(b).map(|(a, b)| [0, 1, 2].map(|k| 0.5 * (a[k] + b[k]))).collect()
 }
 
 /// The rows of a segment in three stacked channels of `n` samples.

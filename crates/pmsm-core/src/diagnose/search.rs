@@ -1,20 +1,24 @@
 //! The search for the set of effects: all singles, then pairs and triples grown from the best, each refitted by
 //! simulation and judged on the recording and on the held-out run.
 
+mod variants;
+
+use super::able;
 use super::data::Data;
 use super::hypothesis::{self, Hypothesis};
 use super::power::{self, Shown};
 use super::reversals;
 use super::shortlist::{Prospect, Scorer};
-use super::verdict::{self, Judged, LEAST_GAIN, MISMATCH, MISMATCH_HELD_OUT, PROGRESS, Scale};
-use crate::effect::{Need, Site};
-use crate::effects::{self, EffectId};
+use super::verdict::{self, Judged, MISMATCH, MISMATCH_HELD_OUT, PROGRESS, Scale};
+use crate::effect::Site;
+use crate::effects::EffectId;
 use crate::error::Result;
 use crate::experiment::Channel;
 use crate::model::Model;
 use crate::monitor::Monitor;
-use crate::recording::{Kind, Load};
 use rayon::prelude::*;
+
+pub use variants::Swap;
 
 /// Effects whose first-order score (mean square in units of what is left) is below this are not refitted.
 const LEAST_SCORE: f64 = 0.002;
@@ -30,8 +34,6 @@ const SINGLES: usize = 10;
 const BEAM: usize = 2;
 /// Effects added to each of them.
 const BRANCHES: usize = 3;
-/// Look-alikes of the found effects refitted at most beside those that were tried anyway.
-const LOOK_ALIKES: usize = 4;
 /// Most effects in one model, unless the recording is too poor for more than one.
 pub const MOST: usize = 3;
 
@@ -83,17 +85,6 @@ impl Outcome {
     }
 }
 
-/// A variant of the best set.
-#[derive(Debug, Clone)]
-pub struct Swap {
-    /// The effect that was taken out.
-    pub replaced: EffectId,
-    /// What stands in its place, if anything.
-    pub by: Option<EffectId>,
-    /// The refitted set.
-    pub judged: Judged,
-}
-
 impl Search<'_> {
     /// Runs the search from the fitted bare machine.
     ///
@@ -101,7 +92,7 @@ impl Search<'_> {
     /// Those of the fits; an interruption ends the search with the best so far.
     pub fn run(&self, base: Hypothesis) -> Result<Outcome> {
         let base = self.judge(base)?;
-        let (able, unfit) = self.able();
+        let (able, unfit) = able::able(self.data);
         // What explains less than would be called a mismatch may be the floor's own error.
         let mismatch = base.excess() > MISMATCH || base.held_out_excess() > MISMATCH_HELD_OUT;
         let asked: Vec<EffectId> =
@@ -165,30 +156,6 @@ impl Search<'_> {
             refuted |= !fitted.effects().is_empty() && verdict::refutes(&on(data)?, bare);
         }
         Ok(Judged { fitted, held_out, refuted })
-    }
-
-    /// Effects that the recording can be asked about, and the others with the reason.
-    fn able(&self) -> (Vec<EffectId>, Vec<(EffectId, String)>) {
-        let (mut able, mut unfit) = (Vec::new(), Vec::new());
-        for &effect in effects::ALL {
-            match self.obstacle(effect) {
-                None => able.push(effect),
-                Some(why) => unfit.push((effect, why)),
-            }
-        }
-        (able, unfit)
-    }
-
-    /// Why the recordings cannot be asked about an effect: none of them shows it, or one of them would need a signal that it does
-    /// not hold.
-    fn obstacle(&self, effect: EffectId) -> Option<String> {
-        let runs = self.data.runs();
-        let hidden: Vec<Option<String>> = runs.iter().map(|run| hidden(run, effect)).collect();
-        if hidden.iter().all(Option::is_some) {
-            return hidden.into_iter().next().flatten();
-        }
-        let lacking = runs.iter().enumerate().find_map(|(at, run)| Some((at, lacking(run, effect)?)));
-        lacking.map(|(at, why)| if runs.len() == 1 { why } else { format!("{why} in recording {}", at + 1) })
     }
 
     /// Scores `candidates` on top of `parent` and refits the `most` best, in parallel. Those whose score tells little are
@@ -259,107 +226,6 @@ impl Search<'_> {
         able.iter().copied().filter(|e| !effects.contains(e)).collect()
     }
 
-    /// Drops effects that the others make superfluous.
-    fn pruned(&self, mut best: Judged, scale: &Scale, seen: &mut Vec<Judged>) -> Result<Judged> {
-        'again: loop {
-            let effects = best.fitted.effects();
-            // What an effect has beyond a special case of it must be plain.
-            for wide in &effects {
-                for narrow in special_cases(*wide).filter(|e| !effects.contains(e)) {
-                    let simpler = self.narrowed(&best, *wide, narrow, seen)?;
-                    if !scale.widens(&best, &simpler) {
-                        best = simpler;
-                        continue 'again;
-                    }
-                }
-            }
-            if effects.len() < 2 {
-                return Ok(best);
-            }
-            for drop in &effects {
-                let fewer = self.without(&best, *drop, seen)?;
-                if scale.loss(&fewer) < scale.loss(&best) + LEAST_GAIN {
-                    best = fewer;
-                    continue 'again;
-                }
-            }
-            return Ok(best);
-        }
-    }
-
-    /// The same set with a special case in place of one effect, refitted unless it was tried before.
-    fn narrowed(
-        &self,
-        best: &Judged,
-        wide: EffectId,
-        narrow: EffectId,
-        seen: &mut Vec<Judged>,
-    ) -> Result<Judged> {
-        let mut kept: Vec<EffectId> = best.fitted.effects();
-        kept.retain(|e| *e != wide);
-        if let Some(known) = seen.iter().find(|j| same(&j.fitted.effects(), &kept, narrow)) {
-            return Ok(known.clone());
-        }
-        let (model, mut start) = reduced(&best.fitted, wide);
-        let context = *model.context();
-        let slot = best.fitted.model.slots().iter().find(|s| s.effect == wide).expect("it is in the set");
-        let own = &best.fitted.parameters[slot.parameters.clone()];
-        // Parameters of the same name keep their values.
-        let mut shared = narrow.probes(&context).into_iter().next().unwrap_or_default();
-        for (x, info) in shared.iter_mut().zip(narrow.info().parameters) {
-            if let Some(k) = wide.info().parameters.iter().position(|p| p.name == info.name) {
-                *x = own[k];
-            }
-        }
-        start.extend(shared);
-        kept.push(narrow);
-        let model = Model::new(context, &kept);
-        let judged = self.judge(hypothesis::fit(self.data, &model, &start, false, self.monitor)?)?;
-        seen.push(judged.clone());
-        Ok(judged)
-    }
-
-    /// The same set without one effect, refitted unless it was tried before.
-    fn without(&self, best: &Judged, drop: EffectId, seen: &mut Vec<Judged>) -> Result<Judged> {
-        let kept: Vec<EffectId> = best.fitted.effects().into_iter().filter(|e| *e != drop).collect();
-        if let Some(known) = seen.iter().find(|j| is_set(&j.fitted.effects(), &kept)) {
-            return Ok(known.clone());
-        }
-        let (model, start) = reduced(&best.fitted, drop);
-        let judged = self.judge(hypothesis::fit(self.data, &model, &start, false, self.monitor)?)?;
-        seen.push(judged.clone());
-        Ok(judged)
-    }
-
-    /// For each effect of the best set, the set without it and what other effects in its place achieve.
-    fn swaps(&self, best: &Judged, able: &[EffectId], seen: &mut Vec<Judged>) -> Result<Vec<Swap>> {
-        let effects = best.fitted.effects();
-        let mut out = Vec::new();
-        for &effect in &effects {
-            if self.monitor.cancelled() {
-                break;
-            }
-            let fewer = self.without(best, effect, seen)?;
-            let kept = fewer.fitted.effects();
-            let tried = |e: EffectId, seen: &[Judged]| {
-                seen.iter().find(|j| same(&j.fitted.effects(), &kept, e)).cloned()
-            };
-            let rest: Vec<EffectId> = able.iter().copied().filter(|e| !effects.contains(e)).collect();
-            if !rest.iter().any(|e| tried(*e, seen).is_some()) {
-                let extended = self.extend(&fewer, &rest, BRANCHES, true)?;
-                seen.extend(extended.into_iter().filter_map(|(_, j)| j));
-            }
-            let rivals = rest
-                .iter()
-                .filter_map(|e| Some(Swap { replaced: effect, by: Some(*e), judged: tried(*e, seen)? }));
-            out.extend(rivals.collect::<Vec<_>>());
-            out.push(Swap { replaced: effect, by: None, judged: fewer });
-        }
-        Ok(out)
-    }
-}
-
-impl Search<'_> {
     /// Whether the load steps where the speed reverses, on any recording.
     fn steps_reverse(&self, judged: &Judged) -> bool {
         let held_out = self.held_out.iter().zip(&judged.held_out);
@@ -382,35 +248,6 @@ impl Search<'_> {
         let held_out = on_others.collect::<Result<Vec<_>>>()?;
         Ok(Judged { fitted, held_out, refuted: base.refuted })
     }
-
-    /// Refits what first-order analysis cannot tell from an effect of the best set and was not tried in its place.
-    fn look_alikes(&self, best: &Judged, shown: &[Shown], swaps: &mut Vec<Swap>) -> Result<()> {
-        let mut rest = LOOK_ALIKES;
-        for found in best.fitted.effects() {
-            let fewer =
-                swaps.iter().find(|s| s.replaced == found && s.by.is_none()).map(|s| s.judged.clone());
-            let Some(fewer) = fewer else { continue };
-            for rival in shown.iter().filter(|s| s.resembles(found)).map(|s| s.effect) {
-                let tried = swaps.iter().any(|s| s.replaced == found && s.by == Some(rival));
-                if tried || rest == 0 || self.monitor.cancelled() {
-                    continue;
-                }
-                rest -= 1;
-                let prospect = Scorer::new(self.data, &fewer.fitted).score(rival);
-                let judged = self.refit(&fewer, &prospect)?;
-                if !judged.fitted.vanishes(rival) {
-                    swaps.push(Swap { replaced: found, by: Some(rival), judged });
-                }
-            }
-        }
-        Ok(())
-    }
-}
-
-/// Effects that an effect contains.
-fn special_cases(wide: EffectId) -> impl Iterator<Item = EffectId> {
-    let narrow = wide.info().contains;
-    effects::ALL.iter().copied().filter(move |e| narrow.contains(&e.id()))
 }
 
 /// From the bare machine to the best set through the best subsets that were tried.
@@ -448,67 +285,7 @@ fn progress(larger: &Judged, smaller: &Judged) -> bool {
     smaller.fitted.effects().is_empty() || larger.all_squares() < PROGRESS * smaller.all_squares()
 }
 
-/// Model and parameters without one of the effects.
-fn reduced(hypothesis: &Hypothesis, drop: EffectId) -> (Model, Vec<f64>) {
-    let kept: Vec<EffectId> = hypothesis.effects().into_iter().filter(|e| *e != drop).collect();
-    let mut start = hypothesis.own()[..crate::base::BASE].to_vec();
-    for slot in hypothesis.model.slots().iter().filter(|s| s.effect != drop) {
-        start.extend(&hypothesis.parameters[slot.parameters.clone()]);
-    }
-    (Model::new(*hypothesis.model.context(), &kept), start)
-}
-
-/// Whether both hold the same effects.
-fn is_set(a: &[EffectId], b: &[EffectId]) -> bool {
-    a.len() == b.len() && a.iter().all(|e| b.contains(e))
-}
-
 /// Whether `set` is `parent` with `added`.
 fn same(set: &[EffectId], parent: &[EffectId], added: EffectId) -> bool {
     set.len() == parent.len() + 1 && set.contains(&added) && parent.iter().all(|e| set.contains(e))
-}
-
-/// Why a recording by itself shows nothing of an effect, if so.
-fn hidden(data: &Data, effect: EffectId) -> Option<String> {
-    let (signals, info) = (&data.signals, effect.info());
-    match (info.site, signals.kind) {
-        (Site::Electrical | Site::Sensor, Kind::Mechanical) => {
-            return Some("the recording has no voltages".into());
-        }
-        (Site::Mechanical, Kind::Electrical | Kind::OperatingPoints | Kind::OpenCircuit) => {
-            return Some("the recording does not show the motion".into());
-        }
-        (Site::Sensor, Kind::OpenCircuit) if signals.angle_from_voltages => {
-            return Some("the rotor angle was taken from the voltages themselves".into());
-        }
-        (Site::Mechanical, _) if signals.load == Load::Locked => return Some("the rotor is held".into()),
-        _ => {}
-    }
-    let turning = signals.context.omega_e_max > 1.0;
-    info.needs.iter().find_map(|need| match need {
-        Need::Motion if !turning => Some("the rotor does not turn".to_string()),
-        Need::Current if signals.kind == Kind::OpenCircuit => {
-            Some("no current flows through open terminals".to_string())
-        }
-        _ => None,
-    })
-}
-
-/// What a recording lacks for an effect to be simulated on it, if anything.
-fn lacking(data: &Data, effect: EffectId) -> Option<String> {
-    let signals = &data.signals;
-    let steady = signals.kind == Kind::OperatingPoints;
-    effect.info().needs.iter().find_map(|need| match need {
-        Need::AngleOrSteady if !signals.angle_known && !steady => {
-            Some("the rotor angle was not recorded".to_string())
-        }
-        Need::Angle if !signals.angle_known => Some("the rotor angle was not recorded".to_string()),
-        Need::Transients if steady => {
-            Some("operating points do not show what happens within a revolution".to_string())
-        }
-        Need::Time if steady && signals.heating.is_none() && signals.magnet_heating.is_none() => {
-            Some("no temperature was recorded".to_string())
-        }
-        _ => None,
-    })
 }

@@ -5,7 +5,6 @@ use crate::error::Result;
 use crate::least_squares::{self, Fit, Normal, Problem, Settings};
 use crate::monitor::Monitor;
 use crate::tall;
-use std::sync::{Mutex, PoisonError};
 
 /// Rounds of a fit after each of which the initial speeds are estimated anew.
 const STARTS: usize = 3;
@@ -45,7 +44,7 @@ impl Joint<'_> {
         let mut round = 0;
         loop {
             let seen = self.with_estimated_starts(&start);
-            let problem = Fitting::new(&seen, &start, free);
+            let problem = Fitting { experiment: &seen, start: &start, free };
             let at: Vec<f64> = free.iter().map(|k| start[*k]).collect();
             let fit = least_squares::minimise(&problem, &at, &bounds, settings, monitor)?;
             let parameters = problem.whole(&fit.parameters);
@@ -53,7 +52,7 @@ impl Joint<'_> {
             // Initial speeds that were estimated at the start may be too far off for the solution.
             let stale = seen.has_starts() && round < STARTS && !monitor.cancelled() && {
                 let again = self.with_estimated_starts(&parameters);
-                let cost = Fitting::new(&again, &parameters, free).plain_cost(&fit.parameters);
+                let cost = Fitting { experiment: &again, start: &parameters, free }.cost(&fit.parameters);
                 (cost - fit.cost).abs() > STALE * fit.cost
             };
             if !stale {
@@ -79,40 +78,9 @@ struct Fitting<'a> {
     experiment: &'a Joint<'a>,
     start: &'a [f64],
     free: &'a [usize],
-    /// The point tried last with its normal equations, as long as nobody asked for them.
-    tried: Mutex<Option<(Vec<f64>, Normal)>>,
 }
 
-impl<'a> Fitting<'a> {
-    fn new(experiment: &'a Joint<'a>, start: &'a [f64], free: &'a [usize]) -> Self {
-        Self { experiment, start, free, tried: Mutex::default() }
-    }
-
-    /// The cost without any derivatives.
-    fn plain_cost(&self, point: &[f64]) -> f64 {
-        let whole = self.whole(point);
-        let known: f64 =
-            self.known().map(|(k, value, sd)| ((whole[self.free[k]] - value) / sd).powi(2)).sum();
-        self.experiment.residual(&whole).norm_squared() + known
-    }
-
-    fn linearised(&self, point: &[f64]) -> Normal {
-        let whole = self.whole(point);
-        let linear = self.experiment.linearise(&whole, self.free);
-        let mut normal = Normal {
-            cost: linear.residual.norm_squared(),
-            jtj: tall::gram(&linear.jacobian),
-            jtr: tall::tr_mul_vector(&linear.jacobian, &linear.residual),
-        };
-        for (k, value, sd) in self.known() {
-            let off = (whole[self.free[k]] - value) / sd;
-            normal.cost += off * off;
-            normal.jtj[(k, k)] += 1.0 / (sd * sd);
-            normal.jtr[k] += off / sd;
-        }
-        normal
-    }
-
+impl Fitting<'_> {
     /// Prior knowledge of the free parameters: position among them, value, standard deviation.
     fn known(&self) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
         self.experiment.prior().iter().filter_map(|(parameter, value, sd)| {
@@ -134,24 +102,36 @@ impl Problem for Fitting<'_> {
         self.free.len()
     }
 
-    /// Most trials are accepted and their derivatives asked for next: they are computed at once, except where the trial before was
-    /// given up.
     fn cost(&self, point: &[f64]) -> f64 {
-        let mut tried = self.tried.lock().unwrap_or_else(PoisonError::into_inner);
-        if tried.take().is_some() {
-            return self.plain_cost(point);
-        }
-        let normal = self.linearised(point);
-        let cost = normal.cost;
-        *tried = Some((point.to_vec(), normal));
-        cost
+        let whole = self.whole(point);
+        let known: f64 =
+            self.known().map(|(k, value, sd)| ((whole[self.free[k]] - value) / sd).powi(2)).sum();
+        self.experiment.residual(&whole).norm_squared() + known
     }
 
     fn normal(&self, point: &[f64]) -> Normal {
-        let tried = self.tried.lock().unwrap_or_else(PoisonError::into_inner).take();
-        match tried {
-            Some((at, normal)) if at == point => normal,
-            _ => self.linearised(point),
+        let whole = self.whole(point);
+        let linear = self.experiment.linearise(&whole, self.free);
+        let mut normal = Normal {
+            cost: linear.residual.norm_squared(),
+            jtj: tall::gram(&linear.jacobian),
+            jtr: tall::tr_mul_vector(&linear.jacobian, &linear.residual),
+        };
+        for (k, value, sd) in self.known() {
+            let off = (whole[self.free[k]] - value) / sd;
+            normal.cost += off * off;
+            normal.jtj[(k, k)] += 1.0 / (sd * sd);
+            normal.jtr[k] += off / sd;
         }
+        normal
+    }
+
+    /// One run with derivatives costs less than one without and one with.
+    fn trial(&self, point: &[f64], first: bool) -> (f64, Option<Normal>) {
+        if !first {
+            return (self.cost(point), None);
+        }
+        let normal = self.normal(point);
+        (normal.cost, Some(normal))
     }
 }

@@ -269,8 +269,7 @@ impl Objective<'_> {
         Some(Nearby { normal, course, linear: rows.map(|rows| rows.linear) })
     }
 
-    /// [`Objective::linearise`] on the kernels, around the initial values `starts`; without them around the best ones to
-    /// first order.
+    /// [`Objective::linearise`] on the kernels, around the initial values `starts`; without them around the best ones.
     pub(super) fn kernel_linear(
         &self,
         p: &[f64],
@@ -278,11 +277,20 @@ impl Objective<'_> {
         starts: Option<&Starts>,
     ) -> Option<Linearisation> {
         let go = || false;
-        let best = match starts {
-            Some(starts) => starts,
-            None => &self.normal(p, &[], &self.measured_starts(), false, &go)?.course.best,
+        let look = |starts: &Starts| {
+            let mut better = starts.clone();
+            let mut cost = 0.0;
+            for (sums, start) in self.sums(p, &[], starts, &go, |_| ())?.iter().zip(&mut better) {
+                let (last, error) = (sums.width - 1, sums.explained(None));
+                cost += sums.get(last, last);
+                for k in 0..INITIAL {
+                    start[k] -= error[k];
+                }
+            }
+            Some((cost, better))
         };
-        self.normal(p, free, best, true, &go)?.linear
+        let best = starts.cloned().or_else(|| self.settle(look))?;
+        self.normal(p, free, &best, true, &go)?.linear
     }
 
     /// Products of columns, segment by segment.

@@ -1,0 +1,75 @@
+//! Which effects recordings can be asked about.
+
+use super::data::Data;
+use crate::effect::{Need, Site};
+use crate::effects::{self, EffectId};
+use crate::recording::{Kind, Load};
+
+/// Effects that the recording can be asked about, and the others with the reason.
+pub fn able(data: &Data) -> (Vec<EffectId>, Vec<(EffectId, String)>) {
+    let (mut able, mut unfit) = (Vec::new(), Vec::new());
+    for &effect in effects::ALL {
+        match obstacle(data, effect) {
+            None => able.push(effect),
+            Some(why) => unfit.push((effect, why)),
+        }
+    }
+    (able, unfit)
+}
+
+/// Why the recordings cannot be asked about an effect: none of them shows it, or one of them would need a signal that it does
+/// not hold.
+fn obstacle(data: &Data, effect: EffectId) -> Option<String> {
+    let runs = data.runs();
+    let hidden: Vec<Option<String>> = runs.iter().map(|run| hidden(run, effect)).collect();
+    if hidden.iter().all(Option::is_some) {
+        return hidden.into_iter().next().flatten();
+    }
+    let lacking = runs.iter().enumerate().find_map(|(at, run)| Some((at, lacking(run, effect)?)));
+    lacking.map(|(at, why)| if runs.len() == 1 { why } else { format!("{why} in recording {}", at + 1) })
+}
+
+/// Why a recording by itself shows nothing of an effect, if so.
+fn hidden(data: &Data, effect: EffectId) -> Option<String> {
+    let (signals, info) = (&data.signals, effect.info());
+    match (info.site, signals.kind) {
+        (Site::Electrical | Site::Sensor, Kind::Mechanical) => {
+            return Some("the recording has no voltages".into());
+        }
+        (Site::Mechanical, Kind::Electrical | Kind::OperatingPoints | Kind::OpenCircuit) => {
+            return Some("the recording does not show the motion".into());
+        }
+        (Site::Sensor, Kind::OpenCircuit) if signals.angle_from_voltages => {
+            return Some("the rotor angle was taken from the voltages themselves".into());
+        }
+        (Site::Mechanical, _) if signals.load == Load::Locked => return Some("the rotor is held".into()),
+        _ => {}
+    }
+    let turning = signals.context.omega_e_max > 1.0;
+    info.needs.iter().find_map(|need| match need {
+        Need::Motion if !turning => Some("the rotor does not turn".to_string()),
+        Need::Current if signals.kind == Kind::OpenCircuit => {
+            Some("no current flows through open terminals".to_string())
+        }
+        _ => None,
+    })
+}
+
+/// What a recording lacks for an effect to be simulated on it, if anything.
+fn lacking(data: &Data, effect: EffectId) -> Option<String> {
+    let signals = &data.signals;
+    let steady = signals.kind == Kind::OperatingPoints;
+    effect.info().needs.iter().find_map(|need| match need {
+        Need::AngleOrSteady if !signals.angle_known && !steady => {
+            Some("the rotor angle was not recorded".to_string())
+        }
+        Need::Angle if !signals.angle_known => Some("the rotor angle was not recorded".to_string()),
+        Need::Transients if steady => {
+            Some("operating points do not show what happens within a revolution".to_string())
+        }
+        Need::Time if steady && signals.heating.is_none() && signals.magnet_heating.is_none() => {
+            Some("no temperature was recorded".to_string())
+        }
+        _ => None,
+    })
+}

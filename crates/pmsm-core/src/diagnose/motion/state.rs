@@ -1,0 +1,79 @@
+//! What one recording leaves open of the motion.
+
+use crate::diagnose::data::Data;
+use crate::load_steps;
+use crate::machine::BaseParameter;
+use crate::model::Model;
+use crate::recording::Load;
+use crate::simulate::mechanical::Nuisance;
+
+/// Unknown load and initial values of one recording at some stage of the fit.
+#[derive(Clone)]
+pub struct State {
+    pub levels: Vec<f64>,
+    pub steps: Vec<f64>,
+    pub deviations: Vec<f64>,
+}
+
+impl State {
+    /// Where the fit of one recording begins.
+    pub fn start(data: &Data, model: &Model, own: &[f64], rotor: &[usize], torque: &[f64]) -> Self {
+        if !data.has(false) {
+            return Self { levels: Vec::new(), steps: Vec::new(), deviations: Vec::new() };
+        }
+        let piecewise = data.signals.load == Load::UnknownPiecewise;
+        let steps =
+            if piecewise { load_steps::find(model, &data.signals, own, torque, rotor) } else { Vec::new() };
+        let unknown = piecewise || data.signals.load == Load::UnknownConstant;
+        let level = if unknown { start_level(data, torque, own) } else { 0.0 };
+        Self {
+            levels: vec![level; if unknown { steps.len() + 1 } else { 0 }],
+            steps,
+            deviations: vec![0.0; model.mechanical_states()],
+        }
+    }
+
+    /// From the nuisance's part of the parameters.
+    pub fn of(own: &[f64], nuisance: Nuisance) -> Self {
+        let (levels, rest) = own.split_at(nuisance.levels);
+        let (steps, deviations) = rest.split_at(nuisance.steps());
+        Self { levels: levels.to_vec(), steps: steps.to_vec(), deviations: deviations.to_vec() }
+    }
+
+    pub fn nuisance(&self) -> Nuisance {
+        Nuisance { levels: self.levels.len(), initial: self.deviations.len() }
+    }
+
+    /// The nuisance's part of the parameters.
+    pub fn values(&self) -> Vec<f64> {
+        [&self.levels[..], &self.steps, &self.deviations].concat()
+    }
+
+    /// The same with some of its steps only. Of what lay between two of them the level that lasted longest stays.
+    pub fn with_steps(self, keep: &[usize], duration: f64) -> Self {
+        if self.levels.is_empty() {
+            return self;
+        }
+        let edges = |at: usize| {
+            let start = if at == 0 { 0.0 } else { self.steps[at - 1] };
+            self.steps.get(at).copied().unwrap_or(duration) - start
+        };
+        let firsts = std::iter::once(0).chain(keep.iter().map(|k| k + 1));
+        let ends = keep.iter().map(|k| k + 1).chain([self.levels.len()]);
+        let longest = |(first, end): (usize, usize)| {
+            (first..end).max_by(|a, b| edges(*a).total_cmp(&edges(*b))).expect("a piece between two steps")
+        };
+        Self {
+            levels: firsts.zip(ends).map(longest).map(|at| self.levels[at]).collect(),
+            steps: keep.iter().map(|k| self.steps[*k]).collect(),
+            deviations: self.deviations,
+        }
+    }
+}
+
+/// Mean torque that is neither acceleration nor viscous friction: where the search for the load begins.
+fn start_level(data: &Data, torque: &[f64], own: &[f64]) -> f64 {
+    let b = own[BaseParameter::B.index()];
+    let friction = data.signals.omega_e.iter().map(|w| b * w / data.signals.n_p);
+    torque.iter().zip(friction).map(|(t, f)| t - f).sum::<f64>() / torque.len() as f64
+}

@@ -1,0 +1,174 @@
+//! Sets beside the best one: without one of its effects, with a special case of it, or with another in its place.
+
+use super::{BRANCHES, Search, same};
+use crate::diagnose::hypothesis::{self, Hypothesis};
+use crate::diagnose::power::Shown;
+use crate::diagnose::shortlist::Scorer;
+use crate::diagnose::verdict::{Judged, LEAST_GAIN, Scale};
+use crate::effects::{self, EffectId};
+use crate::error::Result;
+use crate::model::Model;
+
+/// Look-alikes of the found effects refitted at most beside those that were tried anyway.
+const LOOK_ALIKES: usize = 4;
+
+/// A variant of the best set.
+#[derive(Debug, Clone)]
+pub struct Swap {
+    /// The effect that was taken out.
+    pub replaced: EffectId,
+    /// What stands in its place, if anything.
+    pub by: Option<EffectId>,
+    /// The refitted set.
+    pub judged: Judged,
+}
+
+impl Search<'_> {
+    /// Drops effects that the others make superfluous.
+    pub(super) fn pruned(&self, mut best: Judged, scale: &Scale, seen: &mut Vec<Judged>) -> Result<Judged> {
+        'again: loop {
+            let effects = best.fitted.effects();
+            // What an effect has beyond a special case of it must be plain.
+            for wide in &effects {
+                for narrow in special_cases(*wide).filter(|e| !effects.contains(e)) {
+                    let simpler = self.narrowed(&best, *wide, narrow, seen)?;
+                    if !scale.widens(&best, &simpler) {
+                        best = simpler;
+                        continue 'again;
+                    }
+                }
+            }
+            if effects.len() < 2 {
+                return Ok(best);
+            }
+            for drop in &effects {
+                let fewer = self.without(&best, *drop, seen)?;
+                if scale.loss(&fewer) < scale.loss(&best) + LEAST_GAIN {
+                    best = fewer;
+                    continue 'again;
+                }
+            }
+            return Ok(best);
+        }
+    }
+
+    /// The same set with a special case in place of one effect, refitted unless it was tried before.
+    fn narrowed(
+        &self,
+        best: &Judged,
+        wide: EffectId,
+        narrow: EffectId,
+        seen: &mut Vec<Judged>,
+    ) -> Result<Judged> {
+        let mut kept: Vec<EffectId> = best.fitted.effects();
+        kept.retain(|e| *e != wide);
+        if let Some(known) = seen.iter().find(|j| same(&j.fitted.effects(), &kept, narrow)) {
+            return Ok(known.clone());
+        }
+        let (model, mut start) = reduced(&best.fitted, wide);
+        let context = *model.context();
+        let slot = best.fitted.model.slots().iter().find(|s| s.effect == wide).expect("it is in the set");
+        let own = &best.fitted.parameters[slot.parameters.clone()];
+        // Parameters of the same name keep their values.
+        let mut shared = narrow.probes(&context).into_iter().next().unwrap_or_default();
+        for (x, info) in shared.iter_mut().zip(narrow.info().parameters) {
+            if let Some(k) = wide.info().parameters.iter().position(|p| p.name == info.name) {
+                *x = own[k];
+            }
+        }
+        start.extend(shared);
+        kept.push(narrow);
+        let model = Model::new(context, &kept);
+        let judged = self.judge(hypothesis::fit(self.data, &model, &start, false, self.monitor)?)?;
+        seen.push(judged.clone());
+        Ok(judged)
+    }
+
+    /// The same set without one effect, refitted unless it was tried before.
+    fn without(&self, best: &Judged, drop: EffectId, seen: &mut Vec<Judged>) -> Result<Judged> {
+        let kept: Vec<EffectId> = best.fitted.effects().into_iter().filter(|e| *e != drop).collect();
+        if let Some(known) = seen.iter().find(|j| is_set(&j.fitted.effects(), &kept)) {
+            return Ok(known.clone());
+        }
+        let (model, start) = reduced(&best.fitted, drop);
+        let judged = self.judge(hypothesis::fit(self.data, &model, &start, false, self.monitor)?)?;
+        seen.push(judged.clone());
+        Ok(judged)
+    }
+
+    /// For each effect of the best set, the set without it and what other effects in its place achieve.
+    pub(super) fn swaps(
+        &self,
+        best: &Judged,
+        able: &[EffectId],
+        seen: &mut Vec<Judged>,
+    ) -> Result<Vec<Swap>> {
+        let effects = best.fitted.effects();
+        let mut out = Vec::new();
+        for &effect in &effects {
+            if self.monitor.cancelled() {
+                break;
+            }
+            let fewer = self.without(best, effect, seen)?;
+            let kept = fewer.fitted.effects();
+            let tried = |e: EffectId, seen: &[Judged]| {
+                seen.iter().find(|j| same(&j.fitted.effects(), &kept, e)).cloned()
+            };
+            let rest: Vec<EffectId> = able.iter().copied().filter(|e| !effects.contains(e)).collect();
+            if !rest.iter().any(|e| tried(*e, seen).is_some()) {
+                let extended = self.extend(&fewer, &rest, BRANCHES, true)?;
+                seen.extend(extended.into_iter().filter_map(|(_, j)| j));
+            }
+            let rivals = rest
+                .iter()
+                .filter_map(|e| Some(Swap { replaced: effect, by: Some(*e), judged: tried(*e, seen)? }));
+            out.extend(rivals.collect::<Vec<_>>());
+            out.push(Swap { replaced: effect, by: None, judged: fewer });
+        }
+        Ok(out)
+    }
+
+    /// Refits what first-order analysis cannot tell from an effect of the best set and was not tried in its place.
+    pub(super) fn look_alikes(&self, best: &Judged, shown: &[Shown], swaps: &mut Vec<Swap>) -> Result<()> {
+        let mut rest = LOOK_ALIKES;
+        for found in best.fitted.effects() {
+            let fewer =
+                swaps.iter().find(|s| s.replaced == found && s.by.is_none()).map(|s| s.judged.clone());
+            let Some(fewer) = fewer else { continue };
+            for rival in shown.iter().filter(|s| s.resembles(found)).map(|s| s.effect) {
+                let tried = swaps.iter().any(|s| s.replaced == found && s.by == Some(rival));
+                if tried || rest == 0 || self.monitor.cancelled() {
+                    continue;
+                }
+                rest -= 1;
+                let prospect = Scorer::new(self.data, &fewer.fitted).score(rival);
+                let judged = self.refit(&fewer, &prospect)?;
+                if !judged.fitted.vanishes(rival) {
+                    swaps.push(Swap { replaced: found, by: Some(rival), judged });
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Effects that an effect contains.
+fn special_cases(wide: EffectId) -> impl Iterator<Item = EffectId> {
+    let narrow = wide.info().contains;
+    effects::ALL.iter().copied().filter(move |e| narrow.contains(&e.id()))
+}
+
+/// Model and parameters without one of the effects.
+fn reduced(hypothesis: &Hypothesis, drop: EffectId) -> (Model, Vec<f64>) {
+    let kept: Vec<EffectId> = hypothesis.effects().into_iter().filter(|e| *e != drop).collect();
+    let mut start = hypothesis.own()[..crate::base::BASE].to_vec();
+    for slot in hypothesis.model.slots().iter().filter(|s| s.effect != drop) {
+        start.extend(&hypothesis.parameters[slot.parameters.clone()]);
+    }
+    (Model::new(*hypothesis.model.context(), &kept), start)
+}
+
+/// Whether both hold the same effects.
+fn is_set(a: &[EffectId], b: &[EffectId]) -> bool {
+    a.len() == b.len() && a.iter().all(|e| b.contains(e))
+}

@@ -1,0 +1,42 @@
+//! What a log shows of the true currents, and back.
+
+use super::Model;
+use crate::effect::{Env, Sensor};
+use crate::real::Real;
+use crate::transforms::{inverse_park, park};
+
+impl Model {
+    /// What the sensors do at the measured angle of `env`.
+    #[inline(always)]
+    pub fn sensor<T: Real>(&self, p: &[T], env: &Env<T>) -> Sensor<T> {
+        let mut sensor =
+            Sensor { gain: [T::one(); 3], offset: [T::zero(); 3], angle: T::zero(), angle_slope: T::zero() };
+        for s in &self.slots {
+            s.effect.sensor(&p[s.parameters.clone()], env, &self.context, &mut sensor);
+        }
+        sensor
+    }
+
+    /// What the log shows for the true rotor-frame current `i`: `env` and the result are in the measured frame.
+    #[inline(always)]
+    pub fn measured_current<T: Real>(&self, sensor: &Sensor<T>, i: [T; 2], theta_measured: T) -> [T; 2] {
+        let (s, c) = (theta_measured - sensor.angle).sin_cos();
+        let mut abc = inverse_park(i, c, s);
+        for x in 0..3 {
+            abc[x] = abc[x] * sensor.gain[x] + sensor.offset[x];
+        }
+        let (s, c) = theta_measured.sin_cos();
+        park(abc, c, s)
+    }
+
+    /// The true rotor-frame current behind logged phase currents: the inverse of [`Model::measured_current`].
+    #[inline(always)]
+    pub fn true_current<T: Real>(&self, sensor: &Sensor<T>, abc: [f64; 3], theta_measured: T) -> [T; 2] {
+        let mut truth = [T::zero(); 3];
+        for x in 0..3 {
+            truth[x] = (T::constant(abc[x]) - sensor.offset[x]) / sensor.gain[x];
+        }
+        let (s, c) = (theta_measured - sensor.angle).sin_cos();
+        park(truth, c, s)
+    }
+}

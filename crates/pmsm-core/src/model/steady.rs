@@ -1,0 +1,101 @@
+//! The electrical state in which nothing changes but what is slow: where simulations begin, and between samples that are far
+//! apart.
+
+use super::Model;
+use crate::base::Base;
+use crate::effect::{Electrical, Env};
+use crate::real::Real;
+
+impl Model {
+    /// The steady electrical state that belongs to a terminal current, and its torque: flux linkage by Newton's method on the
+    /// energy's gradient, extra states at their quasi-static start.
+    #[inline(always)]
+    pub fn steady_state<T: Real, const N: usize>(
+        &self,
+        p: &[T],
+        base: &Base<T>,
+        i: [T; 2],
+        env: &Env<T>,
+    ) -> ([T; N], T) {
+        self.state_under(p, base, i, None, &[T::zero(); N], env)
+    }
+
+    /// What of a state belongs to temperatures; the rest is zero.
+    pub fn temperatures<T: Real, const N: usize>(&self, state: &[T; N]) -> [T; N] {
+        let mut out = [T::zero(); N];
+        for s in self.slots.iter().filter(|s| s.effect.is_thermal()) {
+            let range = 2 + s.electrical.start..2 + s.electrical.end;
+            out[range.clone()].copy_from_slice(&state[range]);
+        }
+        out
+    }
+
+    /// Whether an effect has temperatures of its own.
+    pub fn is_thermal(&self) -> bool {
+        self.slots.iter().any(|s| s.effect.is_thermal())
+    }
+
+    /// Lets the temperatures among `state` go on for `h` seconds at the terminal current `i` (d, q).
+    #[inline(always)]
+    pub fn warm<T: Real, const N: usize>(
+        &self,
+        p: &[T],
+        base: &Base<T>,
+        state: &mut [T; N],
+        i: [T; 2],
+        h: f64,
+        env: &Env<T>,
+    ) {
+        let (r_s, _, _) = self.sources(p, base, &state[2..], env);
+        let zero = [T::zero(); 2];
+        let at = Electrical { env: *env, sin_cos: (T::zero(), T::one()), i, r_s, v: zero, emf: zero };
+        for s in self.slots.iter().filter(|s| s.effect.is_thermal()) {
+            let range = 2 + s.electrical.start..2 + s.electrical.end;
+            let mut rate = [T::zero(); N];
+            let own = &p[s.parameters.clone()];
+            let rate = &mut rate[..range.len()];
+            s.effect.electrical_states(own, &state[range.clone()], &at, &self.context, rate);
+            for (x, dx) in state[range].iter_mut().zip(rate.iter()) {
+                *x += *dx * h;
+            }
+        }
+    }
+
+    /// As [`Model::steady_state`], but with the extra states where the induced voltage `emf` (d, q), V, puts them, without one that
+    /// of a flux that stands still in the rotor; and with the temperatures of the state `warm`.
+    #[inline(always)]
+    pub fn state_under<T: Real, const N: usize>(
+        &self,
+        p: &[T],
+        base: &Base<T>,
+        i: [T; 2],
+        emf: Option<[T; 2]>,
+        warm: &[T; N],
+        env: &Env<T>,
+    ) -> ([T; N], T) {
+        let mut state = *warm;
+        let (r_s, psi_m, magnet) = self.sources(p, base, &state[2..], env);
+        let sin_cos = self.sin_cos(env);
+        let mut flux = [magnet.flux[0] + base.l_d * i[0], magnet.flux[1] + base.l_q * i[1]];
+        let mut at = self.magnetic(p, base, psi_m, &magnet, sin_cos, flux);
+        if self.is_magnetic {
+            for _ in 0..6 {
+                let emf = emf.unwrap_or([-env.omega_e * flux[1], env.omega_e * flux[0]]);
+                let winding = Electrical { env: *env, sin_cos, i, r_s, v: [T::zero(); 2], emf };
+                for s in &self.slots {
+                    let x = &mut state[2 + s.electrical.start..2 + s.electrical.end];
+                    s.effect.electrical_start(&p[s.parameters.clone()], &winding, &self.context, x);
+                }
+                let bypass = self.shunt(p, &state[2..], sin_cos);
+                let (e_d, e_q) = (i[0] - bypass[0] - at.i[0], i[1] - bypass[1] - at.i[1]);
+                let [a, b, c] = at.inverse;
+                let determinant = a * c - b * b;
+                flux[0] += (c * e_d - b * e_q) / determinant;
+                flux[1] += (a * e_q - b * e_d) / determinant;
+                at = self.magnetic(p, base, psi_m, &magnet, sin_cos, flux);
+            }
+        }
+        (state[0], state[1]) = (flux[0], flux[1]);
+        (state, at.tau_e)
+    }
+}
