@@ -1,6 +1,7 @@
 //! A recording in the form in which the models are driven by it: rotor-frame voltages and currents, unwrapped angles,
 //! electrical speed, and the scales of the run.
 
+mod angle;
 mod clock;
 pub mod join;
 mod lag;
@@ -11,8 +12,9 @@ use crate::error::{Error, Result};
 use crate::machine::{BaseParameter, Machine};
 use crate::recording::{Kind, Load, Recording};
 use crate::transforms::{inverse_park, park};
+use angle::{check_sense, differentiate, integrate, unwrap};
 use serde::Serialize;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 use std::ops::Range;
 
 /// Temperature to which r_s and psi_m refer where temperatures are logged, °C; the same for all recordings of a machine.
@@ -131,6 +133,12 @@ impl Signals {
         let mut theta_e = logged_angle.unwrap_or_else(|| integrate(&t, &omega_e));
 
         let mut findings = Vec::new();
+        if angle_known && mechanical.is_none() && !operating_points {
+            findings.extend(angle::bridge(&t, &mut theta_e, &omega_e, &segments));
+        }
+        if recording.load() == Load::Locked {
+            findings.extend(angle::hold(&theta_e, &mut omega_e));
+        }
         let induced = match phase_columns(recording).filter(|_| open) {
             Some(abc) => {
                 let calibration = open_circuit::calibrate(abc, &omega_e, &theta_e, angle_known)?;
@@ -321,93 +329,6 @@ fn mend(t: &mut Vec<f64>, omega: &mut Vec<f64>, theta: &[f64], segments: &[Range
         });
     }
     findings
-}
-
-/// Removes the jumps of a wrapped angle.
-fn unwrap(angle: &[f64]) -> Vec<f64> {
-    let mut turns = 0.0;
-    let mut last = angle[0];
-    angle
-        .iter()
-        .map(|&x| {
-            let jump = x - last;
-            if jump.abs() > PI {
-                turns -= (jump / TAU).round();
-            }
-            last = x;
-            x + turns * TAU
-        })
-        .collect()
-}
-
-fn differentiate(t: &[f64], x: &[f64], segments: &[Range<usize>]) -> Vec<f64> {
-    let mut slope = vec![0.0; x.len()];
-    for segment in segments {
-        let (first, last) = (segment.start, segment.end - 1);
-        for k in segment.clone() {
-            let (a, b) = (k.saturating_sub(1).max(first), (k + 1).min(last));
-            slope[k] = if b > a { (x[b] - x[a]) / (t[b] - t[a]) } else { 0.0 };
-        }
-    }
-    slope
-}
-
-fn integrate(t: &[f64], rate: &[f64]) -> Vec<f64> {
-    let mut sum = 0.0;
-    (0..t.len())
-        .map(|k| {
-            if k > 0 {
-                sum += 0.5 * (rate[k] + rate[k - 1]) * (t[k] - t[k - 1]);
-            }
-            sum
-        })
-        .collect()
-}
-
-/// Compares how far the angle turned with the integral of the speed.
-fn check_sense(t: &[f64], theta: &[f64], omega: &[f64], segments: &[Range<usize>], n_p: u32) -> Result<()> {
-    let (mut product, mut square, mut travelled) = (0.0, 0.0, 0.0);
-    for segment in segments {
-        for k in segment.start + 1..segment.end {
-            let expected = 0.5 * (omega[k] + omega[k - 1]) * (t[k] - t[k - 1]);
-            if expected.abs() > PI {
-                return Err(Error::Sample {
-                    column: "theta_e".into(),
-                    row: k,
-                    problem: "the rotor turns more than half an electrical turn between two samples".into(),
-                    fix: "sample faster, or leave the angle out".into(),
-                });
-            }
-            product += expected * (theta[k] - theta[k - 1]);
-            square += expected * expected;
-            travelled += expected.abs();
-        }
-    }
-    if travelled < 2.0 * TAU {
-        return Ok(());
-    }
-    let (ratio, n_p) = (product / square, f64::from(n_p));
-    let near = |x: f64| (ratio / x - 1.0).abs() < 0.2;
-    let refuse = |problem: String, fix: String| Err(Error::Column { column: "theta_e".into(), problem, fix });
-    if near(1.0) {
-        Ok(())
-    } else if near(1.0 / n_p) {
-        refuse(
-            format!("the angle turns {ratio:.3} times as far as the speed says, which is 1/n_p"),
-            "one of the two is mechanical: map the angle to theta_m, or the speed to omega_m".into(),
-        )
-    } else if near(n_p) {
-        refuse(
-            format!("the angle turns {ratio:.3} times as far as the speed says, which is n_p"),
-            "one of the two is mechanical: map the speed to omega_m, or the angle to theta_e".into(),
-        )
-    } else {
-        refuse(
-            format!("the angle turns {ratio:.3} times as far as the integral of the speed"),
-            "check units, n_p and the sense of rotation (scale = -1 in [columns] turns a signal round)"
-                .into(),
-        )
-    }
 }
 
 /// The phase currents, where at least two were logged, and whether all three were.

@@ -11,7 +11,7 @@ use super::reversals;
 use super::shortlist::{Prospect, Scorer};
 use super::verdict::{self, Judged, MISMATCH, MISMATCH_HELD_OUT, PROGRESS, Scale};
 use crate::effect::Site;
-use crate::effects::EffectId;
+use crate::effects::{self, EffectId};
 use crate::error::Result;
 use crate::experiment::Channel;
 use crate::model::Model;
@@ -22,9 +22,12 @@ pub use variants::Swap;
 
 /// Effects whose first-order score (mean square in units of what is left) is below this are not refitted.
 const LEAST_SCORE: f64 = 0.002;
-/// Beside other effects, one that scores less than this share of the worst channel's excess is not refitted either: it has
-/// to take away a good part of it to be taken up.
+/// Beside other effects, one that scores less than this share of the worst channel's excess is not refitted either, unless it is
+/// the best of its site: it has to take away a good part of it to be taken up.
 const LEAST_SHARE: f64 = 0.1;
+/// Where the bare machine's unknown load explains the motion, effects that score less than this are not asked whether they do so with
+/// fewer steps.
+const IN_PLACE_OF_STEPS: f64 = 0.1;
 /// Nor is one that scores less than this share of the best: it is no rival to it, and what it may explain beside it is seen when
 /// pairs are grown.
 const RIVAL: f64 = 0.05;
@@ -93,43 +96,44 @@ impl Search<'_> {
     pub fn run(&self, base: Hypothesis) -> Result<Outcome> {
         let base = self.judge(base)?;
         let (able, unfit) = able::able(self.data);
-        // What explains less than would be called a mismatch may be the floor's own error.
-        let mismatch = base.excess() > MISMATCH || base.held_out_excess() > MISMATCH_HELD_OUT;
-        let asked: Vec<EffectId> =
-            able.iter().copied().filter(|e| mismatch || (e.jumps() && self.steps_reverse(&base))).collect();
+        // What explains less than would be called a mismatch may be the floor's own error; an unknown load may hide what moves.
+        let asked = |e: &EffectId| mismatched(&base) || (steps(&base) && e.info().site == Site::Mechanical);
+        let asked: Vec<EffectId> = able.iter().copied().filter(asked).collect();
         let singles = self.extend(&base, &asked, SINGLES, true)?;
         self.monitor.report("single effects", 0.6);
-        let mut seen: Vec<Judged> = singles.iter().filter_map(|(_, j)| j.clone()).collect();
+        let mut seen = self.refined(&base, &singles)?;
+        seen.extend(singles.iter().filter_map(|(_, j)| j.clone()));
         seen.push(base.clone());
         let mut scale = Scale::new(seen.iter());
-        let mut beam = sorted(&seen, &scale);
-        let mut best = if scale.beats(&beam[0], &base) { beam[0].clone() } else { base.clone() };
+        let first = sorted(&seen, &scale).swap_remove(0);
+        let mut best = if scale.beats(&first, &base) { first } else { base.clone() };
         for size in 2..=self.most {
             let explained = best.excess() < MISMATCH && best.unexplained(&base) <= 1.0;
             if explained || self.monitor.cancelled() {
                 break;
             }
             self.monitor.report("combinations of effects", 0.5 + 0.1 * size as f64);
+            let mut beam = sorted(&seen, &scale);
             beam.retain(|j| j.fitted.effects().len() == size - 1);
             beam.truncate(BEAM);
             let mut larger: Vec<Judged> = Vec::new();
             for (rank, parent) in beam.iter().enumerate() {
-                let rest: Vec<EffectId> = self
-                    .rest(&able, parent)
-                    .into_iter()
-                    .filter(|e| {
-                        !larger.iter().any(|j| same(&j.fitted.effects(), &parent.fitted.effects(), *e))
-                    })
-                    .collect();
-                larger.extend(
-                    self.extend(parent, &rest, BRANCHES, rank == 0)?.into_iter().filter_map(|(_, j)| j),
-                );
+                let tried = |e: &EffectId| {
+                    let sets = seen.iter().chain(&larger);
+                    sets.map(|j| j.fitted.effects()).any(|set| same(&set, &parent.fitted.effects(), *e))
+                };
+                let rest: Vec<EffectId> =
+                    self.rest(&able, parent).into_iter().filter(|e| !tried(e)).collect();
+                let extended = self.extend(parent, &rest, BRANCHES, rank == 0)?;
+                larger.extend(self.refined(parent, &extended)?);
+                larger.extend(extended.into_iter().filter_map(|(_, j)| j));
             }
             seen.extend(larger.iter().cloned());
             scale = Scale::new(seen.iter());
-            beam = sorted(&larger, &scale);
-            match beam.first() {
-                Some(first) if scale.beats(first, &best) && progress(first, &best) => best = first.clone(),
+            match sorted(&larger, &scale).into_iter().next() {
+                Some(first) if scale.beats(&first, &best) && progress(&first, &best) => best = first,
+                // What was found together may still be a part of something larger.
+                _ if best.fitted.effects().len() >= size => {}
                 _ => break,
             }
         }
@@ -186,15 +190,21 @@ impl Search<'_> {
             (LEAST_SHARE * parent.excess() / (1.0 + parent.excess())).max(LEAST_SCORE)
         } else {
             let best = prospects.iter().map(|p| p.score).fold(0.0, f64::max);
-            (RIVAL * best).max(LEAST_SCORE)
+            (RIVAL * best).max(if mismatched(parent) { LEAST_SCORE } else { IN_PLACE_OF_STEPS })
         };
         let shaken = thorough && parent.fitted.square(Channel::OmegaE) > 1.0 + MISMATCH;
         let reversing = self.steps_reverse(parent);
+        // What the voltages leave may look like much in the motion: beside other effects the best of each site is tried.
+        let leads = |k: usize| {
+            let site = |k: usize| prospects[k].effect.info().site;
+            beside && order.iter().find(|o| site(**o) == site(k)) == Some(&k)
+        };
         let chosen: Vec<bool> = (0..prospects.len())
             .map(|k| {
-                let worth = prospects[k].score > least && order.iter().take(most).any(|o| *o == k);
-                let effect = prospects[k].effect;
-                worth || (!effect.is_first_order() && shaken) || (effect.jumps() && reversing)
+                let (effect, score) = (prospects[k].effect, prospects[k].score);
+                let top = score > least && order.iter().take(most).any(|o| *o == k);
+                let asked = (leads(k) && score > LEAST_SCORE) || (effect.jumps() && reversing);
+                top || asked || (!effect.is_first_order() && shaken)
             })
             .collect();
         let judged: Vec<Result<Option<Judged>>> = prospects
@@ -209,6 +219,24 @@ impl Search<'_> {
             })
             .collect();
         prospects.into_iter().zip(judged).map(|(p, j)| j.map(|j| (p, j))).collect()
+    }
+
+    /// Of the `extended` sets those whose new effect only refines another one, with that one beside it: neither may be worth much without
+    /// the other.
+    fn refined(&self, parent: &Judged, extended: &[(Prospect, Option<Judged>)]) -> Result<Vec<Judged>> {
+        let mut out = Vec::new();
+        for (prospect, judged) in extended {
+            let (Some(judged), Some(plain)) = (judged, prospect.effect.refines()) else { continue };
+            let plain =
+                effects::ALL.iter().copied().find(|e| e.id() == plain).expect("it is in the catalogue");
+            let effects = judged.fitted.effects();
+            let room = effects.len() < self.most && !effects.contains(&plain);
+            if room && judged.excess() > MISMATCH && judged.excess() < PROGRESS * parent.excess() {
+                let prospect = Scorer::new(self.data, &judged.fitted).score(plain);
+                out.push(self.refit(judged, &prospect)?);
+            }
+        }
+        Ok(out)
     }
 
     fn refit(&self, parent: &Judged, prospect: &Prospect) -> Result<Judged> {
@@ -248,6 +276,17 @@ impl Search<'_> {
         let held_out = on_others.collect::<Result<Vec<_>>>()?;
         Ok(Judged { fitted, held_out, refuted: base.refuted })
     }
+}
+
+/// Whether more is left than the floor's own error may be.
+fn mismatched(judged: &Judged) -> bool {
+    judged.excess() > MISMATCH || judged.held_out_excess() > MISMATCH_HELD_OUT
+}
+
+/// Whether an unknown load steps on any recording.
+fn steps(judged: &Judged) -> bool {
+    let all = std::iter::once(&judged.fitted).chain(&judged.held_out);
+    all.flat_map(|h| &h.nuisances).any(|n| n.steps() > 0)
 }
 
 /// From the bare machine to the best set through the best subsets that were tried.

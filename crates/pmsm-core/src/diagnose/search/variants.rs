@@ -1,10 +1,12 @@
 //! Sets beside the best one: without one of its effects, with a special case of it, or with another in its place.
 
 use super::{BRANCHES, Search, same};
+use crate::base::BASE;
 use crate::diagnose::hypothesis::{self, Hypothesis};
 use crate::diagnose::power::Shown;
 use crate::diagnose::shortlist::Scorer;
 use crate::diagnose::verdict::{Judged, LEAST_GAIN, Scale};
+use crate::effect::Site;
 use crate::effects::{self, EffectId};
 use crate::error::Result;
 use crate::model::Model;
@@ -43,6 +45,7 @@ impl Search<'_> {
             }
             for drop in &effects {
                 let fewer = self.without(&best, *drop, seen)?;
+                let fewer = self.under_same_load(&best, *drop, fewer, scale, seen)?;
                 if scale.loss(&fewer) < scale.loss(&best) + LEAST_GAIN {
                     best = fewer;
                     continue 'again;
@@ -94,6 +97,33 @@ impl Search<'_> {
         let judged = self.judge(hypothesis::fit(self.data, &model, &start, false, self.monitor)?)?;
         seen.push(judged.clone());
         Ok(judged)
+    }
+
+    /// The set `fewer` without the effect `drop`, or the same fitted under the load that was found with it if that is better: steps
+    /// found without a needless effect may be steps in the wrong places.
+    fn under_same_load(
+        &self,
+        best: &Judged,
+        drop: EffectId,
+        fewer: Judged,
+        scale: &Scale,
+        seen: &mut [Judged],
+    ) -> Result<Judged> {
+        if drop.info().site != Site::Mechanical || !super::steps(best) || self.monitor.cancelled() {
+            return Ok(fewer);
+        }
+        let (model, start) = reduced(&best.fitted, drop);
+        let (electrical, _, sensors) = hypothesis::free_parameters(self.data, &model);
+        let free = if self.data.has(true) { [electrical, sensors].concat() } else { Vec::new() };
+        let without = Hypothesis { free, ..Hypothesis::bare(model, start) };
+        let same = hypothesis::under_load_of(&best.fitted, self.data, &without, true, self.monitor)?;
+        let same = self.judge(same)?;
+        if scale.loss(&same) >= scale.loss(&fewer) {
+            return Ok(fewer);
+        }
+        let effects = same.fitted.effects();
+        seen.iter_mut().filter(|j| is_set(&j.fitted.effects(), &effects)).for_each(|j| *j = same.clone());
+        Ok(same)
     }
 
     /// For each effect of the best set, the set without it and what other effects in its place achieve.
@@ -161,7 +191,7 @@ fn special_cases(wide: EffectId) -> impl Iterator<Item = EffectId> {
 /// Model and parameters without one of the effects.
 fn reduced(hypothesis: &Hypothesis, drop: EffectId) -> (Model, Vec<f64>) {
     let kept: Vec<EffectId> = hypothesis.effects().into_iter().filter(|e| *e != drop).collect();
-    let mut start = hypothesis.own()[..crate::base::BASE].to_vec();
+    let mut start = hypothesis.own()[..BASE].to_vec();
     for slot in hypothesis.model.slots().iter().filter(|s| s.effect != drop) {
         start.extend(&hypothesis.parameters[slot.parameters.clone()]);
     }
