@@ -273,6 +273,9 @@ pub trait Effect {
     const MECHANICAL_STATES: usize = 0;
     /// The effect of which this one is the finer part: where both are found, this one is the news.
     const REFINES: Option<&'static str> = None;
+    /// Share of its strength by which its parameters scatter against plants that have the same physics in another form, such as
+    /// another transition through zero: as a standard deviation. Read off the independent plants in `proof/`.
+    const FORM: f64 = 0.005;
     /// Whether its derivative at zero strength tells how much it can explain.
     const FIRST_ORDER: bool = true;
     /// Whether its torque jumps where the speed changes its sign, as an unknown load that changes in steps may do, too.

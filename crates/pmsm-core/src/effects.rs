@@ -38,6 +38,10 @@ macro_rules! catalogue {
             pub fn refines(self) -> Option<&'static str> {
                 match self { $(Self::$name => <$module::$name as Effect>::REFINES),+ }
             }
+            /// Share of its strength by which its parameters scatter with the form of its equation.
+            pub fn form(self) -> f64 {
+                match self { $(Self::$name => <$module::$name as Effect>::FORM),+ }
+            }
             /// Whether its derivative at zero strength tells how much it can explain.
             pub fn is_first_order(self) -> bool {
                 match self { $(Self::$name => <$module::$name as Effect>::FIRST_ORDER),+ }

@@ -20,9 +20,9 @@ const UNSHOWN: f64 = 0.5;
 /// Correlation of two estimates from which they are said to be hardly separable.
 const INSEPARABLE: f64 = 0.95;
 /// The form of an effect's equation is itself an approximation: against plants that have the same physics in other forms its
-/// parameters scatter by this factor more than the residuals say, and by this share of the effect's strength. Both were read off
+/// parameters scatter by this factor more than the residuals say, and by the share of its strength that the effect states. Read off
 /// the independent plant in `proof/`.
-const FORM: (f64, f64) = (1.5, 0.005);
+const FORM: f64 = 1.5;
 /// Normal quantile of a 95 % interval.
 const Z95: f64 = 1.959_964;
 
@@ -216,7 +216,7 @@ impl<'a> Outputs<'a> {
                 // A gain differs from one by its strength; a resistance that stands aside is infinite without the effect.
                 let strength = if zero.is_finite() { (value.re - zero).abs() } else { f64::INFINITY };
                 let strength = strength.min(value.re.abs());
-                variance = variance * FORM.0 * FORM.0 + (FORM.1 * strength).powi(2);
+                variance = variance * FORM * FORM + (effect.form() * strength).powi(2);
                 let fixed = value.eps.iter().all(|e| *e == 0.0);
                 let why = fixed.then(|| "a whole number, chosen and not estimated".to_string());
                 (name.to_string(), estimate(value.re, variance, unit, why))

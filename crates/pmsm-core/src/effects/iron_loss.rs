@@ -54,6 +54,7 @@ impl Effect for IronLoss {
             },
         ],
     };
+    const FORM: f64 = 0.02;
     const MAGNETIC: bool = true;
     const ELECTRICAL_STATES: usize = 2;
 

@@ -31,6 +31,7 @@ impl Effect for QuadraticDrag {
             typical: |cx| 0.05 * cx.tau_max / cx.omega_m_max().powi(2),
         }],
     };
+    const FORM: f64 = 0.02;
 
     #[inline(always)]
     fn rotor<T: Real>(p: &[T], _: &[T], at: &Mechanical<T>, _: &Context, out: &mut Rotor<T>) {
