@@ -337,6 +337,26 @@ mod tests {
     }
 
     #[test]
+    fn the_noise_of_a_torque_sensor_is_no_mismatch() {
+        const NOISE: f64 = 0.2;
+        let mut manoeuvre = speeds(1.1, &[(0.1, 80.0), (0.5, -60.0), (0.9, 90.0)]);
+        manoeuvre.tau_load = Some(Schedule::new(vec![(0.0, 0.5)], Shape::Steps).unwrap());
+        manoeuvre.load_kind = Some("measured".into());
+        let setup = setup(manoeuvre, Vec::new());
+        let recording = simulate(&setup, &Silent).unwrap().recording;
+        let mut signals = Signals::new(&recording, &setup.nameplate).unwrap();
+        for (k, load) in signals.tau_m.as_mut().unwrap().iter_mut().enumerate() {
+            *load += NOISE * normal_pair(7, [k as u32, 0, 0, 0]).0;
+        }
+        let mut data = Data::new(signals, &setup.nameplate).unwrap();
+        let base = fit_base(&mut data, &Silent).unwrap();
+        let speed = data.floors.iter().find(|f| f.channel == crate::experiment::Channel::OmegaE).unwrap();
+        assert!(speed.driven > 0.5 * speed.sensor, "{speed:?}");
+        let square = base.square(speed.channel);
+        assert!((square - 1.0).abs() < verdict::MISMATCH, "{square}");
+    }
+
+    #[test]
     fn derivatives_follow_the_filter_that_whitens() {
         let setup = setup(speeds(0.6, &[(0.1, 80.0), (0.5, -60.0)]), Vec::new());
         let (mut data, base) = testing::data(&setup);

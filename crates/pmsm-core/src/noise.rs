@@ -187,6 +187,10 @@ fn disturbed(signals: &Signals, floors: &[Floor], input: &InputNoise, random: &m
             v[1][k] += sigma * random.next();
         }
     }
+    for torque in [&mut noisy.tau_e, &mut noisy.tau_m].into_iter().flatten() {
+        let sigma = white_noise(torque);
+        torque.iter_mut().for_each(|x| *x += sigma * random.next());
+    }
     noisy
 }
 

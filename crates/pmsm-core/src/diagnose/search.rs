@@ -10,7 +10,7 @@ use super::power::{self, Shown};
 use super::reversals;
 use super::shortlist::{Prospect, Scorer};
 use super::verdict::{self, Judged, MISMATCH, MISMATCH_HELD_OUT, PROGRESS, Scale};
-use crate::effect::Site;
+use crate::effect::{Parameter, Role, Site};
 use crate::effects::{self, EffectId};
 use crate::error::Result;
 use crate::experiment::Channel;
@@ -25,9 +25,14 @@ const LEAST_SCORE: f64 = 0.002;
 /// Beside other effects, one that scores less than this share of the worst channel's excess is not refitted either, unless it is
 /// the best of its site: it has to take away a good part of it to be taken up.
 const LEAST_SHARE: f64 = 0.1;
-/// Where the bare machine's unknown load explains the motion, effects that score less than this are not asked whether they do so with
-/// fewer steps.
+/// Steps of an unknown load may hide what moves: mechanical effects are asked from this share of a mismatch on, unless they score less
+/// than that.
+const HIDING: f64 = 1.0 / 3.0;
 const IN_PLACE_OF_STEPS: f64 = 0.1;
+/// A fit that takes away less than this share of what its score promised is tried once more, from this share of the strength: to first
+/// order a strength may come out far too large where shapes matter.
+const KEPT_PROMISE: f64 = 0.5;
+const FAINTER: f64 = 0.1;
 /// Nor is one that scores less than this share of the best: it is no rival to it, and what it may explain beside it is seen when
 /// pairs are grown.
 const RIVAL: f64 = 0.05;
@@ -97,7 +102,12 @@ impl Search<'_> {
         let base = self.judge(base)?;
         let (able, unfit) = able::able(self.data);
         // What explains less than would be called a mismatch may be the floor's own error; an unknown load may hide what moves.
-        let asked = |e: &EffectId| mismatched(&base) || (steps(&base) && e.info().site == Site::Mechanical);
+        let reversing = self.steps_reverse(&base);
+        let hiding = steps(&base) && mismatched_by(&base, HIDING);
+        let asked = |e: &EffectId| {
+            let hidden = hiding && e.info().site == Site::Mechanical;
+            mismatched_by(&base, 1.0) || hidden || (e.jumps() && reversing)
+        };
         let asked: Vec<EffectId> = able.iter().copied().filter(asked).collect();
         let singles = self.extend(&base, &asked, SINGLES, true)?;
         self.monitor.report("single effects", 0.6);
@@ -145,7 +155,7 @@ impl Search<'_> {
         let shown = power::survey(self.data, &best.fitted, &absent, scale.worth(), poor, self.monitor);
         self.look_alikes(&best, &shown, &mut swaps)?;
         self.monitor.report("alternatives", 0.95);
-        let base = self.under_load_of(&best, base)?;
+        let base = self.compared(&best, base)?;
         let path = path(&base, &best, &seen, &scale);
         Ok(Outcome { base, singles, best, swaps, unfit, shown, scale, path })
     }
@@ -190,7 +200,7 @@ impl Search<'_> {
             (LEAST_SHARE * parent.excess() / (1.0 + parent.excess())).max(LEAST_SCORE)
         } else {
             let best = prospects.iter().map(|p| p.score).fold(0.0, f64::max);
-            (RIVAL * best).max(if mismatched(parent) { LEAST_SCORE } else { IN_PLACE_OF_STEPS })
+            (RIVAL * best).max(if mismatched_by(parent, 1.0) { LEAST_SCORE } else { IN_PLACE_OF_STEPS })
         };
         let shaken = thorough && parent.fitted.square(Channel::OmegaE) > 1.0 + MISMATCH;
         let reversing = self.steps_reverse(parent);
@@ -243,10 +253,25 @@ impl Search<'_> {
         let mut effects = parent.fitted.effects();
         effects.push(prospect.effect);
         let model = Model::new(*parent.fitted.model.context(), &effects);
-        let mut start = parent.fitted.own().to_vec();
-        start.extend(&prospect.start);
         let electrical_done = prospect.effect.info().site == Site::Mechanical;
-        self.judge(hypothesis::fit(self.data, &model, &start, electrical_done, self.monitor)?)
+        let fit = |own: &[f64]| {
+            let start = [parent.fitted.own(), own].concat();
+            hypothesis::fit(self.data, &model, &start, electrical_done, self.monitor)
+        };
+        let mut fitted = fit(&prospect.start)?;
+        let parameters = prospect.effect.info().parameters;
+        let shaped = parameters.iter().any(|p| p.role == Role::Shape);
+        let kept = explained(&parent.fitted, &fitted) >= KEPT_PROMISE * prospect.score;
+        if shaped && !kept && parent.excess() > MISMATCH && !self.monitor.cancelled() {
+            let strength = |p: &Parameter| if p.role == Role::Amplitude { FAINTER } else { 1.0 };
+            let fainter: Vec<f64> =
+                prospect.start.iter().zip(parameters).map(|(x, p)| x * strength(p)).collect();
+            let again = fit(&fainter)?;
+            if explained(&parent.fitted, &again) > explained(&parent.fitted, &fitted) {
+                fitted = again;
+            }
+        }
+        self.judge(fitted)
     }
 
     fn rest(&self, able: &[EffectId], parent: &Judged) -> Vec<EffectId> {
@@ -262,25 +287,41 @@ impl Search<'_> {
             .any(|(d, h)| reversals::meets_step(d, h))
     }
 
-    /// The bare machine without the load steps that an effect of the best set makes needless.
-    fn under_load_of(&self, best: &Judged, base: Judged) -> Result<Judged> {
-        if !best.fitted.effects().iter().any(|e| e.jumps()) || !self.steps_reverse(&base) {
+    /// The bare machine as `best` is to be compared with: without the load steps that an effect of it makes needless.
+    fn compared(&self, best: &Judged, base: Judged) -> Result<Judged> {
+        let effects = best.fitted.effects();
+        if effects.is_empty() {
+            return Ok(best.clone());
+        }
+        if !effects.iter().any(|e| e.jumps()) || !self.steps_reverse(&base) {
             return Ok(base);
         }
-        let fitted = hypothesis::under_load_of(&best.fitted, self.data, &base.fitted, true, self.monitor)?;
+        self.under_load_of(best, &base.fitted, base.refuted)
+    }
+
+    /// `other` fitted anew under the load that `best` finds on each recording.
+    fn under_load_of(&self, best: &Judged, other: &Hypothesis, refuted: bool) -> Result<Judged> {
+        let fitted = hypothesis::under_load_of(&best.fitted, self.data, other, true, self.monitor)?;
         let on_others = self
             .held_out
             .iter()
             .zip(&best.held_out)
             .map(|(data, best)| hypothesis::under_load_of(best, data, &fitted, false, self.monitor));
         let held_out = on_others.collect::<Result<Vec<_>>>()?;
-        Ok(Judged { fitted, held_out, refuted: base.refuted })
+        Ok(Judged { fitted, held_out, refuted })
     }
 }
 
-/// Whether more is left than the floor's own error may be.
-fn mismatched(judged: &Judged) -> bool {
-    judged.excess() > MISMATCH || judged.held_out_excess() > MISMATCH_HELD_OUT
+/// Mean square that `larger` takes away, in units of what `smaller` leaves in each channel, summed over the channels: what a score
+/// promises.
+fn explained(smaller: &Hypothesis, larger: &Hypothesis) -> f64 {
+    let both = smaller.squares.iter().zip(&larger.squares);
+    both.map(|((_, before), (_, after))| (before - after) / before.max(1.0)).sum()
+}
+
+/// Whether `share` of what the floor's own error may be is left, and more.
+fn mismatched_by(judged: &Judged, share: f64) -> bool {
+    judged.excess() > share * MISMATCH || judged.held_out_excess() > share * MISMATCH_HELD_OUT
 }
 
 /// Whether an unknown load steps on any recording.

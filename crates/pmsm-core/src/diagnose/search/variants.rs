@@ -40,9 +40,6 @@ impl Search<'_> {
                     }
                 }
             }
-            if effects.len() < 2 {
-                return Ok(best);
-            }
             for drop in &effects {
                 let fewer = self.without(&best, *drop, seen)?;
                 let fewer = self.under_same_load(&best, *drop, fewer, scale, seen)?;
@@ -116,8 +113,7 @@ impl Search<'_> {
         let (electrical, _, sensors) = hypothesis::free_parameters(self.data, &model);
         let free = if self.data.has(true) { [electrical, sensors].concat() } else { Vec::new() };
         let without = Hypothesis { free, ..Hypothesis::bare(model, start) };
-        let same = hypothesis::under_load_of(&best.fitted, self.data, &without, true, self.monitor)?;
-        let same = self.judge(same)?;
+        let same = self.under_load_of(best, &without, fewer.refuted)?;
         if scale.loss(&same) >= scale.loss(&fewer) {
             return Ok(fewer);
         }
