@@ -10,7 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pmsm_rs as pm
 import pytest
+from pmsm_rs.config import read_machine
 
 pytest.importorskip("numba")
 pq = pytest.importorskip("pyarrow.parquet")
@@ -22,7 +24,7 @@ sys.path.insert(0, str(ROOT))
 from proof import bench, make_demo  # noqa: E402
 from proof.case import account, clean_channels, make_case, nameplate_of  # noqa: E402
 from proof.effects import CATALOGUE, EQUATION  # noqa: E402
-from proof.machines import HUB, PUMP, SERVO  # noqa: E402
+from proof.machines import HUB, PUMP, SERVO, TRACTION  # noqa: E402
 from proof.manoeuvres import make  # noqa: E402
 from proof.plant import simulate  # noqa: E402
 
@@ -200,6 +202,31 @@ def test_unknown_names_are_refused():
         simulate(SERVO, {"dead_time": {"v_error": 1.0}}, manoeuvre, seed=1)
     with pytest.raises(ValueError, match="locked"):
         make(SERVO, "rich", "locked")
+
+
+@pytest.mark.parametrize("stator_hold", [False, True])
+def test_an_inverter_that_holds_its_voltage_in_the_stator_is_no_mismatch(tmp_path, stator_hold):
+    """At 0.13 rad per period the mean current between two samples is an ampere off, and so the torque."""
+    truth = make_case(
+        tmp_path / "open",
+        TRACTION,
+        {},
+        "fast",
+        "none",
+        3,
+        truth_folder=tmp_path / "sealed",
+        stator_hold=stator_hold,
+    )
+    off = truth["runs"]["recording"]["plain_refit"]["omega_e"]
+    assert (off > 1.2) is stator_hold
+    machine = read_machine(tmp_path / "open" / "machine.toml")
+    first, other = (
+        pm.load(tmp_path / "open" / f"{n}.parquet", machine=machine) for n in ("recording", "validation")
+    )
+    answer = pm.diagnose(first, machine.machine, validation=other)
+    assert answer.verdict == "no_mismatch"
+    said = [f["finding"] for f in answer.data_quality if "stator" in f["finding"]]
+    assert len(said) == int(stator_hold)
 
 
 def test_a_case_hides_its_truth_and_states_only_the_nameplate(tmp_path):

@@ -29,6 +29,7 @@ pub mod unmodelled;
 pub mod verdict;
 
 use crate::error::Result;
+use crate::experiment::Channel;
 use crate::least_squares;
 use crate::machine::Machine;
 use crate::model::Model;
@@ -48,6 +49,8 @@ const QUIETER: f64 = 0.93;
 /// be from those that the noise was estimated with.
 const SETTLING: usize = 5;
 const AWAY: f64 = 0.005;
+/// Share of the speed's excess that may be left where voltages held in the stator's frame explain it.
+const STATOR_HELD: f64 = 0.25;
 /// Signals must exceed their noise by this factor for anything to be said.
 const LEAST_SIGNAL: f64 = 5.0;
 /// Relative standard error of an electrical base parameter, from the sensors' noise alone, from which the recording is
@@ -72,12 +75,16 @@ pub fn diagnose(
         return Ok(conclude::undetermined(&whole, finding));
     }
     let mut base = fit_base(&mut whole, monitor)?;
+    base = settle_hold(&mut whole, base, monitor)?;
     if turns::settle(&mut whole, &base) {
         base = refit(&whole, &base, monitor)?;
     }
     let mut others = Vec::new();
     if let Some(recording) = validation {
         let mut data = Data::new(Signals::new(recording, machine)?, machine)?;
+        if whole.signals.stator_held {
+            data.hold_in_stator();
+        }
         let transferred = hypothesis::transfer(&data, &base, monitor)?;
         data.settle_floors(&transferred);
         others.push(data);
@@ -159,6 +166,32 @@ fn fit_base(data: &mut Data, monitor: &dyn Monitor) -> Result<Hypothesis> {
         }
     }
     Ok(found)
+}
+
+/// Fits the bare machine once more with voltages held in the stator's frame, and stays with it if that alone explains the motion:
+/// nothing of it is free.
+fn settle_hold(data: &mut Data, found: Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
+    let before = found.square(Channel::OmegaE) - 1.0;
+    // Without a speed or without voltages there is nothing to compare; false for NaN, too.
+    let open = before > verdict::MISMATCH && data.has(true) && !monitor.cancelled();
+    if !open || data.runs().iter().any(|run| run.signals.v.is_none()) {
+        return Ok(found);
+    }
+    let mut tried = data.clone();
+    tried.hold_in_stator();
+    let held = hypothesis::fit(&tried, &found.model, found.own(), false, monitor)?;
+    if held.square(Channel::OmegaE) - 1.0 > STATOR_HELD * before {
+        return Ok(found);
+    }
+    tried.signals.findings.push(Finding {
+        finding: "the voltages act as if they were held in the stator's frame over each control period"
+            .into(),
+        consequence: "the mean current, and so the torque, between two samples is corrected for it".into(),
+        fix: "nothing is wrong; log mean currents, or sample faster, to be free of it".into(),
+    });
+    tried.settle_floors(&held);
+    *data = tried;
+    refit(data, &held, monitor)
 }
 
 fn refit(data: &Data, from: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
@@ -350,7 +383,7 @@ mod tests {
         }
         let mut data = Data::new(signals, &setup.nameplate).unwrap();
         let base = fit_base(&mut data, &Silent).unwrap();
-        let speed = data.floors.iter().find(|f| f.channel == crate::experiment::Channel::OmegaE).unwrap();
+        let speed = data.floors.iter().find(|f| f.channel == Channel::OmegaE).unwrap();
         assert!(speed.driven > 0.5 * speed.sensor, "{speed:?}");
         let square = base.square(speed.channel);
         assert!((square - 1.0).abs() < verdict::MISMATCH, "{square}");

@@ -44,6 +44,8 @@ pub struct Signals {
     pub control_period: Option<f64>,
     /// Rotor-frame voltage acting from each sample to the next, V; zero on an axis that was not logged.
     pub v: Option<[Vec<f64>; 2]>,
+    /// Whether the voltage is held in the stator's frame over a control period, as inverters do, and not in the rotor's.
+    pub stator_held: bool,
     /// Whether the voltage of the d and of the q axis was logged.
     pub axes: [bool; 2],
     /// Rotor-frame current in the logged frame, A.
@@ -95,6 +97,24 @@ impl Signals {
         let mut signals = Self::in_rotor_frame(recording, machine)?;
         signals.complete();
         Ok(signals)
+    }
+
+    /// Takes the voltages as held in the stator's frame over each control period h. Seen from the rotor they turn back meanwhile about
+    /// their mean; to second order the currents at the end are those of a voltage that is larger by (ω_e·h)²/12. What it does to
+    /// the currents in between is up to [`crate::simulate::mechanical::torque`].
+    pub fn hold_in_stator(&mut self) {
+        let held = self.held_period();
+        if let (Some(v), false) = (&mut self.v, self.stator_held) {
+            for axis in v {
+                axis.iter_mut().zip(&self.omega_e).for_each(|(v, w)| *v *= 1.0 + (w * held).powi(2) / 12.0);
+            }
+        }
+        self.stator_held = true;
+    }
+
+    /// For how long a voltage is held, s.
+    pub fn held_period(&self) -> f64 {
+        self.control_period.unwrap_or(self.period).min(self.period)
     }
 
     /// The same without phase currents where only rotor-frame ones were logged: the model without effects needs none.
@@ -190,6 +210,7 @@ impl Signals {
             segments,
             period: recording.period(),
             control_period: machine.f_sample.map(|f| 1.0 / f),
+            stator_held: false,
             v,
             axes,
             i,

@@ -177,6 +177,12 @@ impl Data {
         self.runs().iter().flat_map(of).collect()
     }
 
+    /// Takes the voltages of all recordings as held in the stator's frame; see [`Signals::hold_in_stator`].
+    pub fn hold_in_stator(&mut self) {
+        self.signals.hold_in_stator();
+        self.parts.iter_mut().for_each(Data::hold_in_stator);
+    }
+
     /// Whether an equation of any recording contains the parameter.
     pub fn needs(&self, parameter: BaseParameter) -> bool {
         self.runs().iter().any(|part| start::needed(&part.signals, parameter))
