@@ -25,6 +25,9 @@ const LEAST_SCORE: f64 = 0.002;
 /// Beside other effects, one that scores less than this share of the worst channel's excess is not refitted either, unless it is
 /// the best of its site: it has to take away a good part of it to be taken up.
 const LEAST_SHARE: f64 = 0.1;
+/// Of single effects, none is that scores less than this share of the best: it is no rival to it, and what it may explain beside it is seen when
+/// pairs are grown.
+const RIVAL: f64 = 0.05;
 /// Steps of an unknown load may hide what moves: mechanical effects are asked from this share of a mismatch on, unless they score less
 /// than that.
 const HIDING: f64 = 1.0 / 3.0;
@@ -33,9 +36,6 @@ const IN_PLACE_OF_STEPS: f64 = 0.1;
 /// order a strength may come out far too large where shapes matter.
 const KEPT_PROMISE: f64 = 0.5;
 const FAINTER: f64 = 0.1;
-/// Nor is one that scores less than this share of the best: it is no rival to it, and what it may explain beside it is seen when
-/// pairs are grown.
-const RIVAL: f64 = 0.05;
 /// Single effects refitted at most.
 const SINGLES: usize = 10;
 /// Sets from which larger ones are grown.
