@@ -17,23 +17,28 @@ from pmsm_rs.unmodelled import Term, functions
 pytest.importorskip("numba")
 
 
-@pytest.fixture(scope="module")
-def rubbing(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
+def diagnose_rub(folder: Path, name: str, rub: dict[str, float], manoeuvre: str, seed: int) -> Diagnosis:
     """A rotor that rubs at one place of its turn, outside the catalogue, on the plant in proof/."""
     import sys
 
     sys.path.insert(0, str(ROOT))
     from proof.case import make_case
-    from proof.machines import SERVO
+    from proof.machines import MACHINES
 
-    folder: Path = tmp_path_factory.mktemp("rubbing")
-    effects = {"x_tight_spot": {"tau": 0.8, "width": 0.4}}
-    make_case(folder / "open", SERVO, effects, "rich", "none", 5, truth_folder=folder / "sealed")
+    effects = {"x_tight_spot": rub}
+    make_case(
+        folder / "open", MACHINES[name], effects, manoeuvre, "none", seed, truth_folder=folder / "sealed"
+    )
     machine = read_machine(folder / "open" / "machine.toml")
     first, other = (
         pm.load(folder / "open" / f"{n}.parquet", machine=machine) for n in ("recording", "validation")
     )
     return pm.diagnose(first, machine.machine, validation=other)
+
+
+@pytest.fixture(scope="module")
+def rubbing(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
+    return diagnose_rub(tmp_path_factory.mktemp("rubbing"), "servo", {"tau": 0.8, "width": 0.4}, "rich", 5)
 
 
 def test_what_has_no_name_is_modelled_and_predicts_another_run(rubbing: Diagnosis) -> None:
@@ -46,6 +51,16 @@ def test_what_has_no_name_is_modelled_and_predicts_another_run(rubbing: Diagnosi
     assert excess["after"] < 0.5 * excess["before"]
     assert unmodelled.gain_held_out is not None
     assert unmodelled.gain_held_out > 0.3
+
+
+def test_a_rub_at_high_speed_is_not_taken_for_friction(tmp_path: Path) -> None:
+    """Inertia hides where it rubs: friction takes away nine tenths of the mean square in the speed."""
+    rub = {"tau": 0.0909, "width": 0.458, "place": 0.22}
+    answer = diagnose_rub(tmp_path, "spindle", rub, "fast", 355535)
+    assert answer.verdict == "unknown"
+    assert all(candidate.probability < 0.5 for candidate in answer.ranking)
+    assert answer.unmodelled is not None
+    assert "theta_m" in answer.unmodelled.sentence
 
 
 def test_a_map_is_never_an_effect(rubbing: Diagnosis) -> None:

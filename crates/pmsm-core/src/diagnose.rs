@@ -338,6 +338,13 @@ mod tests {
     }
 
     #[test]
+    fn friction_that_load_steps_hide_down_to_the_noise_is_still_asked_about() {
+        // With a step at each reversal the bare machine leaves nothing.
+        let answer = stepping(vec![choice("coulomb_friction", "tau_c", 0.02)]);
+        assert_eq!(answer.model.effects, ["coulomb_friction"], "{:?}", answer.verdict);
+    }
+
+    #[test]
     fn a_load_that_steps_is_not_taken_for_friction() {
         let answer = stepping(Vec::new());
         assert_eq!(answer.verdict, Verdict::NoMismatch, "{:?}", answer.model);

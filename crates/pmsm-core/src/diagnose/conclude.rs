@@ -79,11 +79,16 @@ pub fn conclude(
         verdict = Verdict::Undetermined;
         ranked.iter_mut().for_each(|r| r.probability = r.probability.min(agree::CEILING));
     }
-    let described = if verdict == Verdict::Unknown && !monitor.cancelled() {
-        Some(unmodelled::explain(data, judge, &best.fitted, monitor)?)
-    } else {
-        None
+    let described = match verdict {
+        _ if monitor.cancelled() => None,
+        Verdict::Unknown => Some(unmodelled::explain(data, judge, &best.fitted, monitor)?),
+        Verdict::Named => unmodelled::rival(data, judge, &best.fitted, monitor)?,
+        _ => None,
     };
+    if described.is_some() && verdict == Verdict::Named {
+        verdict = Verdict::Unknown;
+        ranked.iter_mut().for_each(|r| r.probability = r.probability.min(decide::CEILING_UNKNOWN));
+    }
     let settled = described.as_ref().map_or(&best.fitted, |(fitted, _)| fitted);
     let model_outputs = Outputs::new(data, settled);
     // Steady points have no dynamics to tell an effect from the base parameters that it is entangled with.

@@ -12,7 +12,7 @@ use crate::effects::EffectId;
 /// just enough.
 const UNKNOWN: (f64, f64) = (0.02, 0.4);
 /// Highest probability of any name when the verdict is "unknown".
-const CEILING_UNKNOWN: f64 = 0.4;
+pub const CEILING_UNKNOWN: f64 = 0.4;
 /// Candidates less probable than this are not listed.
 const LEAST_LISTED: f64 = 0.001;
 

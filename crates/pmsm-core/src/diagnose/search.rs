@@ -25,8 +25,8 @@ const LEAST_SCORE: f64 = 0.002;
 /// Beside other effects, one that scores less than this share of the worst channel's excess is not refitted either, unless it is
 /// the best of its site: it has to take away a good part of it to be taken up.
 const LEAST_SHARE: f64 = 0.1;
-/// Of single effects, none is that scores less than this share of the best: it is no rival to it, and what it may explain beside it is seen when
-/// pairs are grown.
+/// Of single effects, none is that scores less than this share of the best: it is no rival to it, and what it may explain beside it is
+/// seen when pairs are grown.
 const RIVAL: f64 = 0.05;
 /// Steps of an unknown load may hide what moves: mechanical effects are asked from this share of a mismatch on, unless they score less
 /// than that.

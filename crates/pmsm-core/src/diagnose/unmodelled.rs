@@ -7,6 +7,7 @@
 
 mod candidates;
 mod choice;
+mod rival;
 mod words;
 
 use super::data::Data;
@@ -19,6 +20,8 @@ use crate::monitor::Monitor;
 use crate::recording::Load;
 use choice::Choice;
 use serde::Serialize;
+
+pub use rival::rival;
 
 /// Parts laid on one side at most, one after the other.
 const PARTS: usize = 2;
@@ -110,15 +113,23 @@ pub fn explain(
     best: &Hypothesis,
     monitor: &dyn Monitor,
 ) -> Result<(Hypothesis, Unmodelled)> {
-    let located = locate::locate(data, best);
+    laid(data, judge, best, &sides(data, best), monitor)
+}
+
+/// Maps on these sides, one after the other.
+fn laid(
+    data: &Data,
+    judge: Option<&Data>,
+    best: &Hypothesis,
+    sides: &[Side],
+    monitor: &dyn Monitor,
+) -> Result<(Hypothesis, Unmodelled)> {
     let mut ridged = data.clone();
     let mut current = best.clone();
     let mut gain = 0.0;
-    let mut tried = Vec::new();
-    for side in sides(data, best) {
+    for &side in sides {
         monitor.report("map of what is left", 0.98);
-        let places: Vec<Located> = located.iter().filter(|l| side.holds(&l.equation)).cloned().collect();
-        tried.push(side);
+        let places = places(data, best, side);
         for _ in 0..PARTS {
             let Some(choice) = choice::choose(data, &current, side, &places, monitor) else { break };
             let richer = with_prior(&ridged, &current, &choice);
@@ -128,8 +139,13 @@ pub fn explain(
             gain = 1.0 - (1.0 - gain) * (1.0 - share);
         }
     }
-    let unmodelled = words::unmodelled(data, &current, &tried, gain);
+    let unmodelled = words::unmodelled(data, &current, sides, gain);
     Ok((current, unmodelled))
+}
+
+/// Where `best` leaves something in the equations of one side.
+fn places(data: &Data, best: &Hypothesis, side: Side) -> Vec<Located> {
+    locate::locate(data, best).into_iter().filter(|l| side.holds(&l.equation)).collect()
 }
 
 /// Sides on which more is left than may remain where something is explained, the larger excess first.

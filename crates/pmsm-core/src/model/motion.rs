@@ -53,11 +53,26 @@ impl Model {
             let x = &x[s.mechanical.clone()];
             s.effect.rotor(&p[s.parameters.clone()], x, at, &self.context, &mut rotor);
         }
-        if let Some(map) = &self.map {
-            let point = Point { env: at.env, i: [T::zero(); 2], v: [T::zero(); 2], tau_e: at.tau_e };
-            rotor.loss += map.torque(&p[self.mapped.clone()], &point);
-        }
+        rotor.loss += self.mapped_torque(p, at);
         (at.tau_e - rotor.loss - rotor.load) / rotor.inertia
+    }
+
+    /// Torque of the map against positive rotation, N·m; zero without one.
+    #[inline(always)]
+    pub fn mapped_torque<T: Real>(&self, p: &[T], at: &Mechanical<T>) -> T {
+        let Some(map) = &self.map else { return T::zero() };
+        let point = Point { env: at.env, i: [T::zero(); 2], v: [T::zero(); 2], tau_e: at.tau_e };
+        map.torque(&p[self.mapped.clone()], &point)
+    }
+
+    /// Torque of the effects against positive rotation, N·m, of a model whose effects have no mechanical states.
+    pub fn effects_torque(&self, p: &[f64], at: &Mechanical<f64>) -> f64 {
+        debug_assert_eq!(self.mechanical_states(), 0);
+        let mut rotor = Rotor { inertia: at.j, loss: 0.0, load: 0.0 };
+        for s in &self.slots {
+            s.effect.rotor(&p[s.parameters.clone()], &[], at, &self.context, &mut rotor);
+        }
+        rotor.loss + rotor.load
     }
 
     /// Quasi-static start of the mechanical extra states at mechanical speed `omega_m`.
