@@ -229,6 +229,29 @@ def test_an_inverter_that_holds_its_voltage_in_the_stator_is_no_mismatch(tmp_pat
     assert len(said) == int(stator_hold)
 
 
+def test_a_poor_recording_that_does_not_foresee_the_validation_run_says_so(tmp_path):
+    """At one speed and load an angle offset hides in the parameters; another run is then predicted badly."""
+    make_case(
+        tmp_path / "open",
+        SERVO,
+        {"encoder_angle_offset": {"offset_el_rad": -0.012}},
+        "poor",
+        "unknown_piecewise",
+        1333452,
+        truth_folder=tmp_path / "sealed",
+        duration=1.73,
+    )
+    machine = read_machine(tmp_path / "open" / "machine.toml")
+    first, other = (
+        pm.load(tmp_path / "open" / f"{n}.parquet", machine=machine) for n in ("recording", "validation")
+    )
+    alone, judged = (pm.diagnose(first, machine.machine, validation=v) for v in (None, other))
+    assert judged.verdict == "no_mismatch"
+    said = [[f for f in a.data_quality if "validation run" in f["finding"]] for a in (alone, judged)]
+    assert [len(s) for s in said] == [0, 1]
+    assert "times the noise in i_" in said[1][0]["finding"]
+
+
 def test_a_case_hides_its_truth_and_states_only_the_nameplate(tmp_path):
     effects = {"coulomb_friction": {"tau_c": 0.2}}
     truth = make_case(

@@ -49,7 +49,8 @@ const QUIETER: f64 = 0.93;
 /// be from those that the noise was estimated with.
 const SETTLING: usize = 5;
 const AWAY: f64 = 0.005;
-/// Share of the speed's excess that may be left where voltages held in the stator's frame explain it.
+/// Share of the speed's excess that may be left where voltages held in the stator's frame explain it, and that down to the noise: it has no
+/// free parameter.
 const STATOR_HELD: f64 = 0.25;
 /// Signals must exceed their noise by this factor for anything to be said.
 const LEAST_SIGNAL: f64 = 5.0;
@@ -168,19 +169,19 @@ fn fit_base(data: &mut Data, monitor: &dyn Monitor) -> Result<Hypothesis> {
     Ok(found)
 }
 
-/// Fits the bare machine once more with voltages held in the stator's frame, and stays with it if that alone explains the motion:
-/// nothing of it is free.
+/// Fits the bare machine once more with voltages held in the stator's frame, and stays with it if that alone explains the motion.
 fn settle_hold(data: &mut Data, found: Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
     let before = found.square(Channel::OmegaE) - 1.0;
     // Without a speed or without voltages there is nothing to compare; false for NaN, too.
-    let open = before > verdict::MISMATCH && data.has(true) && !monitor.cancelled();
+    let open = before > verdict::UNEXPLAINED.1 && data.has(true) && !monitor.cancelled();
     if !open || data.runs().iter().any(|run| run.signals.v.is_none()) {
         return Ok(found);
     }
     let mut tried = data.clone();
     tried.hold_in_stator();
     let held = hypothesis::fit(&tried, &found.model, found.own(), false, monitor)?;
-    if held.square(Channel::OmegaE) - 1.0 > STATOR_HELD * before {
+    let left = held.square(Channel::OmegaE) - 1.0;
+    if left > (STATOR_HELD * before).min(verdict::UNEXPLAINED.1) {
         return Ok(found);
     }
     tried.signals.findings.push(Finding {

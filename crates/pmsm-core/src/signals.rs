@@ -6,12 +6,13 @@ mod clock;
 pub mod join;
 mod lag;
 mod open_circuit;
+mod phases;
 
 use crate::effect::Context;
 use crate::error::{Error, Result};
 use crate::machine::{BaseParameter, Machine};
 use crate::recording::{Kind, Load, Recording};
-use crate::transforms::{inverse_park, park};
+use crate::transforms::inverse_park;
 use angle::{check_sense, differentiate, integrate, unwrap};
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -159,7 +160,7 @@ impl Signals {
         if recording.load() == Load::Locked {
             findings.extend(angle::hold(&theta_e, &mut omega_e));
         }
-        let induced = match phase_columns(recording).filter(|_| open) {
+        let induced = match phases::logged_voltages(recording).filter(|_| open) {
             Some(abc) => {
                 let calibration = open_circuit::calibrate(abc, &omega_e, &theta_e, angle_known)?;
                 findings.extend(calibration.findings(angle_known));
@@ -167,7 +168,7 @@ impl Signals {
                     omega_e.iter_mut().for_each(|w| *w *= calibration.speed);
                     theta_e.iter_mut().for_each(|x| *x = calibration.angle + *x * calibration.speed);
                 }
-                Some(induced_voltages(abc, &calibration, &theta_e))
+                Some(phases::induced_voltages(abc, &calibration, &theta_e))
             }
             None => None,
         };
@@ -178,11 +179,11 @@ impl Signals {
         let (phases, three_currents) = if open {
             (Some([vec![0.0; n], vec![0.0; n], vec![0.0; n]]), false)
         } else {
-            phase_currents(recording, &mut findings)
+            phases::currents(recording, &mut findings)
         };
         let i = match (recording.column("i_d"), recording.column("i_q")) {
             (Some(d), Some(q)) => Some([d.to_vec(), q.to_vec()]),
-            _ => phases.as_ref().map(|abc| to_rotor(abc, &theta_e)),
+            _ => phases.as_ref().map(|abc| phases::to_rotor(abc, &theta_e)),
         };
         let (v_d, v_q) = (recording.column("v_d"), recording.column("v_q"));
         let (v, axes) = match (v_d, v_q) {
@@ -190,7 +191,8 @@ impl Signals {
             (Some(d), None) if operating_points => (Some([d.to_vec(), vec![0.0; n]]), [true, false]),
             (None, Some(q)) if operating_points => (Some([vec![0.0; n], q.to_vec()]), [false, true]),
             _ => {
-                let v = induced.or_else(|| phase_voltages(recording, &t, &theta_e, &omega_e, angle_known));
+                let v =
+                    induced.or_else(|| phases::held_voltages(recording, &t, &theta_e, &omega_e, angle_known));
                 (v, [true; 2])
             }
         };
@@ -350,81 +352,6 @@ fn mend(t: &mut Vec<f64>, omega: &mut Vec<f64>, theta: &[f64], segments: &[Range
         });
     }
     findings
-}
-
-/// The phase currents, where at least two were logged, and whether all three were.
-fn phase_currents(recording: &Recording, findings: &mut Vec<Finding>) -> (Option<[Vec<f64>; 3]>, bool) {
-    let column = |name: &str| recording.column(name);
-    let rest = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| -x - y).collect::<Vec<f64>>();
-    let (a, b, c) = (column("i_a"), column("i_b"), column("i_c"));
-    let phases = match (a, b, c) {
-        (Some(a), Some(b), Some(c)) => return (Some([a.to_vec(), b.to_vec(), c.to_vec()]), true),
-        (Some(a), Some(b), None) => Some([a.to_vec(), b.to_vec(), rest(a, b)]),
-        (None, Some(b), Some(c)) => Some([rest(b, c), b.to_vec(), c.to_vec()]),
-        (Some(a), None, Some(c)) => Some([a.to_vec(), rest(a, c), c.to_vec()]),
-        _ => None,
-    };
-    if phases.is_some() {
-        findings.push(Finding {
-            finding: "only two phase currents are logged".into(),
-            consequence:
-                "the currents' noise is estimated from the model, and a common offset cannot be seen".into(),
-            fix: "log the third phase current".into(),
-        });
-    }
-    (phases, false)
-}
-
-fn to_rotor(abc: &[Vec<f64>; 3], theta: &[f64]) -> [Vec<f64>; 2] {
-    let mut dq = [Vec::with_capacity(theta.len()), Vec::with_capacity(theta.len())];
-    for k in 0..theta.len() {
-        let (s, c) = theta[k].sin_cos();
-        let [d, q] = park([abc[0][k], abc[1][k], abc[2][k]], c, s);
-        dq[0].push(d);
-        dq[1].push(q);
-    }
-    dq
-}
-
-/// The three phase voltages, if all were logged.
-fn phase_columns(recording: &Recording) -> Option<[&[f64]; 3]> {
-    Some([recording.column("v_a")?, recording.column("v_b")?, recording.column("v_c")?])
-}
-
-/// Measured phase voltages of open terminals in the rotor frame, without what their channels add.
-fn induced_voltages(
-    abc: [&[f64]; 3],
-    calibration: &open_circuit::Calibration,
-    theta: &[f64],
-) -> [Vec<f64>; 2] {
-    let corrected: Vec<[f64; 3]> =
-        (0..theta.len()).map(|k| calibration.corrected([abc[0][k], abc[1][k], abc[2][k]])).collect();
-    let phase = |x: usize| corrected.iter().map(|v| v[x]).collect();
-    to_rotor(&[phase(0), phase(1), phase(2)], theta)
-}
-
-/// Phase voltages held from sample to sample, seen from the rotor in the middle of the interval.
-fn phase_voltages(
-    recording: &Recording,
-    t: &[f64],
-    theta: &[f64],
-    omega: &[f64],
-    angle_known: bool,
-) -> Option<[Vec<f64>; 2]> {
-    let abc = phase_columns(recording)?;
-    if !angle_known {
-        return None;
-    }
-    let n = t.len();
-    let mut dq = [Vec::with_capacity(n), Vec::with_capacity(n)];
-    for k in 0..n {
-        let h = if k + 1 < n { t[k + 1] - t[k] } else { recording.period() };
-        let (s, c) = (theta[k] + 0.5 * h.min(2.0 * recording.period()) * omega[k]).sin_cos();
-        let [d, q] = park([abc[0][k], abc[1][k], abc[2][k]], c, s);
-        dq[0].push(d);
-        dq[1].push(q);
-    }
-    Some(dq)
 }
 
 #[cfg(test)]

@@ -115,6 +115,8 @@ pub fn conclude(
     let next_experiment = prescribe::next_experiment(data, &ranked, &outcome, verdict, weak, monitor)?;
     let mut data_quality = quality(data, weak, &ties, refuted);
     data_quality.extend(contradiction.map(|c| c.finding));
+    let others = validation.iter().filter(|_| !weak.is_empty() && !refuted);
+    data_quality.extend(others.filter_map(|(_, _, after)| not_foreseen(after)));
     Ok(Answer {
         schema: "pmsm-rs.diagnosis/1",
         verdict,
@@ -247,6 +249,24 @@ fn quality(data: &Data, weak: &[String], found: &[Inseparable], refuted: bool) -
         });
     }
     findings
+}
+
+/// A finding if a model fitted to a poor recording does not predict the validation run.
+fn not_foreseen(on_validation: &Hypothesis) -> Option<Finding> {
+    if verdict::largest_excess(on_validation) <= verdict::MISMATCH_HELD_OUT {
+        return None;
+    }
+    let (channel, square) = on_validation.squares.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    Some(Finding {
+        finding: format!(
+            "on the validation run the model leaves {} times the noise in {}",
+            power::times(square.sqrt()),
+            channel.name()
+        ),
+        consequence: "either a parameter that this recording does not pin down is wrong, or something is missing that it does not show"
+            .into(),
+        fix: "diagnose the validation run by itself, or both recordings together".into(),
+    })
 }
 
 /// Measured, before and after, with the operating point.

@@ -10,11 +10,11 @@
 //! Δ_c this is half a noncentral χ² with the noncentrality Σ_c n_c·Δ_c² (Kay, "Fundamentals of statistical signal
 //! processing: detection theory", 1998, section 6.5). The power is the probability that g exceeds what an effect must gain.
 
-use super::answer::Unseen;
+mod words;
+
 use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::locate::upper_tail;
-use super::search::Outcome;
 use super::shortlist::{Scorer, freed, orthonormal, solve};
 use super::verdict::{INDISTINGUISHABLE, LEAST_GAIN, MISMATCH, PRICE};
 use crate::effect::Role;
@@ -26,12 +26,14 @@ use crate::tall;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+pub use words::{cannot_see, times};
+
 /// Cosine from which an effect is taken for a look-alike of another.
 pub const ALIKE: f64 = 0.95;
 /// Share of what the fitted parameters absorb from which one of them is said to do it.
 const ABSORBS: f64 = 0.2;
-/// What is left of an effect, relative to what it adds, below which the fitted parameters are said to absorb it.
-const ABSORBED: f64 = 0.5;
+/// Power below which an effect is listed as one that the recording would not show.
+pub const EVEN: f64 = 0.5;
 /// Parameters named at most.
 const NAMED: usize = 2;
 
@@ -65,77 +67,6 @@ impl Shown {
             .iter()
             .any(|(e, cosine, nats)| *e == found && *cosine > ALIKE && *nats < INDISTINGUISHABLE)
     }
-}
-
-impl Shown {
-    /// Why it would be missed, in plain words.
-    fn why(&self, found: &[EffectId]) -> String {
-        let (before, after) = self.size;
-        let channel = self.channel.name();
-        let contained = found.iter().find(|e| self.effect.info().contains.contains(&e.id()));
-        if let Some(special) = contained {
-            return format!(
-                "{} is a special case of it and fits as well: what it has beyond that would add {} times the noise to \
-                 {channel} at its typical strength, so that it cannot be excluded",
-                special.id(),
-                times(after)
-            );
-        }
-        if self.at_best > EVEN {
-            return format!(
-                "in some of its forms it hides: at its typical strength it would leave {} to {} times the noise in {channel} \
-                 after the fitted parameters have adjusted",
-                times(self.least),
-                times(after)
-            );
-        }
-        if after > ABSORBED * before {
-            return format!(
-                "at its typical strength it would add only {} times the noise to {channel}",
-                times(after)
-            );
-        }
-        let by = match self.absorbed_by.as_slice() {
-            [] => "the fitted parameters together absorb".to_string(),
-            [one] => format!("the fitted {one} absorbs"),
-            [first, second, ..] => format!("the fitted {first} and {second} absorb"),
-        };
-        format!(
-            "at its typical strength it moves {channel} by {} times the noise, but {by} all but {} times the noise of that",
-            times(before),
-            times(after)
-        )
-    }
-}
-
-/// A multiple of the noise in words of two digits, near one of three.
-pub fn times(x: f64) -> String {
-    if x < 0.01 {
-        "less than 0.01".into()
-    } else if x < 1.995 {
-        format!("{x:.2}")
-    } else if x < 9.95 {
-        format!("{x:.1}")
-    } else {
-        format!("{x:.0}")
-    }
-}
-
-/// Power below which an effect is listed as one that the recording would not show.
-pub const EVEN: f64 = 0.5;
-
-/// Effects that would probably be missed at their typical strength, and those that could not be asked for, least power first.
-pub fn cannot_see(outcome: &Outcome) -> Vec<Unseen> {
-    let found = outcome.best.fitted.effects();
-    let mut out: Vec<Unseen> = outcome
-        .unfit
-        .iter()
-        .map(|(effect, why)| Unseen { effect: effect.id().into(), why: why.clone(), power: 0.0 })
-        .collect();
-    let missed = outcome.shown.iter().filter(|s| s.power < EVEN && !found.contains(&s.effect));
-    out.extend(missed.map(|s| Unseen { effect: s.effect.id().into(), why: s.why(&found), power: s.power }));
-    out.sort_by(|a, b| a.power.total_cmp(&b.power));
-    out
 }
 
 /// What a found effect adds to the residual, and what the other parameters can do.

@@ -1,0 +1,77 @@
+//! What a recording cannot show, in plain words.
+
+use super::{EVEN, Shown};
+use crate::diagnose::answer::Unseen;
+use crate::diagnose::search::Outcome;
+use crate::effects::EffectId;
+
+/// What is left of an effect, relative to what it adds, below which the fitted parameters are said to absorb it.
+const ABSORBED: f64 = 0.5;
+
+/// Effects that would probably be missed at their typical strength, and those that could not be asked for, least power first.
+pub fn cannot_see(outcome: &Outcome) -> Vec<Unseen> {
+    let found = outcome.best.fitted.effects();
+    let mut out: Vec<Unseen> = outcome
+        .unfit
+        .iter()
+        .map(|(effect, why)| Unseen { effect: effect.id().into(), why: why.clone(), power: 0.0 })
+        .collect();
+    let missed = outcome.shown.iter().filter(|s| s.power < EVEN && !found.contains(&s.effect));
+    out.extend(missed.map(|s| Unseen { effect: s.effect.id().into(), why: s.why(&found), power: s.power }));
+    out.sort_by(|a, b| a.power.total_cmp(&b.power));
+    out
+}
+
+impl Shown {
+    /// Why it would be missed, in plain words.
+    pub(super) fn why(&self, found: &[EffectId]) -> String {
+        let (before, after) = self.size;
+        let channel = self.channel.name();
+        let contained = found.iter().find(|e| self.effect.info().contains.contains(&e.id()));
+        if let Some(special) = contained {
+            return format!(
+                "{} is a special case of it and fits as well: what it has beyond that would add {} times the noise to \
+                 {channel} at its typical strength, so that it cannot be excluded",
+                special.id(),
+                times(after)
+            );
+        }
+        if self.at_best > EVEN {
+            return format!(
+                "in some of its forms it hides: at its typical strength it would leave {} to {} times the noise in {channel} \
+                 after the fitted parameters have adjusted",
+                times(self.least),
+                times(after)
+            );
+        }
+        if after > ABSORBED * before {
+            return format!(
+                "at its typical strength it would add only {} times the noise to {channel}",
+                times(after)
+            );
+        }
+        let by = match self.absorbed_by.as_slice() {
+            [] => "the fitted parameters together absorb".to_string(),
+            [one] => format!("the fitted {one} absorbs"),
+            [first, second, ..] => format!("the fitted {first} and {second} absorb"),
+        };
+        format!(
+            "at its typical strength it moves {channel} by {} times the noise, but {by} all but {} times the noise of that",
+            times(before),
+            times(after)
+        )
+    }
+}
+
+/// A multiple of the noise in words of two digits, near one of three.
+pub fn times(x: f64) -> String {
+    if x < 0.01 {
+        "less than 0.01".into()
+    } else if x < 1.995 {
+        format!("{x:.2}")
+    } else if x < 9.95 {
+        format!("{x:.1}")
+    } else {
+        format!("{x:.0}")
+    }
+}
