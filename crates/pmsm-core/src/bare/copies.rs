@@ -39,8 +39,6 @@ pub struct Around<'a> {
 pub struct Rows<'a> {
     /// Number of the segment.
     pub segment: usize,
-    /// First sample.
-    pub first: usize,
     /// The rows, [`width`] numbers each, per sample one for i_d, i_q and ω_e.
     pub rows: &'a [f64],
 }
@@ -50,19 +48,21 @@ pub fn width(free: usize) -> usize {
     (free + INITIAL + 1).div_ceil(BLOCK) * BLOCK
 }
 
-/// Simulates the recording around a point and hands over the rows stretch by stretch. Returns false once `stop` says so.
+/// Simulates the recording around a point and hands over the rows stretch by stretch; `all` keeps them behind each other, if it is
+/// given. Returns false once `stop` says so.
 pub fn rows(
     track: &Track,
     kernel: Kernel,
     around: Around<'_>,
     stop: &dyn Fn() -> bool,
+    mut all: Option<&mut Vec<f64>>,
     mut sink: impl FnMut(Rows<'_>),
 ) -> bool {
     let varied = around.free.len() + INITIAL;
     // The last column of the first half is the point itself.
     let width = width(around.free.len());
     let mut blocks = Block::room(2 * width);
-    let mut rows = vec![0.0; STRETCH * 3 * width];
+    let mut again = vec![0.0; STRETCH * 3 * width];
     let (mut counts, mut scale) = (vec![1.0; width], vec![0.0; width]);
     (counts[width - 1], scale[width - 1]) = (0.0, 1.0);
     for (number, segment) in track.segments.iter().enumerate() {
@@ -85,11 +85,18 @@ pub fn rows(
             }
             let stretch =
                 Stretch { samples, pieces: segment.pieces, show_w: segment.show_w, has_load: track.has_load };
-            let rows = &mut rows[..samples.len() / fields(track.has_load) * 3 * width];
+            let count = samples.len() / fields(track.has_load) * 3 * width;
+            let rows = match &mut all {
+                Some(all) => {
+                    let kept = all.len();
+                    all.resize(kept + count, 0.0);
+                    &mut all[kept..]
+                }
+                None => &mut again[..count],
+            };
             let differences = Differences { counts: &counts, scale: &scale, rows };
             block::subtract(kernel, &mut blocks, stretch, differences);
-            let first = segment.range.start + part * STRETCH;
-            sink(Rows { segment: number, first, rows });
+            sink(Rows { segment: number, rows });
         }
     }
     true

@@ -1,6 +1,7 @@
 //! The search for the set of effects: all singles, then pairs and triples grown from the best, each refitted by
 //! simulation and judged on the recording and on the held-out run.
 
+mod sets;
 mod variants;
 
 use super::able;
@@ -9,7 +10,7 @@ use super::hypothesis::{self, Hypothesis};
 use super::power::{self, Shown};
 use super::reversals;
 use super::shortlist::{Prospect, Scorer};
-use super::verdict::{self, Judged, MISMATCH, MISMATCH_HELD_OUT, PROGRESS, Scale};
+use super::verdict::{self, Judged, MISMATCH, PROGRESS, Scale};
 use crate::effect::{Parameter, Role, Site};
 use crate::effects::{self, EffectId};
 use crate::error::Result;
@@ -17,6 +18,7 @@ use crate::experiment::Channel;
 use crate::model::Model;
 use crate::monitor::Monitor;
 use rayon::prelude::*;
+use sets::{explained, foothold, mismatched_by, path, progress, same, sorted, steps};
 
 pub use variants::Swap;
 
@@ -124,7 +126,9 @@ impl Search<'_> {
             }
             self.monitor.report("combinations of effects", 0.5 + 0.1 * size as f64);
             let mut beam = sorted(&seen, &scale);
-            beam.retain(|j| j.fitted.effects().len() == size - 1);
+            let smaller = beam.iter().find(|j| j.fitted.effects().len() == size - 2).cloned();
+            let holds = |j: &Judged| smaller.as_ref().is_none_or(|smaller| foothold(j, smaller));
+            beam.retain(|j| j.fitted.effects().len() == size - 1 && holds(j));
             beam.truncate(BEAM);
             let mut larger: Vec<Judged> = Vec::new();
             for (rank, parent) in beam.iter().enumerate() {
@@ -310,62 +314,4 @@ impl Search<'_> {
         let held_out = on_others.collect::<Result<Vec<_>>>()?;
         Ok(Judged { fitted, held_out, refuted })
     }
-}
-
-/// Mean square that `larger` takes away, in units of what `smaller` leaves in each channel, summed over the channels: what a score
-/// promises.
-fn explained(smaller: &Hypothesis, larger: &Hypothesis) -> f64 {
-    let both = smaller.squares.iter().zip(&larger.squares);
-    both.map(|((_, before), (_, after))| (before - after) / before.max(1.0)).sum()
-}
-
-/// Whether `share` of what the floor's own error may be is left, and more.
-fn mismatched_by(judged: &Judged, share: f64) -> bool {
-    judged.excess() > share * MISMATCH || judged.held_out_excess() > share * MISMATCH_HELD_OUT
-}
-
-/// Whether an unknown load steps on any recording.
-fn steps(judged: &Judged) -> bool {
-    let all = std::iter::once(&judged.fitted).chain(&judged.held_out);
-    all.flat_map(|h| &h.nuisances).any(|n| n.steps() > 0)
-}
-
-/// From the bare machine to the best set through the best subsets that were tried.
-fn path(base: &Judged, best: &Judged, seen: &[Judged], scale: &Scale) -> Vec<Judged> {
-    let goal = best.fitted.effects();
-    let mut path = vec![base.clone()];
-    for size in 1..goal.len() {
-        let sofar = path[path.len() - 1].fitted.effects();
-        let step = seen
-            .iter()
-            .filter(|j| {
-                let effects = j.fitted.effects();
-                effects.len() == size
-                    && effects.iter().all(|e| goal.contains(e))
-                    && sofar.iter().all(|e| effects.contains(e))
-            })
-            .min_by(|a, b| scale.loss(a).total_cmp(&scale.loss(b)));
-        path.extend(step.cloned());
-    }
-    if !goal.is_empty() {
-        path.push(best.clone());
-    }
-    path
-}
-
-/// Hypotheses by loss, best first.
-fn sorted(hypotheses: &[Judged], scale: &Scale) -> Vec<Judged> {
-    let mut sorted = hypotheses.to_vec();
-    sorted.sort_by(|a, b| scale.loss(a).total_cmp(&scale.loss(b)));
-    sorted
-}
-
-/// Whether a larger set takes away a good part of what the smaller one leaves.
-fn progress(larger: &Judged, smaller: &Judged) -> bool {
-    smaller.fitted.effects().is_empty() || larger.all_squares() < PROGRESS * smaller.all_squares()
-}
-
-/// Whether `set` is `parent` with `added`.
-fn same(set: &[EffectId], parent: &[EffectId], added: EffectId) -> bool {
-    set.len() == parent.len() + 1 && set.contains(&added) && parent.iter().all(|e| set.contains(e))
 }

@@ -110,15 +110,14 @@ impl Recorded {
         let (n, free) = (residual.len() / 3, jacobian.ncols());
         let width = copies::width(free);
         let rows = &self.rows[3 * width * segment.start..3 * width * segment.end];
-        let columns = jacobian.as_mut_slice().chunks_exact_mut(3 * n).zip(slopes.iter().copied()).enumerate();
-        for (at, (column, follows)) in columns.chain([(width - 1, (residual.as_mut_slice(), -error))]) {
-            for channel in 0..3 {
-                let column = &mut column[channel * n + segment.start..channel * n + segment.end];
-                for (x, row) in column.iter_mut().zip(rows[channel * width..].chunks(3 * width)) {
-                    let initial = &row[free..][..INITIAL];
-                    *x =
-                        row[at] + initial[0] * follows[0] + initial[1] * follows[1] + initial[2] * follows[2];
-                }
+        let (residual, jacobian) = (residual.as_mut_slice(), jacobian.as_mut_slice());
+        for (number, row) in rows.chunks_exact(width).enumerate() {
+            let place = number % 3 * n + segment.start + number / 3;
+            let initial = &row[free..][..INITIAL];
+            let follow = |by: &Vector3<f64>| initial[0] * by[0] + initial[1] * by[1] + initial[2] * by[2];
+            residual[place] = row[width - 1] - follow(error);
+            for (column, by) in slopes.iter().enumerate() {
+                jacobian[column * 3 * n + place] = row[column] + follow(by);
             }
         }
     }
@@ -233,11 +232,7 @@ impl Objective<'_> {
         stop: &dyn Fn() -> bool,
     ) -> Option<Nearby> {
         let mut rows = record.then(|| Recorded::room(self.experiment.signals.len(), free.len()));
-        let all = self.sums(p, free, starts, stop, |part| {
-            if let Some(rows) = &mut rows {
-                rows.rows.extend_from_slice(part.rows);
-            }
-        })?;
+        let all = self.sums(p, free, starts, stop, rows.as_mut().map(|rows| &mut rows.rows))?;
         let mut normal = Normal {
             cost: 0.0,
             jtj: DMatrix::zeros(free.len(), free.len()),
@@ -280,7 +275,7 @@ impl Objective<'_> {
         let look = |starts: &Starts| {
             let mut better = starts.clone();
             let mut cost = 0.0;
-            for (sums, start) in self.sums(p, &[], starts, &go, |_| ())?.iter().zip(&mut better) {
+            for (sums, start) in self.sums(p, &[], starts, &go, None)?.iter().zip(&mut better) {
                 let (last, error) = (sums.width - 1, sums.explained(None));
                 cost += sums.get(last, last);
                 for k in 0..INITIAL {
@@ -293,14 +288,14 @@ impl Objective<'_> {
         self.normal(p, free, &best, true, &go)?.linear
     }
 
-    /// Products of columns, segment by segment.
+    /// Products of columns, segment by segment; `keep` takes the rows, see [`copies::rows`].
     fn sums(
         &self,
         p: &[f64],
         free: &[usize],
         starts: &Starts,
         stop: &dyn Fn() -> bool,
-        mut see: impl FnMut(&copies::Rows<'_>),
+        keep: Option<&mut Vec<f64>>,
     ) -> Option<Vec<Sums>> {
         let track = self.prepared.track.as_ref().filter(|_| self.drive == Drive::Coupled)?;
         let p: &[f64; POINT] = p.try_into().ok()?;
@@ -315,9 +310,8 @@ impl Objective<'_> {
         let mut all: Vec<Sums> = starts.iter().map(|_| empty()).collect();
         let around = Around { p, free, sizes: &sizes, initial_sizes, starts };
         let kernel = Kernel::default();
-        let done = copies::rows(track, kernel, around, stop, |rows| {
+        let done = copies::rows(track, kernel, around, stop, keep, |rows| {
             copies::accumulate(kernel, rows.rows, free_count, &mut all[rows.segment].values);
-            see(&rows);
         });
         if !done {
             // Unfinished sums must not be taken for an answer.

@@ -1,6 +1,7 @@
 //! Sets beside the best one: without one of its effects, with a special case of it, or with another in its place.
 
-use super::{BRANCHES, Search, same};
+use super::sets::{same, steps};
+use super::{BRANCHES, Search};
 use crate::base::BASE;
 use crate::diagnose::hypothesis::{self, Hypothesis};
 use crate::diagnose::power::Shown;
@@ -106,7 +107,7 @@ impl Search<'_> {
         scale: &Scale,
         seen: &mut [Judged],
     ) -> Result<Judged> {
-        if drop.info().site != Site::Mechanical || !super::steps(best) || self.monitor.cancelled() {
+        if drop.info().site != Site::Mechanical || !steps(best) || self.monitor.cancelled() {
             return Ok(fewer);
         }
         let (model, start) = reduced(&best.fitted, drop);

@@ -1,0 +1,109 @@
+//! Sets of effects beside each other: what a larger one takes away, and the way from one to the next.
+
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::verdict::{Judged, MISMATCH, MISMATCH_HELD_OUT, PROGRESS, Scale};
+use crate::effects::EffectId;
+
+/// A set takes away at least this share of what the best smaller one leaves in some channel, or none is grown from it: of two things that
+/// are missing, one shows without the other.
+const FOOTHOLD: f64 = 0.1;
+
+/// Whether larger sets can be grown from `larger`: it takes away a part of what `smaller`, the best with one effect less, leaves in some
+/// channel of some recording.
+pub(super) fn foothold(larger: &Judged, smaller: &Judged) -> bool {
+    let all = |j: &Judged| -> Vec<f64> {
+        let runs = std::iter::once(&j.fitted).chain(&j.held_out);
+        runs.flat_map(|h| h.squares.iter().map(|(_, square)| *square)).collect()
+    };
+    let mut both = all(smaller).into_iter().zip(all(larger));
+    both.any(|(before, after)| before - after >= FOOTHOLD * before.max(1.0))
+}
+
+/// Mean square that `larger` takes away, in units of what `smaller` leaves in each channel, summed over the channels: what a score
+/// promises.
+pub(super) fn explained(smaller: &Hypothesis, larger: &Hypothesis) -> f64 {
+    let both = smaller.squares.iter().zip(&larger.squares);
+    both.map(|((_, before), (_, after))| (before - after) / before.max(1.0)).sum()
+}
+
+/// Whether `share` of what the floor's own error may be is left, and more.
+pub(super) fn mismatched_by(judged: &Judged, share: f64) -> bool {
+    judged.excess() > share * MISMATCH || judged.held_out_excess() > share * MISMATCH_HELD_OUT
+}
+
+/// Whether an unknown load steps on any recording.
+pub(super) fn steps(judged: &Judged) -> bool {
+    let all = std::iter::once(&judged.fitted).chain(&judged.held_out);
+    all.flat_map(|h| &h.nuisances).any(|n| n.steps() > 0)
+}
+
+/// From the bare machine to the best set through the best subsets that were tried.
+pub(super) fn path(base: &Judged, best: &Judged, seen: &[Judged], scale: &Scale) -> Vec<Judged> {
+    let goal = best.fitted.effects();
+    let mut path = vec![base.clone()];
+    for size in 1..goal.len() {
+        let sofar = path[path.len() - 1].fitted.effects();
+        let step = seen
+            .iter()
+            .filter(|j| {
+                let effects = j.fitted.effects();
+                effects.len() == size
+                    && effects.iter().all(|e| goal.contains(e))
+                    && sofar.iter().all(|e| effects.contains(e))
+            })
+            .min_by(|a, b| scale.loss(a).total_cmp(&scale.loss(b)));
+        path.extend(step.cloned());
+    }
+    if !goal.is_empty() {
+        path.push(best.clone());
+    }
+    path
+}
+
+/// Hypotheses by loss, best first.
+pub(super) fn sorted(hypotheses: &[Judged], scale: &Scale) -> Vec<Judged> {
+    let mut sorted = hypotheses.to_vec();
+    sorted.sort_by(|a, b| scale.loss(a).total_cmp(&scale.loss(b)));
+    sorted
+}
+
+/// Whether a larger set takes away a good part of what the smaller one leaves.
+pub(super) fn progress(larger: &Judged, smaller: &Judged) -> bool {
+    smaller.fitted.effects().is_empty() || larger.all_squares() < PROGRESS * smaller.all_squares()
+}
+
+/// Whether `set` is `parent` with `added`.
+pub(super) fn same(set: &[EffectId], parent: &[EffectId], added: EffectId) -> bool {
+    set.len() == parent.len() + 1 && set.contains(&added) && parent.iter().all(|e| set.contains(e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::BASE;
+    use crate::effects::testing::CX;
+    use crate::experiment::Channel;
+    use crate::model::Model;
+
+    /// A set that leaves these mean squares of i_q and ω_e on the recording and on a held-out one.
+    fn leaving(recording: [f64; 2], held_out: [f64; 2]) -> Judged {
+        let with = |[i_q, omega_e]: [f64; 2]| Hypothesis {
+            squares: vec![(Channel::IQ, i_q), (Channel::OmegaE, omega_e)],
+            ..Hypothesis::bare(Model::new(CX, &[]), vec![1.0; BASE])
+        };
+        Judged { fitted: with(recording), held_out: vec![with(held_out)], refuted: false }
+    }
+
+    #[test]
+    fn a_set_grows_if_it_takes_a_part_away_anywhere() {
+        let smaller = leaving([300.0, 5.0], [250.0, 7.0]);
+        assert!(!foothold(&smaller, &smaller));
+        assert!(!foothold(&leaving([299.0, 4.7], [260.0, 6.8]), &smaller));
+        // The lesser of two mismatches, whatever the set does to the other channel.
+        assert!(foothold(&leaving([310.0, 1.4], [250.0, 7.0]), &smaller));
+        assert!(foothold(&leaving([300.0, 5.0], [250.0, 2.0]), &smaller));
+        // What only wanders within the floor is none.
+        assert!(!foothold(&leaving([1.0, 0.95], [1.0, 1.0]), &leaving([1.0, 1.03], [1.0, 1.0])));
+        assert!(!foothold(&leaving([f64::NAN, 5.0], [250.0, 7.0]), &smaller));
+    }
+}
