@@ -38,7 +38,8 @@ pub const SATURATION: [Parameter; 2] = [
         meaning: "extra current at the largest flux linkage, share of the linear one",
         role: Role::Amplitude,
         low: |_| 0.0,
-        high: |_| 300.0,
+        // An axis that the magnet leaves empty fills to a small share of the largest flux linkage, which counts by the power s.
+        high: |_| 1e5,
         typical: |_| 0.2,
     },
     Parameter {
