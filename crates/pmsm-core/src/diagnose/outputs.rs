@@ -5,7 +5,7 @@ use super::data::Data;
 use super::hypothesis::Hypothesis;
 use crate::base::Base;
 use crate::dual::Dual;
-use crate::effect::Role;
+use crate::effect::{Parameter, Role};
 use crate::effects::EffectId;
 use crate::least_squares;
 use crate::machine::BaseParameter;
@@ -32,6 +32,8 @@ pub struct Inseparable {
     pub effect: EffectId,
     /// Its parameter.
     pub parameter: &'static str,
+    /// Whether this is its strength, so that the effect itself is in doubt, and not only its form.
+    pub strength: bool,
     /// The base parameters.
     pub others: Vec<&'static str>,
     /// Largest correlation of the estimates.
@@ -116,8 +118,15 @@ impl<'a> Outputs<'a> {
                     }
                 }
                 if !others.is_empty() {
-                    let parameter = info.parameters[index - slot.parameters.start].name;
-                    out.push(Inseparable { effect: slot.effect, parameter, others, correlation: strongest });
+                    let Parameter { name, role, .. } = info.parameters[index - slot.parameters.start];
+                    let strength = role == Role::Amplitude;
+                    out.push(Inseparable {
+                        effect: slot.effect,
+                        parameter: name,
+                        strength,
+                        others,
+                        correlation: strongest,
+                    });
                 }
             }
         }
