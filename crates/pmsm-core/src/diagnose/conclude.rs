@@ -91,10 +91,10 @@ pub fn conclude(
     }
     let settled = described.as_ref().map_or(&best.fitted, |(fitted, _)| fitted);
     let model_outputs = Outputs::new(data, settled);
-    // Steady points have no dynamics to tell an effect from the base parameters that its strength is entangled with.
+    // Steady points have no dynamics to tell an effect from base parameters that can stand in for all of its strength.
     let steady = data.signals.kind == Kind::OperatingPoints;
     let ties = if steady { model_outputs.inseparable() } else { Vec::new() };
-    if verdict == Verdict::Named && ties.iter().any(|tie| tie.strength) {
+    if verdict == Verdict::Named && ties.iter().any(|tie| tie.doubtful) {
         verdict = Verdict::Ambiguous;
     }
     let validation = match judge {

@@ -25,6 +25,8 @@ const INSEPARABLE: f64 = 0.95;
 const FORM: f64 = 1.5;
 /// Normal quantile of a 95 % interval.
 const Z95: f64 = 1.959_964;
+/// The same to one side.
+const ONE_SIDED: f64 = 1.644_854;
 
 /// A parameter of an effect that is hardly separable from base parameters.
 pub struct Inseparable {
@@ -32,8 +34,8 @@ pub struct Inseparable {
     pub effect: EffectId,
     /// Its parameter.
     pub parameter: &'static str,
-    /// Whether this is its strength, so that the effect itself is in doubt, and not only its form.
-    pub strength: bool,
+    /// Whether this is a strength that might as well be none, so that the effect itself is in doubt.
+    pub doubtful: bool,
     /// The base parameters.
     pub others: Vec<&'static str>,
     /// Largest correlation of the estimates.
@@ -119,11 +121,12 @@ impl<'a> Outputs<'a> {
                 }
                 if !others.is_empty() {
                     let Parameter { name, role, .. } = info.parameters[index - slot.parameters.start];
-                    let strength = role == Role::Amplitude;
+                    let least = ONE_SIDED * FORM * self.covariance[(a, a)].sqrt();
+                    let strength = self.hypothesis.parameters[index].abs();
                     out.push(Inseparable {
                         effect: slot.effect,
                         parameter: name,
-                        strength,
+                        doubtful: role == Role::Amplitude && strength < least,
                         others,
                         correlation: strongest,
                     });
