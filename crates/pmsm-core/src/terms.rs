@@ -60,14 +60,3 @@ pub fn extra_current<T: Real>(p: &[T], inverse_l: T, flux: T, cx: &Context) -> (
     let slope = p[0] * inverse_l * reach;
     (slope * flux, slope * (p[1] + 1.0))
 }
-
-/// Share of the magnet's flux that fills the iron beforehand.
-pub const PRELOAD: Parameter = Parameter {
-    name: "beta",
-    unit: "1",
-    meaning: "share of the magnet's flux that fills the iron of the axis beforehand",
-    role: Role::Shape,
-    low: |_| 0.0,
-    high: |_| 1.0,
-    typical: |_| 1.0,
-};

@@ -5,10 +5,21 @@
 //!
 //! Source: Hinkkanen, Pescetto, Mölsä, Saarakkala, Pellegrino & Bojoi, IEEE Trans. Industry Applications 53 (2017) 2644.
 
-use crate::effect::{Context, Effect, Field, FieldPoint, Info, Need, Site};
-use crate::terms::{PRELOAD, SATURATION, extra_current};
+use crate::effect::{Context, Effect, Field, FieldPoint, Info, Need, Parameter, Role, Site};
+use crate::terms::{SATURATION, extra_current};
 use crate::base::Base;
 use crate::real::Real;
+
+/// Share of the magnet's flux that fills the iron beforehand.
+const PRELOAD: Parameter = Parameter {
+    name: "beta",
+    unit: "1",
+    meaning: "share of the magnet's flux that fills the iron of the axis beforehand",
+    role: Role::Shape,
+    low: |_| 0.0,
+    high: |_| 1.0,
+    typical: |_| 1.0,
+};
 
 /// See the module's documentation.
 pub struct SaturationD;
