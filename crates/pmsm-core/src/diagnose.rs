@@ -24,6 +24,7 @@ pub mod search;
 pub mod shortlist;
 #[cfg(test)]
 mod testing;
+mod ties;
 mod turns;
 pub mod unmodelled;
 pub mod verdict;

@@ -62,7 +62,7 @@ pub fn rows(
     // The last column of the first half is the point itself.
     let width = width(around.free.len());
     let mut blocks = Block::room(2 * width);
-    let mut again = vec![0.0; STRETCH * 3 * width];
+    let mut again = vec![0.0; if all.is_none() { STRETCH * 3 * width } else { 0 }];
     let (mut counts, mut scale) = (vec![1.0; width], vec![0.0; width]);
     (counts[width - 1], scale[width - 1]) = (0.0, 1.0);
     for (number, segment) in track.segments.iter().enumerate() {

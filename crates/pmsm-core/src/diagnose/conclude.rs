@@ -5,7 +5,8 @@ use super::data::Data;
 use super::decide::{self, Ranked};
 use super::hypothesis::{self, Hypothesis};
 use super::locate::{self, Located};
-use super::outputs::{Inseparable, Outputs};
+use super::outputs::Outputs;
+use super::ties::Tie;
 use super::search::Outcome;
 use super::{agree, each, power, prescribe, unmodelled, verdict};
 use crate::effect::Site;
@@ -93,7 +94,7 @@ pub fn conclude(
     let model_outputs = Outputs::new(data, settled);
     // Steady points have no dynamics to tell an effect from base parameters that can stand in for all of its strength.
     let steady = data.signals.kind == Kind::OperatingPoints;
-    let ties = if steady { model_outputs.inseparable() } else { Vec::new() };
+    let ties = if steady { model_outputs.ties() } else { Vec::new() };
     if verdict == Verdict::Named && ties.iter().any(|tie| tie.doubtful) {
         verdict = Verdict::Ambiguous;
     }
@@ -210,7 +211,7 @@ fn located(data: &Data, outcome: &Outcome, verdict: Verdict) -> Vec<Located> {
     located
 }
 
-fn quality(data: &Data, weak: &[String], found: &[Inseparable], refuted: bool) -> Vec<Finding> {
+fn quality(data: &Data, weak: &[String], found: &[Tie], refuted: bool) -> Vec<Finding> {
     let mut findings = data.signals.findings.clone();
     let noise: Vec<Vec<Finding>> = data.runs().iter().map(|run| run.input.findings(&run.signals)).collect();
     findings.extend(signals::join::findings(noise.iter().map(Vec::as_slice)));

@@ -3,9 +3,10 @@
 use super::answer::Estimate;
 use super::data::Data;
 use super::hypothesis::Hypothesis;
+use super::ties::{self, Tie};
 use crate::base::Base;
 use crate::dual::Dual;
-use crate::effect::{Parameter, Role};
+use crate::effect::Role;
 use crate::effects::EffectId;
 use crate::least_squares;
 use crate::machine::BaseParameter;
@@ -17,31 +18,12 @@ use std::collections::BTreeMap;
 const LANES: usize = 8;
 /// Relative standard error from which a parameter is said not to be shown.
 const UNSHOWN: f64 = 0.5;
-/// Correlation of two estimates from which they are said to be hardly separable.
-const INSEPARABLE: f64 = 0.95;
 /// The form of an effect's equation is itself an approximation: against plants that have the same physics in other forms its
 /// parameters scatter by this factor more than the residuals say, and by the share of its strength that the effect states. Read off
 /// the independent plant in `proof/`.
-const FORM: f64 = 1.5;
+pub const FORM: f64 = 1.5;
 /// Normal quantile of a 95 % interval.
 const Z95: f64 = 1.959_964;
-/// The same to one side.
-const ONE_SIDED: f64 = 1.644_854;
-
-/// A parameter of an effect that is hardly separable from base parameters.
-pub struct Inseparable {
-    /// The effect.
-    pub effect: EffectId,
-    /// Its parameter.
-    pub parameter: &'static str,
-    /// Whether this is a strength that might as well be none, so that the effect itself is in doubt.
-    pub doubtful: bool,
-    /// The base parameters.
-    pub others: Vec<&'static str>,
-    /// Largest correlation of the estimates.
-    pub correlation: f64,
-}
-
 /// Uncertainty of a fitted hypothesis on its recording.
 pub struct Outputs<'a> {
     data: &'a Data,
@@ -95,45 +77,9 @@ impl<'a> Outputs<'a> {
         Self { data, hypothesis, free, covariance }
     }
 
-    /// Parameters of effects that this recording hardly separates from others: effect, parameter, the others, and the
-    /// largest correlation of the estimates.
-    pub fn inseparable(&self) -> Vec<Inseparable> {
-        let model = &self.hypothesis.model;
-        let place = |index: usize| self.free.iter().position(|f| *f == index);
-        let correlation = |a: usize, b: usize| {
-            let size = (self.covariance[(a, a)] * self.covariance[(b, b)]).sqrt();
-            (self.covariance[(a, b)] / size).abs()
-        };
-        let mut out: Vec<Inseparable> = Vec::new();
-        for slot in model.slots() {
-            let info = slot.effect.info();
-            for index in slot.parameters.clone() {
-                let Some(a) = place(index) else { continue };
-                let mut others = Vec::new();
-                let mut strongest = 0.0f64;
-                for base in BaseParameter::ALL {
-                    let Some(b) = place(base.index()) else { continue };
-                    let r = correlation(a, b);
-                    if r.is_finite() && r > INSEPARABLE {
-                        others.push(base.name());
-                        strongest = strongest.max(r);
-                    }
-                }
-                if !others.is_empty() {
-                    let Parameter { name, role, .. } = info.parameters[index - slot.parameters.start];
-                    let least = ONE_SIDED * FORM * self.covariance[(a, a)].sqrt();
-                    let strength = self.hypothesis.parameters[index].abs();
-                    out.push(Inseparable {
-                        effect: slot.effect,
-                        parameter: name,
-                        doubtful: role == Role::Amplitude && strength < least,
-                        others,
-                        correlation: strongest,
-                    });
-                }
-            }
-        }
-        out
+    /// Parameters of effects that this recording hardly separates from base parameters.
+    pub fn ties(&self) -> Vec<Tie> {
+        ties::ties(self.hypothesis, &self.free, &self.covariance)
     }
 
     fn variance_of(&self, a: usize, b: usize) -> f64 {
