@@ -14,7 +14,7 @@ import numpy as np
 
 from .bench import EXTRA_NOISE
 from .case import account, make_case, nameplate_of, write_text
-from .machines import MACHINES
+from .machines import MACHINES, another
 from .manoeuvres import LOADS, make
 from .parameters import Machine
 from .plan import Planned, name_of
@@ -104,12 +104,11 @@ def settings(number: int, seed: int, planned: Planned) -> Iterator[Setting]:
         locked = rng.uniform() < LOCKED_SHARE and may_lock and set(planned.effects) <= AT_STANDSTILL
         duration = round(float(rng.uniform(*DURATION)), 2)
         case_seed = int(rng.integers(1, 2**31 // 1000))
+        own = another(MACHINES[machine], rng)
         if locked and not attempt:
-            yield Setting(MACHINES[machine], "locked", "locked", duration, case_seed)
+            yield Setting(own, "locked", "locked", duration, case_seed)
         # the strength of a poor case is the one that a rich manoeuvre would show
-        yield Setting(
-            MACHINES[machine], "rich" if planned.kind == "poor" else manoeuvre, load, duration, case_seed
-        )
+        yield Setting(own, "rich" if planned.kind == "poor" else manoeuvre, load, duration, case_seed)
 
 
 def generate(number: int, seed: int, planned: Planned, out: Path) -> dict[str, Any]:

@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
+import numpy as np
+
 from .parameters import Machine
+
+# how much more or less of each number another machine of the same kind has
+SPREAD = 1.6
 
 # industrial servo of 2 kW coupled to a test bench, slight saliency, 17 bit encoder
 SERVO = Machine(
@@ -152,3 +160,29 @@ COMPRESSOR = Machine(
 )
 
 MACHINES = {m.name: m for m in (SERVO, HUB, TRACTION, PUMP, SPINDLE, JOINT, COMPRESSOR)}
+
+
+def another(machine: Machine, rng: np.random.Generator) -> Machine:
+    """Another machine of the same kind: each of its numbers up to SPREAD times larger or smaller.
+
+    Inductances grow together, and l_q further up to SPREAD times; the speed falls as the flux rises, so that
+    the same link drives it.  Pole pairs, link, sample rate and resolutions stay.
+    """
+
+    def drawn() -> float:
+        return math.exp(rng.uniform(-math.log(SPREAD), math.log(SPREAD)))
+
+    flux, inductance, noise = drawn(), drawn(), drawn()
+    return replace(
+        machine,
+        r_s=machine.r_s * drawn(),
+        l_d=machine.l_d * inductance,
+        l_q=machine.l_q * inductance * float(rng.uniform(1.0, SPREAD)),
+        psi_m=machine.psi_m * flux,
+        w_rated=machine.w_rated / flux,
+        j=machine.j * drawn(),
+        b=machine.b * drawn(),
+        i_rated=machine.i_rated * drawn(),
+        noise_i=machine.noise_i * noise,
+        noise_w=machine.noise_w * noise,
+    )

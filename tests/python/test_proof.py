@@ -22,7 +22,7 @@ sys.path.insert(0, str(ROOT))
 
 from proof import answers, bench, generate  # noqa: E402
 from proof.lookalikes import lookalikes  # noqa: E402
-from proof.machines import MACHINES, SERVO  # noqa: E402
+from proof.machines import MACHINES, SERVO, SPREAD, another  # noqa: E402
 from proof.manoeuvres import make  # noqa: E402
 from proof.peers import simulate_by  # noqa: E402
 from proof.plan import FOREIGN, KNOWN, Planned, plan  # noqa: E402
@@ -260,6 +260,21 @@ def test_the_plan_holds_what_the_manual_promises() -> None:
     assert Counter(c.simulator for c in cases) == {"plant": 267, "motulator": 21, "gym-electric-motor": 12}
     for count in (1, 2, 24, 61):
         assert len(plan(count, 3)) == count
+
+
+def test_every_case_has_a_machine_of_its_own() -> None:
+    made = [
+        another(machine, np.random.default_rng(seed)) for machine in MACHINES.values() for seed in range(20)
+    ]
+    assert len({m.r_s for m in made}) == len(made)
+    for m in made:
+        kind = MACHINES[m.name]
+        for of, of_kind in ((m.r_s, kind.r_s), (m.l_d, kind.l_d), (m.psi_m, kind.psi_m), (m.j, kind.j)):
+            assert 1 / SPREAD <= of / of_kind <= SPREAD
+        assert 1.0 <= (m.l_q / m.l_d) / (kind.l_q / kind.l_d) <= SPREAD
+        # the link drives it as far as the machine that it is like
+        assert m.psi_m * m.w_rated == pytest.approx(kind.psi_m * kind.w_rated)
+    assert another(SERVO, np.random.default_rng(3)) == another(SERVO, np.random.default_rng(3))
 
 
 def hashes(folder: Path) -> dict[str, str]:
