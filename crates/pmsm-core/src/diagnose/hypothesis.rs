@@ -157,8 +157,7 @@ pub fn fit(
         let fitted = motion::fit(data, model, &parameters, &rotor, monitor)?;
         (parameters, nuisances) = (fitted.parameters, fitted.nuisances);
         free.extend(fitted.free);
-        // A sensor shows in both; and where the voltage is noisy, the torque tells more of the flux than the currents do.
-        if data.has(true) && (!sensors.is_empty() || data.input.voltage > 0.0) {
+        if together(data, model) {
             let channels = data.channels(true, true);
             let experiment = data.experiment(model, &nuisances, channels.clone());
             let rms = experiment.relative_rms(&experiment.residual(&parameters));
@@ -169,6 +168,12 @@ pub fn fit(
         }
     }
     Ok(finish(data, model.clone(), parameters, free, nuisances))
+}
+
+/// Whether the electrical parameters are fitted to the motion, too: a sensor shows in both; and where the voltage is noisy, the torque
+/// tells more of the flux than the currents do.
+pub fn together(data: &Data, model: &Model) -> bool {
+    data.has(true) && data.has(false) && (model.has_sensor() || data.input.voltage > 0.0)
 }
 
 /// The final estimate: the mechanical parameters fitted once more with whitened residuals where the speed's residual is

@@ -72,7 +72,15 @@ mod tests {
         let size = [0.1, 0.1, stderr[0], stderr[1]];
         let covariance = DMatrix::from_fn(4, 4, |r, c| {
             let pair = [r.min(c), r.max(c)] == [1, 2 + tied];
-            size[r] * size[c] * if r == c { 1.0 } else if pair { 0.98 } else { 0.3 }
+            size[r]
+                * size[c]
+                * if r == c {
+                    1.0
+                } else if pair {
+                    0.98
+                } else {
+                    0.3
+                }
         });
         ties(&hypothesis, &free, &covariance)
     }
