@@ -1,7 +1,12 @@
 //! A recording as it came from the bench: named columns in SI units, checked once, and what is known of the load.
 
+mod kind;
+mod load;
+
+pub use kind::Kind;
+pub use load::Load;
+
 use crate::error::{Error, Result};
-use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -29,8 +34,6 @@ pub const COLUMNS: [(&str, &str); 20] = [
     ("temperature_magnet", "degC"),
 ];
 
-/// Sample period from which a recording is a list of operating points rather than a waveform, s.
-const OPERATING_POINT_PERIOD: f64 = 0.05;
 /// Fewest samples from which anything can be said.
 pub const FEWEST_SAMPLES: usize = 16;
 /// A step in time longer than this many median periods is a gap: the models restart behind it. A voltage that was not
@@ -39,85 +42,6 @@ pub const GAP: f64 = 1.5;
 const GAP_MECHANICAL: f64 = 6.0;
 /// Largest magnitude of any value; larger ones are overflow marks of a logger, not physics.
 pub const LARGEST: f64 = 1e12;
-
-/// What is known of the load torque, which opposes positive speed.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Load {
-    /// No load but the machine's own losses.
-    None,
-    /// A constant of known value, N·m.
-    KnownConstant(f64),
-    /// Measured in column `tau_m`.
-    Measured,
-    /// Constant, value unknown.
-    UnknownConstant,
-    /// Constant between unknown instants.
-    UnknownPiecewise,
-    /// The rotor is held.
-    Locked,
-}
-
-impl Load {
-    /// From the contract's `kind` and `value`.
-    ///
-    /// # Errors
-    /// [`Error::Unknown`] for an unknown kind, [`Error::Unusable`] for a `known_constant` without a finite value.
-    pub fn parse(kind: &str, value: Option<f64>) -> Result<Self> {
-        Ok(match kind {
-            "none" => Self::None,
-            "known_constant" => match value.filter(|x| x.is_finite()) {
-                Some(x) => Self::KnownConstant(x),
-                None => {
-                    return Err(Error::unusable(
-                        "a known constant load needs its value",
-                        "add value = ... (N m) to [load]",
-                    ));
-                }
-            },
-            "measured" => Self::Measured,
-            "unknown_constant" => Self::UnknownConstant,
-            "unknown_piecewise" => Self::UnknownPiecewise,
-            "locked" => Self::Locked,
-            other => {
-                return Err(Error::Unknown {
-                    kind: "load",
-                    name: other.into(),
-                    known: "none, known_constant, measured, unknown_constant, unknown_piecewise, locked"
-                        .into(),
-                });
-            }
-        })
-    }
-
-    /// The contract's name of this kind.
-    pub fn kind(&self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::KnownConstant(_) => "known_constant",
-            Self::Measured => "measured",
-            Self::UnknownConstant => "unknown_constant",
-            Self::UnknownPiecewise => "unknown_piecewise",
-            Self::Locked => "locked",
-        }
-    }
-}
-
-/// Which questions a recording can answer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Kind {
-    /// Voltages, currents and speed: electrical and mechanical questions.
-    Full,
-    /// Voltages, currents and speed with the rotor held or the mechanics unknown.
-    Electrical,
-    /// Torque (or currents) and speed.
-    Mechanical,
-    /// Steady operating points, sampled far slower than any transient.
-    OperatingPoints,
-    /// Voltages induced in open terminals by a rotor that is turned from outside.
-    OpenCircuit,
-}
 
 /// A checked recording.
 #[derive(Debug, Clone)]
@@ -172,7 +96,7 @@ impl Recording {
             let fix = "add the measured load torque in N m, or change [load] kind";
             return Err(column_error("tau_m", "is missing although the load is said to be measured", fix));
         }
-        let kind = kind_of(&columns, period, load)?;
+        let kind = kind::of(&columns, period, load)?;
         Ok(Self { columns, load, period, segments, kind })
     }
 
@@ -280,63 +204,6 @@ fn check_time(t: &[f64], gap: f64) -> Result<(f64, Vec<Range<usize>>)> {
     Ok((period, segments))
 }
 
-fn kind_of(columns: &BTreeMap<&'static str, Vec<f64>>, period: f64, load: Load) -> Result<Kind> {
-    let has = |names: &[&str]| names.iter().all(|name| columns.contains_key(name));
-    let angle = has(&["theta_e"]) || has(&["theta_m"]);
-    let speed = has(&["omega_e"]) || has(&["omega_m"]);
-    let voltages = has(&["v_d", "v_q"]) || (angle && has(&["v_a", "v_b", "v_c"]));
-    let two = [["i_a", "i_b"], ["i_b", "i_c"], ["i_a", "i_c"]].iter().any(|pair| has(pair));
-    let currents = has(&["i_d", "i_q"]) || (angle && two);
-    let turning = speed || angle;
-    let operating_points = period > OPERATING_POINT_PERIOD;
-    if turning && !operating_points && is_open_circuit(columns) {
-        return Ok(Kind::OpenCircuit);
-    }
-    // Each axis of a steady point has an equation of its own.
-    if operating_points && turning && has(&["i_d", "i_q"]) && (has(&["v_d"]) || has(&["v_q"])) {
-        return Ok(Kind::OperatingPoints);
-    }
-    if voltages && currents && turning {
-        if operating_points {
-            return Ok(Kind::OperatingPoints);
-        }
-        return Ok(if load == Load::Locked { Kind::Electrical } else { Kind::Full });
-    }
-    if turning && (currents || has(&["tau_e"])) {
-        return Ok(Kind::Mechanical);
-    }
-    let missing = if !turning {
-        ("omega_e", "give omega_e (or omega_m, theta_e, theta_m)")
-    } else {
-        (
-            "i_q",
-            "give the currents i_d, i_q or i_a, i_b, i_c with theta_e, or the motor torque tau_e; i_d and i_q of zero \
-             say that the terminals were open",
-        )
-    };
-    Err(column_error(
-        missing.0,
-        "is missing, so that neither the electrical nor the mechanical equation can be tested",
-        missing.1,
-    ))
-}
-
-/// Whether voltages were measured at terminals through which no current flows: the logged currents are zero throughout, or
-/// phase voltages stand alone. A rotor-frame voltage without currents is more likely a drive whose currents were not logged.
-fn is_open_circuit(columns: &BTreeMap<&'static str, Vec<f64>>) -> bool {
-    let alive = |name: &&str| columns.get(*name).is_some_and(|x| x.iter().any(|v| *v != 0.0));
-    let logged = |name: &&str| columns.contains_key(*name);
-    let currents = ["i_a", "i_b", "i_c", "i_d", "i_q"];
-    let phases = ["v_a", "v_b", "v_c"];
-    let rotor_frame = ["v_d", "v_q"];
-    if columns.contains_key("tau_e") || currents.iter().any(alive) {
-        return false;
-    }
-    let measured = |names: &[&str]| names.iter().all(logged) && names.iter().any(alive);
-    let told = currents.iter().filter(|name| logged(name)).count() >= 2;
-    measured(&phases) || (told && measured(&rotor_frame))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -380,39 +247,5 @@ mod tests {
         let mut given = columns(20);
         given[2].0 = "speed".into();
         assert!(matches!(Recording::new(given, None), Err(Error::Unknown { .. })));
-    }
-
-    #[test]
-    fn zero_currents_beside_voltages_say_that_the_terminals_are_open() {
-        let mut given = columns(20);
-        given[3].1.fill(0.0);
-        given[4].1.fill(0.0);
-        assert_eq!(Recording::new(given.clone(), None).unwrap().kind(), Kind::OpenCircuit);
-        given[1].1.fill(0.0);
-        given[2].1.fill(0.0);
-        assert_eq!(Recording::new(given, None).unwrap().kind(), Kind::Full);
-    }
-
-    #[test]
-    fn the_kind_follows_from_the_columns() {
-        let pick = |names: &[&str], dt: f64, load| {
-            let given = names
-                .iter()
-                .map(|n| ((*n).to_string(), (0..20).map(|k| f64::from(k) * dt).collect()))
-                .collect();
-            Recording::new(given, load).map(|r| r.kind())
-        };
-        assert_eq!(pick(&["t", "omega_m", "tau_e"], 1e-3, None), Ok(Kind::Mechanical));
-        assert_eq!(pick(&["t", "v_d", "v_q", "i_d", "i_q", "omega_m"], 2.5, None), Ok(Kind::OperatingPoints));
-        let abc = ["t", "v_d", "v_q", "i_a", "i_b", "theta_e", "omega_e"];
-        assert_eq!(pick(&abc, 1e-4, Some(Load::Locked)), Ok(Kind::Electrical));
-        assert_eq!(pick(&["t", "v_q", "i_d", "i_q", "omega_m"], 2.5, None), Ok(Kind::OperatingPoints));
-        assert!(
-            pick(&["t", "v_q", "i_d", "i_q", "omega_m"], 1e-4, None).is_ok_and(|k| k == Kind::Mechanical)
-        );
-        assert_eq!(pick(&["t", "v_a", "v_b", "v_c", "omega_m"], 1e-4, None), Ok(Kind::OpenCircuit));
-        assert!(pick(&["t", "v_d", "v_q", "omega_m"], 1e-4, None).is_err());
-        assert!(pick(&["t", "v_d", "v_q", "i_d", "i_q"], 1e-4, None).is_err());
-        assert!(pick(&["t", "omega_m"], 1e-4, None).is_err());
     }
 }
