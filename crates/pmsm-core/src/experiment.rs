@@ -327,31 +327,41 @@ impl<'a> Experiment<'a> {
     }
 
     /// Mean square of the weighted residual in each channel, over the samples that count, and the number of samples that share one
-    /// independent value. Whitened residuals are looked at in means over 1, 2, 4, … samples, in which white noise keeps the mean
-    /// square one and what lasts longer stands out; the scale at which most is left counts.
+    /// independent value. Whitened residuals are looked at in means over 1, 2, 4, … samples; the scale at which most is left counts.
     pub fn mean_squares(&self, residual: &DVector<f64>) -> Vec<(f64, usize)> {
-        let n = self.samples();
         let plain = self.relative_rms(residual);
+        let wanders = self.whitening.is_some_and(|(filter, _)| filter.wanders());
         let at = |c: usize| {
-            let rows = &residual.as_slice()[c * n..(c + 1) * n];
-            let mut best = (plain[c] * plain[c], 1);
-            let wanders = self.whitening.is_some_and(|(filter, _)| filter.wanders());
-            if !wanders || !matches!(self.channels[c].0, Channel::ID | Channel::IQ) {
-                return best;
-            }
-            let mut size = 2;
-            while n / size >= LEAST_BLOCKS {
-                // Of two standard errors nothing is known for certain.
-                let certain = 1.0 - 2.0 * (2.0 * size as f64 / n as f64).sqrt();
-                let mean = self.block_square(rows, size) * certain;
-                if mean > best.0 {
-                    best = (mean, size);
-                }
-                size *= 2;
-            }
-            best
+            let slow = wanders && matches!(self.channels[c].0, Channel::ID | Channel::IQ);
+            if slow { self.loudest(residual, c, plain[c]) } else { (plain[c] * plain[c], 1) }
         };
         (0..self.channels.len()).map(at).collect()
+    }
+
+    /// Root of the mean square over blocks, times their length, at the scale at which most is left, for each channel: one for white
+    /// noise of the size of the floor, and more the longer that lasts which is left.
+    pub fn loudness(&self, residual: &DVector<f64>) -> Vec<f64> {
+        let plain = self.relative_rms(residual);
+        (0..self.channels.len()).map(|c| self.loudest(residual, c, plain[c]).0.sqrt()).collect()
+    }
+
+    /// Mean square of channel `c`, whose root mean square is `plain`, in means over 1, 2, 4, … samples, in which white noise keeps the
+    /// mean square and what lasts longer stands out: the largest, and the number of samples of its scale.
+    fn loudest(&self, residual: &DVector<f64>, c: usize, plain: f64) -> (f64, usize) {
+        let n = self.samples();
+        let rows = &residual.as_slice()[c * n..(c + 1) * n];
+        let mut best = (plain * plain, 1);
+        let mut size = 2;
+        while n / size >= LEAST_BLOCKS {
+            // Of two standard errors nothing is known for certain.
+            let certain = 1.0 - 2.0 * (2.0 * size as f64 / n as f64).sqrt();
+            let mean = self.block_square(rows, size) * certain;
+            if mean > best.0 {
+                best = (mean, size);
+            }
+            size *= 2;
+        }
+        best
     }
 
     /// Mean square of the sums over blocks of `size` samples that count, divided by `size`.

@@ -4,7 +4,8 @@
 //! temperature, something changed in between. No effect of the catalogue is to blame then.
 
 use super::data::Data;
-use super::hypothesis::{self, Hypothesis};
+use super::fitting;
+use super::hypothesis::Hypothesis;
 use super::power::times;
 use super::verdict::MISMATCH;
 use crate::effect::Site;
@@ -50,7 +51,7 @@ pub fn contradiction(data: &Data, best: &Hypothesis, monitor: &dyn Monitor) -> R
     if data.parts.is_empty() || !left || monitor.cancelled() {
         return Ok(None);
     }
-    let fit = |part: &Data| hypothesis::fit(part, &best.model, best.own(), false, monitor);
+    let fit = |part: &Data| fitting::fit(part, &best.model, best.own(), false, monitor);
     let alone: Vec<Hypothesis> = data.parts.iter().map(fit).collect::<Result<_>>()?;
     let worse = |at: usize| {
         let block = &blocks[at];

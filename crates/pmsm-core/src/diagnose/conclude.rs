@@ -3,7 +3,8 @@
 use super::answer::{Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, Step, Traces, Verdict};
 use super::data::Data;
 use super::decide::{self, Ranked};
-use super::hypothesis::{self, Hypothesis};
+use super::fitting;
+use super::hypothesis::Hypothesis;
 use super::locate::{self, Located};
 use super::outputs::Outputs;
 use super::search::Outcome;
@@ -50,7 +51,7 @@ pub fn conclude(
     weak: &[String],
     monitor: &dyn Monitor,
 ) -> Result<Answer> {
-    if !weak.is_empty() && outcome.base.excess() <= verdict::MISMATCH {
+    if data.poor && outcome.base.excess() <= verdict::MISMATCH {
         // On a poor recording a small gain of one effect is no evidence against the bare machine.
         outcome.best = outcome.base.clone();
         outcome.path.truncate(1);
@@ -59,7 +60,7 @@ pub fn conclude(
         let worth = outcome.scale.worth();
         outcome.shown = power::survey(data, &outcome.base.fitted, &asked, worth, true, monitor);
     }
-    let (mut verdict, mut ranked) = decide::decide(&outcome, !weak.is_empty());
+    let (mut verdict, mut ranked) = decide::decide(&outcome, data.poor);
     let refuted = outcome.best.refuted;
     if refuted {
         // It stays a candidate, but is no model to predict with.
@@ -68,7 +69,7 @@ pub fn conclude(
     }
     let last = outcome.path.len() - 1;
     for judged in &mut outcome.path {
-        judged.fitted = hypothesis::efficient(data, &judged.fitted, monitor)?;
+        judged.fitted = fitting::efficient(data, &judged.fitted, monitor)?;
     }
     let (first, end) = (outcome.path[0].clone(), outcome.path[last].clone());
     (outcome.base, outcome.best) = (first, end);
@@ -101,8 +102,8 @@ pub fn conclude(
     let validation = match judge {
         Some(judge) => Some((
             judge,
-            hypothesis::transfer(judge, &outcome.base.fitted, monitor)?,
-            hypothesis::transfer(judge, settled, monitor)?,
+            fitting::transfer(judge, &outcome.base.fitted, monitor)?,
+            fitting::transfer(judge, settled, monitor)?,
         )),
         None => None,
     };
@@ -116,7 +117,7 @@ pub fn conclude(
     let next_experiment = prescribe::next_experiment(data, &ranked, &outcome, verdict, weak, monitor)?;
     let mut data_quality = quality(data, weak, &ties, refuted);
     data_quality.extend(contradiction.map(|c| c.finding));
-    let others = validation.iter().filter(|_| !weak.is_empty() && !refuted);
+    let others = validation.iter().filter(|_| data.poor && !refuted);
     data_quality.extend(others.filter_map(|(_, _, after)| not_foreseen(after)));
     Ok(Answer {
         schema: "pmsm-rs.diagnosis/1",

@@ -20,6 +20,8 @@ use std::ops::Range;
 
 /// Standard deviation of a nameplate value, share of the value.
 const NAMEPLATE_SPREAD: f64 = 0.3;
+/// Fewest mechanical windows from which every other one is held out where no validation run is given.
+const FEWEST_WINDOWS: usize = 4;
 
 /// One recording, or several of one machine, made ready for fitting.
 #[derive(Debug, Clone)]
@@ -38,6 +40,8 @@ pub struct Data {
     pub start: [f64; BASE],
     /// What the nameplate says of them: index, value, standard deviation.
     pub prior: Vec<(usize, f64, f64)>,
+    /// Whether the recording does not pin down what the machine does elsewhere.
+    pub poor: bool,
     /// Samples that do not count, if some are held out.
     pub held_out: Option<Vec<bool>>,
     /// The recordings, if there are several; the rest then describes all of them.
@@ -90,7 +94,7 @@ impl Data {
             .collect();
         let (input, whitening) = (InputNoise::default(), None);
         let (held_out, parts) = (None, Vec::new());
-        Self { signals, windows, floors, input, whitening, start, prior, held_out, parts }
+        Self { signals, windows, floors, input, whitening, start, prior, poor: false, held_out, parts }
     }
 
     /// The recordings, each by itself.
@@ -109,6 +113,23 @@ impl Data {
         self.prior.extend(more);
         self.parts.iter_mut().for_each(|part| part.prior.extend(more));
         self
+    }
+
+    /// The recording split into windows of which every other one is held out, and the complement; `None` if there are too few.
+    pub fn halves(&self) -> Option<(Self, Self)> {
+        if self.windows.len() < FEWEST_WINDOWS {
+            return None;
+        }
+        let mut odd = vec![false; self.signals.len()];
+        for run in 0..self.runs().len() {
+            let samples = self.samples_of(run);
+            let own = self.windows.iter().filter(|w| samples.contains(&w.start));
+            for window in own.skip(1).step_by(2) {
+                odd[window.clone()].fill(true);
+            }
+        }
+        let even = odd.iter().map(|x| !x).collect();
+        Some((self.masked(odd), self.masked(even)))
     }
 
     /// The same recording with some samples held out.

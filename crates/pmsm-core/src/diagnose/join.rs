@@ -137,6 +137,7 @@ impl Data {
             whitening: None,
             start: parts[0].start,
             prior: parts[0].prior.clone(),
+            poor: false,
             held_out: None,
             parts,
         };

@@ -21,7 +21,7 @@ const UNSHOWN: f64 = 0.5;
 /// The form of an effect's equation is itself an approximation: against plants that have the same physics in other forms its
 /// parameters scatter by this factor more than the residuals say, and by the share of its strength that the effect states. Read off
 /// the independent plant in `proof/`.
-pub const FORM: f64 = 1.5;
+const FORM: f64 = 1.5;
 /// Normal quantile of a 95 % interval.
 const Z95: f64 = 1.959_964;
 /// Uncertainty of a fitted hypothesis on its recording.
@@ -79,7 +79,7 @@ impl<'a> Outputs<'a> {
 
     /// Parameters of effects that this recording hardly separates from base parameters.
     pub fn ties(&self) -> Vec<Tie> {
-        ties::ties(self.hypothesis, &self.free, &self.covariance)
+        ties::ties(self.hypothesis, &self.free, &self.covariance, FORM)
     }
 
     fn variance_of(&self, a: usize, b: usize) -> f64 {

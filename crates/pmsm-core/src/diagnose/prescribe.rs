@@ -241,7 +241,7 @@ fn pin_down(
 mod tests {
     use super::*;
     use crate::diagnose::testing::{choice, data, fitted, narrow, setup};
-    use crate::diagnose::{Data, hypothesis};
+    use crate::diagnose::{Data, fitting};
     use crate::drive::Setup;
     use crate::effects::EffectId;
     use crate::monitor::{Silent, StopFlag};
@@ -276,7 +276,7 @@ mod tests {
         // On that manoeuvre the rival fails as foretold, and the right one does not.
         let trial = contest.bench.run(&right, tried[0].candidate, &Silent).unwrap().unwrap();
         let square = |h: &Hypothesis| {
-            hypothesis::transfer(&trial, h, &Silent).unwrap().square(tried[0].separation.channel)
+            fitting::transfer(&trial, h, &Silent).unwrap().square(tried[0].separation.channel)
         };
         assert!(square(&right) < 0.1, "{}", square(&right));
         let left = (1.0 + square(&wrong)).sqrt();

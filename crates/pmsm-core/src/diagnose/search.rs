@@ -6,7 +6,8 @@ mod variants;
 
 use super::able;
 use super::data::Data;
-use super::hypothesis::{self, Hypothesis};
+use super::fitting;
+use super::hypothesis::Hypothesis;
 use super::power::{self, Shown};
 use super::reversals;
 use super::shortlist::{Prospect, Scorer};
@@ -166,7 +167,7 @@ impl Search<'_> {
 
     /// Transfers a fitted hypothesis to the held-out runs.
     fn judge(&self, fitted: Hypothesis) -> Result<Judged> {
-        let on = |data: &Data| hypothesis::transfer(data, &fitted, self.monitor);
+        let on = |data: &Data| fitting::transfer(data, &fitted, self.monitor);
         let held_out: Result<Vec<Hypothesis>> = self.held_out.iter().map(|data| on(data)).collect();
         let held_out = held_out?;
         let mut refuted = false;
@@ -260,7 +261,7 @@ impl Search<'_> {
         let electrical_done = prospect.effect.info().site == Site::Mechanical;
         let fit = |own: &[f64]| {
             let start = [parent.fitted.own(), own].concat();
-            hypothesis::fit(self.data, &model, &start, electrical_done, self.monitor)
+            fitting::fit(self.data, &model, &start, electrical_done, self.monitor)
         };
         let mut fitted = fit(&prospect.start)?;
         let parameters = prospect.effect.info().parameters;
@@ -305,12 +306,12 @@ impl Search<'_> {
 
     /// `other` fitted anew under the load that `best` finds on each recording.
     fn under_load_of(&self, best: &Judged, other: &Hypothesis, refuted: bool) -> Result<Judged> {
-        let fitted = hypothesis::under_load_of(&best.fitted, self.data, other, true, self.monitor)?;
+        let fitted = fitting::under_load_of(&best.fitted, self.data, other, true, self.monitor)?;
         let on_others = self
             .held_out
             .iter()
             .zip(&best.held_out)
-            .map(|(data, best)| hypothesis::under_load_of(best, data, &fitted, false, self.monitor));
+            .map(|(data, best)| fitting::under_load_of(best, data, &fitted, false, self.monitor));
         let held_out = on_others.collect::<Result<Vec<_>>>()?;
         Ok(Judged { fitted, held_out, refuted })
     }

@@ -5,7 +5,8 @@
 //! Channels are weighed by what is left in them, so that a large misfit in one does not hide a small one in another.
 
 use super::data::Data;
-use super::hypothesis::{self, Hypothesis, rescaled};
+use super::fitting::{self, rescaled};
+use super::hypothesis::Hypothesis;
 use crate::effect::{Role, Site};
 use crate::effects::EffectId;
 use crate::experiment::{Channel, Channels, Joint, split};
@@ -58,7 +59,7 @@ impl<'a> Scorer<'a> {
     pub fn new(data: &'a Data, hypothesis: &'a Hypothesis) -> Self {
         // Parameters that were fitted to both may have bent in both: a flux that stands in for friction shows in the currents.
         let rotor = data.floors.iter().any(|f| !f.channel.is_electrical())
-            && !hypothesis::together(data, &hypothesis.model);
+            && !fitting::together(data, &hypothesis.model);
         Self {
             data,
             hypothesis,

@@ -1,7 +1,8 @@
 //! Recordings of known truth for the tests of the diagnosis.
 
 use super::data::Data;
-use super::hypothesis::{self, Hypothesis};
+use super::fitting;
+use super::hypothesis::Hypothesis;
 use crate::drive::{Choice, Manoeuvre, Schedule, Setup, Shape, simulate};
 use crate::effects::EffectId;
 use crate::machine::Machine;
@@ -42,9 +43,9 @@ pub fn data(setup: &Setup) -> (Data, Hypothesis) {
     let recording = simulate(setup, &Silent).unwrap().recording;
     let mut data = Data::new(Signals::new(&recording, &setup.nameplate).unwrap(), &setup.nameplate).unwrap();
     let model = Model::new(data.signals.context, &[]);
-    let rough = hypothesis::fit(&data, &model, &data.start, false, &Silent).unwrap();
+    let rough = fitting::fit(&data, &model, &data.start, false, &Silent).unwrap();
     data.settle_floors(&rough);
-    let base = hypothesis::fit(&data, &model, rough.own(), false, &Silent).unwrap();
+    let base = fitting::fit(&data, &model, rough.own(), false, &Silent).unwrap();
     (data, base)
 }
 
@@ -54,5 +55,5 @@ pub fn fitted(data: &Data, base: &Hypothesis, effect: EffectId) -> Hypothesis {
     let model = Model::new(context, &[effect]);
     let mut start = base.own().to_vec();
     start.extend(effect.info().parameters.iter().map(|p| (p.typical)(&context)));
-    hypothesis::fit(data, &model, &start, false, &Silent).unwrap()
+    fitting::fit(data, &model, &start, false, &Silent).unwrap()
 }

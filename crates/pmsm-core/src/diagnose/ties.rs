@@ -1,7 +1,6 @@
 //! Parameters of effects that a recording hardly separates from base parameters, and whether that puts the effect itself in doubt.
 
 use super::hypothesis::Hypothesis;
-use super::outputs::FORM;
 use crate::effect::Role;
 use crate::effects::EffectId;
 use crate::machine::BaseParameter;
@@ -26,8 +25,9 @@ pub struct Tie {
     pub correlation: f64,
 }
 
-/// The ties of a hypothesis whose parameters `free` were estimated with this covariance, rows and columns in the order of `free`.
-pub fn ties(hypothesis: &Hypothesis, free: &[usize], covariance: &DMatrix<f64>) -> Vec<Tie> {
+/// The ties of a hypothesis whose parameters `free` were estimated with this covariance, rows and columns in the order of `free`;
+/// estimates of effects scatter `form` times as much.
+pub fn ties(hypothesis: &Hypothesis, free: &[usize], covariance: &DMatrix<f64>, form: f64) -> Vec<Tie> {
     let place = |index: usize| free.iter().position(|f| *f == index);
     let correlation =
         |a: usize, b: usize| (covariance[(a, b)] / (covariance[(a, a)] * covariance[(b, b)]).sqrt()).abs();
@@ -43,7 +43,7 @@ pub fn ties(hypothesis: &Hypothesis, free: &[usize], covariance: &DMatrix<f64>) 
             if tied.is_empty() {
                 continue;
             }
-            let least = ONE_SIDED * FORM * covariance[(a, a)].sqrt();
+            let least = ONE_SIDED * form * covariance[(a, a)].sqrt();
             out.push(Tie {
                 effect: slot.effect,
                 parameter: info.name,
@@ -82,7 +82,7 @@ mod tests {
                     0.3
                 }
         });
-        ties(&hypothesis, &free, &covariance)
+        ties(&hypothesis, &free, &covariance, 1.5)
     }
 
     #[test]
@@ -110,6 +110,6 @@ mod tests {
         let hypothesis = Hypothesis::bare(model, [&MACHINE[..], &[0.5, 2.0]].concat());
         // The two of one effect go with each other.
         let covariance = DMatrix::from_row_slice(2, 2, &[1.0, 0.99, 0.99, 1.0]);
-        assert!(ties(&hypothesis, &[own.start, own.start + 1], &covariance).is_empty());
+        assert!(ties(&hypothesis, &[own.start, own.start + 1], &covariance, 1.5).is_empty());
     }
 }

@@ -11,7 +11,8 @@ mod rival;
 mod words;
 
 use super::data::Data;
-use super::hypothesis::{self, Hypothesis};
+use super::fitting;
+use super::hypothesis::Hypothesis;
 use super::locate::{self, Located};
 use super::verdict::{Judged, Scale, UNEXPLAINED};
 use crate::error::Result;
@@ -196,11 +197,11 @@ impl Trial<'_> {
         map.parts.push(choice.part.clone());
         let model = current.model.clone().with_map(map);
         let start: Vec<f64> = current.own().iter().chain(&choice.start).copied().collect();
-        let fit = |data: &Data| hypothesis::fit(data, &model, &start, side == Side::Mechanical, self.monitor);
-        let halves = if self.judge.is_none() { super::halves(self.data) } else { None };
+        let fit = |data: &Data| fitting::fit(data, &model, &start, side == Side::Mechanical, self.monitor);
+        let halves = if self.judge.is_none() { self.data.halves() } else { None };
         let (before, after) = match &halves {
             Some((fitted, held_out)) => {
-                let bare = super::refit(fitted, current, self.monitor)?;
+                let bare = fitting::refit(fitted, current, self.monitor)?;
                 (self.judged(bare, Some(held_out))?, self.judged(fit(fitted)?, Some(held_out))?)
             }
             None => (self.judged(current.clone(), self.judge)?, self.judged(fit(self.data)?, self.judge)?),
@@ -216,12 +217,11 @@ impl Trial<'_> {
             false => 0.0,
         };
         let whole = if halves.is_some() { fit(self.data)? } else { after.fitted };
-        Ok(Some((hypothesis::efficient(self.data, &whole, self.monitor)?, share)))
+        Ok(Some((fitting::efficient(self.data, &whole, self.monitor)?, share)))
     }
 
     fn judged(&self, fitted: Hypothesis, held_out: Option<&Data>) -> Result<Judged> {
-        let transferred =
-            held_out.map(|data| hypothesis::transfer(data, &fitted, self.monitor)).transpose()?;
+        let transferred = held_out.map(|data| fitting::transfer(data, &fitted, self.monitor)).transpose()?;
         Ok(Judged { fitted, held_out: transferred.into_iter().collect(), refuted: false })
     }
 }

@@ -332,6 +332,12 @@ impl<'a> Joint<'a> {
         (0..self.runs.len()).flat_map(of).collect()
     }
 
+    /// [`Experiment::loudness`] in each of [`Joint::blocks`].
+    pub fn loudness(&self, residual: &DVector<f64>) -> Vec<f64> {
+        let of = |run: usize| self.runs[run].loudness(&self.rows_of_run(run, residual));
+        (0..self.runs.len()).flat_map(of).collect()
+    }
+
     /// Root mean square of the weighted residual in each of [`Joint::blocks`].
     pub fn relative_rms(&self, residual: &DVector<f64>) -> Vec<f64> {
         let of = |run: usize| self.runs[run].relative_rms(&self.rows_of_run(run, residual));

@@ -3,7 +3,8 @@
 use super::sets::{same, steps};
 use super::{BRANCHES, Search};
 use crate::base::BASE;
-use crate::diagnose::hypothesis::{self, Hypothesis};
+use crate::diagnose::fitting;
+use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::power::Shown;
 use crate::diagnose::shortlist::Scorer;
 use crate::diagnose::verdict::{Judged, LEAST_GAIN, Scale};
@@ -80,7 +81,7 @@ impl Search<'_> {
         start.extend(shared);
         kept.push(narrow);
         let model = Model::new(context, &kept);
-        let judged = self.judge(hypothesis::fit(self.data, &model, &start, false, self.monitor)?)?;
+        let judged = self.judge(fitting::fit(self.data, &model, &start, false, self.monitor)?)?;
         seen.push(judged.clone());
         Ok(judged)
     }
@@ -92,7 +93,7 @@ impl Search<'_> {
             return Ok(known.clone());
         }
         let (model, start) = reduced(&best.fitted, drop);
-        let judged = self.judge(hypothesis::fit(self.data, &model, &start, false, self.monitor)?)?;
+        let judged = self.judge(fitting::fit(self.data, &model, &start, false, self.monitor)?)?;
         seen.push(judged.clone());
         Ok(judged)
     }
@@ -111,7 +112,7 @@ impl Search<'_> {
             return Ok(fewer);
         }
         let (model, start) = reduced(&best.fitted, drop);
-        let (electrical, _, sensors) = hypothesis::free_parameters(self.data, &model);
+        let (electrical, _, sensors) = fitting::free_parameters(self.data, &model);
         let free = if self.data.has(true) { [electrical, sensors].concat() } else { Vec::new() };
         let without = Hypothesis { free, ..Hypothesis::bare(model, start) };
         let same = self.under_load_of(best, &without, fewer.refuted)?;

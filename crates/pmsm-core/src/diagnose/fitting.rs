@@ -1,0 +1,233 @@
+//! A set of effects fitted to a recording by simulation: the electrical equations first, with the measured speed; then the mechanical
+//! one, with the torque of the measured currents; and both together where one alone does not tell enough.
+
+use super::data::{Data, SETTINGS};
+use super::hypothesis::Hypothesis;
+use super::motion;
+use crate::base::BASE;
+use crate::effect::Site;
+use crate::error::Result;
+use crate::experiment::{Channel, Channels};
+use crate::machine::BaseParameter;
+use crate::model::Model;
+use crate::monitor::Monitor;
+use crate::simulate::mechanical::Nuisance;
+
+/// Rounds in which currents and motion are fitted together, each with the weights that the one before leaves, unless they stay above
+/// this share of what they were.
+const ROUNDS: usize = 2;
+const SETTLED: f64 = 0.8;
+
+/// Channels with their noise times `factors`, one per channel of each recording in turn.
+pub fn rescaled(channels: Channels, factors: impl IntoIterator<Item = f64>) -> Channels {
+    let mut factors = factors.into_iter();
+    let mut own = |(c, s): (Channel, f64)| (c, s * factors.next().unwrap_or(1.0));
+    channels.into_iter().map(|run| run.into_iter().map(&mut own).collect()).collect()
+}
+
+/// Fits the effects of `model` to `data`, starting from the model parameters `start`. `electrical_done` says that the
+/// electrical parameters of `start` are already the fitted ones.
+///
+/// # Errors
+/// Those of the least-squares fit.
+pub fn fit(
+    data: &Data,
+    model: &Model,
+    start: &[f64],
+    electrical_done: bool,
+    monitor: &dyn Monitor,
+) -> Result<Hypothesis> {
+    let (electrical, rotor, sensors) = free_parameters(data, model);
+    let mut parameters = start.to_vec();
+    let mut nuisances = vec![Nuisance::known(0); data.runs().len()];
+    let mut free = Vec::new();
+    if data.has(true) {
+        let mut wanted = electrical.clone();
+        wanted.extend(&sensors);
+        if !electrical_done {
+            let experiment = data.experiment(model, &nuisances, data.channels(true, false));
+            parameters = experiment.fit(&parameters, &wanted, &SETTINGS, monitor)?.parameters;
+            if data.poor {
+                // What is missing would drive parameters that nothing pins down far from the nameplate: once more from there.
+                let left = experiment.loudness(&experiment.residual(&parameters));
+                let channels = rescaled(data.channels(true, false), left.into_iter().map(|r| r.max(1.0)));
+                let experiment = data.experiment(model, &nuisances, channels);
+                let start = [&data.start[..], &start[BASE..]].concat();
+                parameters = experiment.fit(&start, &wanted, &SETTINGS, monitor)?.parameters;
+            }
+        }
+        free = wanted;
+    }
+    if data.has(false) {
+        let fitted = motion::fit(data, model, &parameters, &rotor, monitor)?;
+        (parameters, nuisances) = (fitted.parameters, fitted.nuisances);
+        free.extend(fitted.free);
+        if together(data, model) {
+            parameters = fit_together(data, model, parameters, &free, &nuisances, monitor)?;
+        }
+    }
+    Ok(Hypothesis::on(data, model.clone(), parameters, free, nuisances))
+}
+
+/// Fits currents and motion at once from where each alone has led.
+fn fit_together(
+    data: &Data,
+    model: &Model,
+    mut parameters: Vec<f64>,
+    free: &[usize],
+    nuisances: &[Nuisance],
+    monitor: &dyn Monitor,
+) -> Result<Vec<f64>> {
+    let experiment = data.experiment(model, nuisances, data.channels(true, true));
+    let blocks = experiment.blocks();
+    let mut before = vec![f64::INFINITY; blocks.len()];
+    for _ in 0..ROUNDS {
+        // A channel that does not fit for other reasons must not bend what the others know. What is left for a reason lasts, and counts
+        // as the few independent looks that it is: friction that is missing is not made up for by the flux. But where the motion has yet
+        // to show what a sensor does, or what the currents do not, that lasts, too.
+        let residual = experiment.residual(&parameters);
+        let (rms, loud) = (experiment.relative_rms(&residual), experiment.loudness(&residual));
+        let left: Vec<f64> = (0..blocks.len())
+            .map(|k| {
+                let plain = if data.poor { !blocks[k].channel.is_electrical() } else { model.has_sensor() };
+                if plain { rms[k].max(1.0) } else { loud[k].max(1.0) }
+            })
+            .collect();
+        if left.iter().zip(&before).all(|(now, then)| *now > SETTLED * then) {
+            break;
+        }
+        let channels = rescaled(data.channels(true, true), left.iter().copied());
+        let experiment = data.experiment(model, nuisances, channels);
+        parameters = experiment.fit(&parameters, free, &SETTINGS, monitor)?.parameters;
+        if data.poor || model.has_sensor() {
+            break;
+        }
+        before = left;
+    }
+    Ok(parameters)
+}
+
+/// Fits the effects of a hypothesis once more, from where it stands.
+///
+/// # Errors
+/// Those of the least-squares fit.
+pub fn refit(data: &Data, from: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
+    fit(data, &from.model, from.own(), false, monitor)
+}
+
+/// Whether the electrical parameters are fitted to the motion, too: a sensor shows in both; and where the voltage is noisy or the
+/// manoeuvre poor, the torque tells more of the flux than the currents do.
+pub fn together(data: &Data, model: &Model) -> bool {
+    data.has(true) && data.has(false) && (model.has_sensor() || data.input.voltage > 0.0 || data.poor)
+}
+
+/// The final estimate: the mechanical parameters fitted once more with whitened residuals where the speed's residual is
+/// coloured. Hypotheses are compared before that, on the residuals as they are.
+///
+/// # Errors
+/// Those of the least-squares fit.
+pub fn efficient(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
+    let model = &hypothesis.model;
+    if !data.has(false) || (model.has_sensor() && data.has(true)) {
+        return Ok(hypothesis.clone());
+    }
+    let (_, rotor, _) = free_parameters(data, model);
+    let nuisances = &hypothesis.nuisances;
+    let fitted = motion::whitened(data, model, &hypothesis.parameters, nuisances, &rotor, monitor)?;
+    Ok(match fitted {
+        Some(parameters) => {
+            Hypothesis::on(data, model.clone(), parameters, hypothesis.free.clone(), nuisances.clone())
+        }
+        None => hypothesis.clone(),
+    })
+}
+
+/// Estimates on another recording only what a run leaves open: the unknown load, initial values, and the electrical turn in
+/// which the run begins.
+///
+/// # Errors
+/// Those of the least-squares fit.
+pub fn transfer(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
+    let model = &hypothesis.model;
+    let on_run = |own: &[f64]| -> Result<Hypothesis> {
+        let mut parameters = own.to_vec();
+        let mut nuisances = vec![Nuisance::known(0); data.runs().len()];
+        if data.has(false) {
+            let fitted = motion::fit(data, model, &parameters, &[], monitor)?;
+            (parameters, nuisances) = (fitted.parameters, fitted.nuisances);
+        }
+        Ok(Hypothesis::on(data, model.clone(), parameters, Vec::new(), nuisances))
+    };
+    let mut best = on_run(hypothesis.own())?;
+    // Without a logged mechanical angle the run may begin in any electrical turn of the revolution.
+    for turn in 1..data.signals.n_p as usize {
+        let shift = std::f64::consts::TAU * turn as f64 / data.signals.n_p;
+        let Some(turned) = model.turned(hypothesis.own(), shift) else { break };
+        if data.signals.turn_known {
+            break;
+        }
+        let tried = on_run(&turned)?;
+        let total = |h: &Hypothesis| h.squares.iter().map(|(_, s)| s.max(0.9).ln()).sum::<f64>();
+        if total(&tried) < total(&best) {
+            best = tried;
+        }
+    }
+    Ok(best)
+}
+
+/// The fitted `bare` machine under the load that another hypothesis finds on the same recordings, without the steps that only it
+/// needs; its rotor is fitted anew if `anew`.
+///
+/// # Errors
+/// Those of the least-squares fit.
+pub fn under_load_of(
+    other: &Hypothesis,
+    data: &Data,
+    bare: &Hypothesis,
+    anew: bool,
+    monitor: &dyn Monitor,
+) -> Result<Hypothesis> {
+    let rotor = if anew { free_parameters(data, &bare.model).1 } else { Vec::new() };
+    let load = (&other.nuisances[..], &other.parameters[other.model.parameter_count()..]);
+    let fitted = motion::fit_under(data, &bare.model, &bare.parameters, &rotor, load, monitor)?;
+    let mut free = Vec::new();
+    if anew {
+        let rigid = |k: &&usize| **k < bare.model.parameter_count() && !rotor.contains(k);
+        free = bare.free.iter().filter(rigid).copied().collect();
+        free.extend(fitted.free);
+    }
+    Ok(Hypothesis::on(data, bare.model.clone(), fitted.parameters, free, fitted.nuisances))
+}
+
+/// Free model parameters: electrical, mechanical, and those of sensors.
+pub fn free_parameters(data: &Data, model: &Model) -> (Vec<usize>, Vec<usize>, Vec<usize>) {
+    let wanted = |p: &BaseParameter| data.needs(*p);
+    let mut electrical: Vec<usize> =
+        BaseParameter::ELECTRICAL.iter().filter(|p| wanted(p)).map(|p| p.index()).collect();
+    if !data.has(true) {
+        electrical.clear();
+    }
+    let mut rotor: Vec<usize> = BaseParameter::MECHANICAL.iter().map(|p| p.index()).collect();
+    let mut sensors = Vec::new();
+    for slot in model.slots() {
+        let fitted = slot
+            .parameters
+            .clone()
+            .enumerate()
+            .filter(|(k, _)| slot.effect.fitted(model.context(), *k))
+            .map(|(_, index)| index);
+        match slot.effect.info().site {
+            Site::Electrical => electrical.extend(fitted),
+            Site::Mechanical => rotor.extend(fitted),
+            Site::Sensor => sensors.extend(fitted),
+        }
+    }
+    if let Some(map) = model.map() {
+        let start = model.map_parameters().start;
+        for (part, place) in map.places() {
+            let side = if part.is_electrical() { &mut electrical } else { &mut rotor };
+            side.extend(place.map(|k| start + k));
+        }
+    }
+    (electrical, rotor, sensors)
+}
