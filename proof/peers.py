@@ -25,7 +25,7 @@ from .dynamics import N_STATES
 from .effects import Effects, build, effect_values
 from .manoeuvres import Manoeuvre
 from .parameters import Machine, Parameters
-from .plant import Run, controller_gains
+from .plant import RUNAWAY, Run, controller_gains
 
 SIMULATORS = ("motulator", "gym-electric-motor")
 SUBSTEPS = 2
@@ -204,7 +204,7 @@ def simulate_by(
     h = t_s / substeps
     for k in range(n):
         current, angle, w, torque = equations.look(y)
-        if not math.isfinite(w) or abs(current) > 100.0 * machine.i_rated:
+        if not math.isfinite(w) or abs(current) > RUNAWAY * machine.i_rated:
             raise RuntimeError(f"{simulator}: {machine.name} runs away at sample {k} of {n}")
         phases = (current * cmath.exp(1j * angle) * turns).real
         state[2], state[3] = angle / machine.n_p, w

@@ -17,6 +17,9 @@ from .effects import Effects, build
 from .manoeuvres import Manoeuvre
 from .parameters import Machine
 
+# times the rated current: no drive gets there, a plant does whose flux no current makes
+RUNAWAY = 10.0
+
 
 @dataclass(frozen=True)
 class Run:
@@ -65,7 +68,7 @@ def simulate(
     freezes the command in the stator for each interval; the default holds it in the rotor's frame.  Each
     noise has a stream of its own, so the same seed gives the same noise whatever is switched on.  Raises
     KeyError for an unknown effect or parameter, ValueError for a combination that has no equations,
-    RuntimeError where the integration breaks down.
+    RuntimeError where the integration breaks down or the currents run away.
     """
     p = build(machine, effects, locked=manoeuvre.locked)
     if stator_hold and p.delay > 0.0:
@@ -83,6 +86,9 @@ def simulate(
     )  # fmt: skip
     if done < n:
         raise RuntimeError(f"{machine.name}: integration failed at sample {done} of {n}")
+    away = ~(np.abs(truth[:, :3]).max(axis=1) <= RUNAWAY * machine.i_rated)
+    if away.any():
+        raise RuntimeError(f"{machine.name} runs away at sample {int(away.argmax())} of {n}")
     cut = manoeuvre.settle
     columns = {name: log[cut:, c].copy() for c, name in enumerate(LOG)}
     if manoeuvre.load == "measured":

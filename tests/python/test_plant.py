@@ -24,7 +24,7 @@ sys.path.insert(0, str(ROOT))
 from proof import bench, make_demo  # noqa: E402
 from proof.case import account, clean_channels, make_case, nameplate_of  # noqa: E402
 from proof.effects import CATALOGUE, EQUATION  # noqa: E402
-from proof.machines import HUB, PUMP, SERVO, TRACTION  # noqa: E402
+from proof.machines import HUB, PUMP, SERVO, SPINDLE, TRACTION  # noqa: E402
 from proof.manoeuvres import make  # noqa: E402
 from proof.plant import simulate  # noqa: E402
 
@@ -192,6 +192,12 @@ def test_the_noise_does_not_depend_on_what_is_switched_on():
         run = simulate(fine, effects, manoeuvre, seed=8)
         noises.append(run.log["i_a"] - clean_channels(fine, effects, run)["i_a"])
     assert np.allclose(*noises, atol=1e-12)
+
+
+def test_a_machine_whose_flux_no_current_makes_is_refused():
+    effects = {"cross_saturation": {"psi_drop_at_rated": 1.0}}
+    with pytest.raises(RuntimeError, match="runs away at sample"):
+        simulate(SPINDLE, effects, make(SPINDLE, "rich", "none", duration=0.5, seed=2), seed=1)
 
 
 def test_unknown_names_are_refused():
