@@ -12,6 +12,12 @@ const SIGNIFICANT: f64 = 6.0;
 const MOST: f64 = 200.0;
 /// What may remain of the mean square difference between angle and speed for the lag to be understood.
 const UNDERSTOOD: f64 = 0.5;
+/// Coefficients of third differences, in which motion hardly shows beside noise.
+const THIRD: [f64; 4] = [1.0, -3.0, 3.0, -1.0];
+/// Standard errors by which the colours of white and of filtered noise must differ to be told apart.
+const DISTINCT: f64 = 10.0;
+/// Differences larger than this many medians are no noise.
+const OUTLYING: f64 = 8.0;
 
 /// How the log let the speed lag.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,11 +67,41 @@ pub fn undo(t: &[f64], theta: &[f64], omega: &[f64], segments: &[Range<usize>]) 
     if filter.1.min(delay.1) > UNDERSTOOD * misfit(omega) {
         return None;
     }
-    Some(if filter.1 <= delay.1 {
+    Some(if filter.1 <= delay.1 || has_colour(omega, segments, (-period / filter.0).exp()) {
         (sharpen(t, omega, segments, filter.0), Lag::Filter(filter.0))
     } else {
         (advance(t, omega, segments, delay.0), Lag::Delay(delay.0))
     })
+}
+
+/// Whether the noise of `y` has passed a first-order low pass with the coefficient `a`, rather than being white: noise that was filtered
+/// along with the speed shows it where the motion is too slow to.
+fn has_colour(y: &[f64], segments: &[Range<usize>], a: f64) -> bool {
+    let covariance = |of: &dyn Fn(i32) -> f64, lag: i32| -> f64 {
+        let pairs = (0..4).flat_map(|i| (0..4).map(move |j| (i, j)));
+        pairs.map(|(i, j): (i32, i32)| THIRD[i as usize] * THIRD[j as usize] * of(lag + i - j)).sum()
+    };
+    let correlation = |of: &dyn Fn(i32) -> f64| covariance(of, 1) / covariance(of, 0);
+    let white = correlation(&|lag| f64::from(u8::from(lag == 0)));
+    let filtered = correlation(&|lag| a.powi(lag.abs()));
+    let differences: Vec<Vec<f64>> = segments
+        .iter()
+        .map(|s| y[s.clone()].windows(4).map(|w| w.iter().zip(THIRD).map(|(y, c)| y * c).sum()).collect())
+        .collect();
+    let mut sizes: Vec<f64> = differences.iter().flatten().map(|d| d.abs()).collect();
+    if sizes.is_empty() {
+        return false;
+    }
+    let middle = sizes.len() / 2;
+    let most = OUTLYING * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let (mut product, mut square, mut count) = (0.0, 0.0, 0.0);
+    for pair in differences.iter().flat_map(|d| d.windows(2)).filter(|p| p[0].abs().max(p[1].abs()) <= most) {
+        product += pair[0] * pair[1];
+        square += 0.5 * (pair[0] * pair[0] + pair[1] * pair[1]);
+        count += 1.0;
+    }
+    let distinct = (filtered - white).abs() * f64::sqrt(count) > DISTINCT;
+    distinct && square > 0.0 && (product / square - filtered).abs() < (product / square - white).abs()
 }
 
 /// Mean of `x` over the times of samples `a` to `b`.
@@ -129,6 +165,7 @@ fn golden(cost: &dyn Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::normal_pair;
 
     const H: f64 = 1e-4;
 
@@ -171,6 +208,39 @@ mod tests {
         let (_, lag) = undo(&t, &theta, &logged, &whole(&t)).unwrap();
         let Lag::Delay(found) = lag else { panic!("{lag:?}") };
         assert!((found / (5.0 * H) - 1.0).abs() < 0.02, "{found}");
+    }
+
+    /// A rotor so heavy that a filter and a delay do the same to its speed, with noise of the sensor.
+    fn heavy(noisy: impl Fn(&[f64]) -> Vec<f64>) -> Lag {
+        let t: Vec<f64> = (0..20_000).map(|k| f64::from(k) * H).collect();
+        let omega: Vec<f64> = t.iter().map(|t| 200.0 * (4.0 * t).sin()).collect();
+        let theta: Vec<f64> =
+            t.iter().map(|t| ((50.0 * (1.0 - (4.0 * t).cos())) / 1e-3).round() * 1e-3).collect();
+        undo(&t, &theta, &noisy(&omega), &whole(&t)).unwrap().1
+    }
+
+    fn with_noise(omega: &[f64]) -> Vec<f64> {
+        omega.iter().enumerate().map(|(k, w)| w + 0.3 * normal_pair(5, [k as u32, 0, 0, 0]).0).collect()
+    }
+
+    #[test]
+    fn noise_tells_a_filter_from_a_delay_where_the_motion_does_not() {
+        let a = (-H / 6e-4).exp();
+        let filter = |omega: &[f64]| {
+            let mut y = with_noise(omega);
+            for k in 1..y.len() {
+                y[k] = a * y[k - 1] + (1.0 - a) * y[k];
+            }
+            y
+        };
+        let Lag::Filter(found) = heavy(filter) else { panic!("a filter") };
+        assert!((found / 6e-4 - 1.0).abs() < 0.05, "{found}");
+        let late = |omega: &[f64]| {
+            let y = with_noise(omega);
+            (0..y.len()).map(|k| y[k.saturating_sub(6)]).collect()
+        };
+        let Lag::Delay(found) = heavy(late) else { panic!("a delay") };
+        assert!((found / 6e-4 - 1.0).abs() < 0.05, "{found}");
     }
 
     #[test]
