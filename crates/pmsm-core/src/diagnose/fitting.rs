@@ -4,6 +4,7 @@
 use super::data::{Data, SETTINGS};
 use super::hypothesis::Hypothesis;
 use super::motion;
+use super::verdict::MISMATCH;
 use crate::base::BASE;
 use crate::effect::Site;
 use crate::error::Result;
@@ -64,9 +65,28 @@ pub fn fit(
         free.extend(fitted.free);
         if together(data, model) {
             parameters = fit_together(data, model, parameters, &free, &nuisances, monitor)?;
+        } else if data.has(true) && model.effects().iter().any(|e| e.info().site == Site::Electrical) {
+            let apart = Hypothesis::on(data, model.clone(), parameters, free, nuisances);
+            return in_agreement(data, apart, monitor);
         }
     }
     Ok(Hypothesis::on(data, model.clone(), parameters, free, nuisances))
+}
+
+/// A hypothesis fitted to the currents, and then to the motion, once more to both at once where only the motion is not explained, if
+/// that explains it: what the currents leave open of an effect the torque may tell.
+fn in_agreement(data: &Data, apart: Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
+    let explained = |h: &Hypothesis, electrical: bool| {
+        let mut side = h.squares.iter().filter(|(c, _)| c.is_electrical() == electrical);
+        side.all(|(_, square)| *square <= 1.0 + MISMATCH)
+    };
+    if !explained(&apart, true) || explained(&apart, false) || monitor.cancelled() {
+        return Ok(apart);
+    }
+    let Hypothesis { model, parameters, free, nuisances, .. } = &apart;
+    let parameters = fit_together(data, model, parameters.clone(), free, nuisances, monitor)?;
+    let both = Hypothesis::on(data, model.clone(), parameters, free.clone(), nuisances.clone());
+    Ok(if explained(&both, true) && explained(&both, false) { both } else { apart })
 }
 
 /// Fits currents and motion at once from where each alone has led.
