@@ -27,7 +27,7 @@ const LEAST_SIGNAL: f64 = 5.0;
 const POOR: f64 = 0.01;
 /// A validation run on which the bare machine leaves this many times what it leaves on the recording, in some channel, is nothing that the
 /// recording could have shown. Rich recordings stay below 13 in the sets of `proof/`, poor ones go up to 240.
-const FOREIGN: f64 = 20.0;
+const FOREIGN: f64 = 15.0;
 
 /// Fits the bare machine and settles the noise floors with its help.
 pub fn fit(data: &mut Data, monitor: &dyn Monitor) -> Result<Hypothesis> {
