@@ -194,6 +194,8 @@ fn scales(setup: &Setup, base: &[f64; BASE]) -> Result<Context> {
         v_dc: set.v_dc,
         electrical_rate: electrical_rate(&setup.machine),
         zero_sequence: 0.0,
+        completed_phase: None,
+        load_known: false,
         steady: false,
         has_temperature: setup.manoeuvre.temperature.is_some(),
         has_magnet_temperature: setup.manoeuvre.temperature_magnet.is_some(),

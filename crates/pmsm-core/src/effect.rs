@@ -130,6 +130,10 @@ pub struct Context {
     pub electrical_rate: f64,
     /// Mean of the three phase currents, A (zero where fewer than three are logged).
     pub zero_sequence: f64,
+    /// Number of the phase whose current was not logged but completed to zero sum, if one was.
+    pub completed_phase: Option<usize>,
+    /// Whether a load torque other than zero is known.
+    pub load_known: bool,
     /// Whether samples are steady operating points, each a mean over whole revolutions.
     pub steady: bool,
     /// Whether a winding temperature is logged.

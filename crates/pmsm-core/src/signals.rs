@@ -244,6 +244,12 @@ impl Signals {
                 v_dc: machine.v_dc.unwrap_or(0.0),
                 electrical_rate: electrical_rate(machine),
                 zero_sequence: 0.0,
+                completed_phase: if open { None } else { phases::completed(recording) },
+                load_known: match recording.load() {
+                    Load::Measured => true,
+                    Load::KnownConstant(value) => value != 0.0,
+                    _ => false,
+                },
                 steady: operating_points,
                 has_temperature: recording.has(&["temperature"]),
                 has_magnet_temperature: recording.has(&["temperature_magnet"]),

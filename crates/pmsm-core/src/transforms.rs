@@ -5,7 +5,8 @@
 
 use crate::real::Real;
 
-const SQRT3: f64 = 1.732_050_807_568_877_2;
+/// √3.
+pub const SQRT3: f64 = 1.732_050_807_568_877_2;
 
 /// Phase quantities to stationary α, β (the zero sequence is dropped).
 #[inline(always)]

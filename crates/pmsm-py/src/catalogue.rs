@@ -18,6 +18,8 @@ const SERVO: Context = Context {
     duration: 1.0,
     period: 1e-4,
     zero_sequence: 0.0,
+    completed_phase: None,
+    load_known: false,
     v_dc: 560.0,
     electrical_rate: 90.0,
     steady: false,

@@ -247,6 +247,8 @@ mod tests {
             v_dc: 1.0,
             electrical_rate: 1.0,
             zero_sequence: 0.0,
+            completed_phase: None,
+            load_known: false,
             steady: false,
             has_temperature: false,
             has_magnet_temperature: false,

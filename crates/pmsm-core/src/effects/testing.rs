@@ -20,6 +20,8 @@ pub const CX: Context = Context {
     v_dc: 540.0,
     electrical_rate: 94.0,
     zero_sequence: 0.0,
+    completed_phase: None,
+    load_known: false,
     steady: false,
     has_temperature: false,
     has_magnet_temperature: false,

@@ -25,6 +25,7 @@ impl Model {
         for x in 0..3 {
             abc[x] = abc[x] * sensor.gain[x] + sensor.offset[x];
         }
+        self.complete(&mut abc);
         let (s, c) = theta_measured.sin_cos();
         park(abc, c, s)
     }
@@ -36,7 +37,16 @@ impl Model {
         for x in 0..3 {
             truth[x] = (T::constant(abc[x]) - sensor.offset[x]) / sensor.gain[x];
         }
+        self.complete(&mut truth);
         let (s, c) = (theta_measured - sensor.angle).sin_cos();
         park(truth, c, s)
+    }
+
+    /// The current of a phase that has no sensor is what the others leave.
+    #[inline(always)]
+    fn complete<T: Real>(&self, abc: &mut [T; 3]) {
+        if let Some(x) = self.context.completed_phase {
+            abc[x] = -(abc[(x + 1) % 3] + abc[(x + 2) % 3]);
+        }
     }
 }

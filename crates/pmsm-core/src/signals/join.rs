@@ -117,6 +117,11 @@ fn scales(parts: &[&Signals]) -> Context {
         v_dc: most(|c| c.v_dc),
         electrical_rate: parts[0].context.electrical_rate,
         zero_sequence: if samples > 0 { common / samples as f64 } else { 0.0 },
+        completed_phase: parts[0]
+            .context
+            .completed_phase
+            .filter(|_| parts.iter().all(|s| s.context.completed_phase == parts[0].context.completed_phase)),
+        load_known: parts.iter().all(|s| s.context.load_known),
         steady: parts[0].context.steady,
         has_temperature: parts.iter().all(|s| s.context.has_temperature),
         has_magnet_temperature: parts.iter().all(|s| s.context.has_magnet_temperature),

@@ -28,6 +28,16 @@ pub fn currents(recording: &Recording, findings: &mut Vec<Finding>) -> (Option<[
     (phases, false)
 }
 
+/// Number of the only phase whose current was not logged.
+pub fn completed(recording: &Recording) -> Option<usize> {
+    match ["i_a", "i_b", "i_c"].map(|name| recording.column(name).is_some()) {
+        [false, true, true] => Some(0),
+        [true, false, true] => Some(1),
+        [true, true, false] => Some(2),
+        _ => None,
+    }
+}
+
 /// Phase values seen from the rotor at the angle `theta`, rad.
 pub fn to_rotor(abc: &[Vec<f64>; 3], theta: &[f64]) -> [Vec<f64>; 2] {
     let mut dq = [Vec::with_capacity(theta.len()), Vec::with_capacity(theta.len())];
