@@ -21,6 +21,7 @@ mod motion;
 mod outputs;
 mod power;
 mod prescribe;
+mod reach;
 mod reversals;
 pub mod search;
 pub mod shortlist;
@@ -66,7 +67,7 @@ pub fn diagnose(
         base = fitting::refit(&whole, &base, monitor)?;
     }
     let weak = bare::weak_parameters(&whole, &base);
-    whole.poor = !weak.is_empty();
+    whole.poor = !weak.is_empty() || reach::stays_at_one_point(&whole.signals);
     let mut others = Vec::new();
     if let Some(recording) = validation {
         let mut data = Data::new(Signals::new(recording, machine)?, machine)?;
@@ -75,7 +76,6 @@ pub fn diagnose(
         }
         let transferred = fitting::transfer(&data, &base, monitor)?;
         data.settle_floors(&transferred);
-        whole.poor |= bare::is_foreign(&base, &transferred.seen_again(&data));
         others.push(data);
     }
     if whole.poor && verdict::largest_excess(&base) > verdict::MISMATCH {

@@ -9,7 +9,7 @@ use super::locate::{self, Located};
 use super::outputs::Outputs;
 use super::search::Outcome;
 use super::ties::Tie;
-use super::{agree, each, power, prescribe, unmodelled, verdict};
+use super::{agree, each, power, prescribe, reach, unmodelled, verdict};
 use crate::effect::Site;
 use crate::error::Result;
 use crate::monitor::Monitor;
@@ -239,6 +239,13 @@ fn quality(data: &Data, weak: &[String], found: &[Tie], refuted: bool) -> Vec<Fi
         findings.push(Finding {
             finding: format!("the manoeuvre does not pin down {}", weak.join(", ")),
             consequence: "effects that resemble a change of these parameters cannot be told from it".into(),
+            fix: "add reversals, a second level of i_q and steps of i_d".into(),
+        });
+    }
+    if weak.is_empty() && reach::stays_at_one_point(&data.signals) {
+        findings.push(Finding {
+            finding: "the machine was recorded at one speed and load".into(),
+            consequence: "what has the same form there cannot be told apart, and nothing is said of other speeds and loads".into(),
             fix: "add reversals, a second level of i_q and steps of i_d".into(),
         });
     }
