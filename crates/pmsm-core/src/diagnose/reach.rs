@@ -5,6 +5,8 @@ use crate::signals::Signals;
 
 /// Time over which signals are averaged, so that ripple is no change of the operating point, s.
 const BLOCK: f64 = 0.05;
+/// Fewest such means; of a short recording they are taken over less.
+const FEWEST: usize = 8;
 /// A recording stays at one operating point if these means change by less than this share of the largest value. Recordings of one speed
 /// and load stay below 0.03 in the sets of `proof/`, all others go above 0.6.
 const ONE: f64 = 0.1;
@@ -14,7 +16,7 @@ pub fn stays_at_one_point(signals: &Signals) -> bool {
     if matches!(signals.kind, Kind::OperatingPoints | Kind::OpenCircuit) {
         return false;
     }
-    let block = ((BLOCK / signals.period) as usize).clamp(1, signals.len().max(1));
+    let block = ((BLOCK / signals.period) as usize).min(signals.len() / FEWEST).max(1);
     let change = |x: &[f64]| {
         let means = || x.chunks_exact(block).map(|x| x.iter().sum::<f64>() / block as f64);
         means().fold(f64::NEG_INFINITY, f64::max) - means().fold(f64::INFINITY, f64::min)

@@ -101,7 +101,8 @@ fn has_colour(y: &[f64], segments: &[Range<usize>], a: f64) -> bool {
         count += 1.0;
     }
     let distinct = (filtered - white).abs() * f64::sqrt(count) > DISTINCT;
-    distinct && square > 0.0 && (product / square - filtered).abs() < (product / square - white).abs()
+    // Motion, where it shows, looks like neither.
+    distinct && square > 0.0 && (product / square - filtered).abs() < 0.5 * (filtered - white).abs()
 }
 
 /// Mean of `x` over the times of samples `a` to `b`.
