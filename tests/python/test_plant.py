@@ -10,9 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pmsm_rs as pm
 import pytest
-from pmsm_rs.config import read_machine
+from concealed import diagnose
 
 pytest.importorskip("numba")
 pq = pytest.importorskip("pyarrow.parquet")
@@ -225,11 +224,7 @@ def test_an_inverter_that_holds_its_voltage_in_the_stator_is_no_mismatch(tmp_pat
     )
     off = truth["runs"]["recording"]["plain_refit"]["omega_e"]
     assert (off > 1.2) is stator_hold
-    machine = read_machine(tmp_path / "open" / "machine.toml")
-    first, other = (
-        pm.load(tmp_path / "open" / f"{n}.parquet", machine=machine) for n in ("recording", "validation")
-    )
-    answer = pm.diagnose(first, machine.machine, validation=other)
+    answer = diagnose(tmp_path / "open")
     assert answer.verdict == "no_mismatch"
     said = [f["finding"] for f in answer.data_quality if "stator" in f["finding"]]
     assert len(said) == int(stator_hold)
@@ -247,11 +242,7 @@ def test_a_poor_recording_that_does_not_foresee_the_validation_run_says_so(tmp_p
         truth_folder=tmp_path / "sealed",
         duration=1.73,
     )
-    machine = read_machine(tmp_path / "open" / "machine.toml")
-    first, other = (
-        pm.load(tmp_path / "open" / f"{n}.parquet", machine=machine) for n in ("recording", "validation")
-    )
-    alone, judged = (pm.diagnose(first, machine.machine, validation=v) for v in (None, other))
+    alone, judged = (diagnose(tmp_path / "open", judged=j) for j in (False, True))
     assert judged.verdict == "no_mismatch"
     said = [[f for f in a.data_quality if "validation run" in f["finding"]] for a in (alone, judged)]
     assert [len(s) for s in said] == [0, 1]

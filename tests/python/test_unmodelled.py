@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pmsm_rs as pm
 import pytest
-from conftest import ROOT
-from pmsm_rs.config import read_machine
+from concealed import diagnosed
 from pmsm_rs.plot import unmodelled as draw
 from pmsm_rs.results import Diagnosis
 from pmsm_rs.unmodelled import Term, functions
@@ -17,28 +16,12 @@ from pmsm_rs.unmodelled import Term, functions
 pytest.importorskip("numba")
 
 
-def diagnose_rub(folder: Path, name: str, rub: dict[str, float], manoeuvre: str, seed: int) -> Diagnosis:
-    """A rotor that rubs at one place of its turn, outside the catalogue, on the plant in proof/."""
-    import sys
-
-    sys.path.insert(0, str(ROOT))
-    from proof.case import make_case
-    from proof.machines import MACHINES
-
-    effects = {"x_tight_spot": rub}
-    make_case(
-        folder / "open", MACHINES[name], effects, manoeuvre, "none", seed, truth_folder=folder / "sealed"
-    )
-    machine = read_machine(folder / "open" / "machine.toml")
-    first, other = (
-        pm.load(folder / "open" / f"{n}.parquet", machine=machine) for n in ("recording", "validation")
-    )
-    return pm.diagnose(first, machine.machine, validation=other)
-
-
 @pytest.fixture(scope="module")
 def rubbing(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
-    return diagnose_rub(tmp_path_factory.mktemp("rubbing"), "servo", {"tau": 0.8, "width": 0.4}, "rich", 5)
+    from proof.machines import SERVO
+
+    rub = {"x_tight_spot": {"tau": 0.8, "width": 0.4}}
+    return diagnosed(tmp_path_factory.mktemp("rubbing"), SERVO, rub, "rich", "none", 5)
 
 
 def test_what_has_no_name_is_modelled_and_predicts_another_run(rubbing: Diagnosis) -> None:
@@ -55,12 +38,26 @@ def test_what_has_no_name_is_modelled_and_predicts_another_run(rubbing: Diagnosi
 
 def test_a_rub_at_high_speed_is_not_taken_for_friction(tmp_path: Path) -> None:
     """Inertia hides where it rubs: friction takes away nine tenths of the mean square in the speed."""
-    rub = {"tau": 0.0909, "width": 0.458, "place": 0.22}
-    answer = diagnose_rub(tmp_path, "spindle", rub, "fast", 355535)
+    from proof.machines import SPINDLE
+
+    rub = {"x_tight_spot": {"tau": 0.0909, "width": 0.458, "place": 0.22}}
+    answer = diagnosed(tmp_path, SPINDLE, rub, "fast", "none", 355535)
     assert answer.verdict == "unknown"
     assert all(candidate.probability < 0.5 for candidate in answer.ranking)
     assert answer.unmodelled is not None
     assert "theta_m" in answer.unmodelled.sentence
+
+
+def test_a_hump_of_friction_at_one_speed_is_mapped_as_narrow_as_it_is(tmp_path: Path) -> None:
+    from proof.machines import SERVO
+
+    hump = {"x_friction_hump": {"tau": 0.4, "w_hump": 95.0, "width": 12.0}}
+    answer = diagnosed(tmp_path, SERVO, hump, "rich", "measured", 17)
+    assert answer.verdict == "unknown"
+    assert answer.unmodelled is not None
+    assert "omega_e" in answer.unmodelled.sentence
+    assert answer.unmodelled.gain_held_out is not None
+    assert answer.unmodelled.gain_held_out > 0.9
 
 
 def test_a_map_is_never_an_effect(rubbing: Diagnosis) -> None:

@@ -62,21 +62,19 @@ pub fn diagnose(
         return Ok(conclude::undetermined(&whole, finding));
     }
     let mut base = bare::fit(&mut whole, monitor)?;
-    base = bare::settle_hold(&mut whole, base, monitor)?;
+    let mut others = Vec::new();
+    if let Some(recording) = validation {
+        others.push(Data::new(Signals::new(recording, machine)?, machine)?);
+    }
+    base = bare::settle_hold(&mut whole, &mut others, base, monitor)?;
     if turns::settle(&mut whole, &base) {
         base = fitting::refit(&whole, &base, monitor)?;
     }
     let weak = bare::weak_parameters(&whole, &base);
     whole.poor = !weak.is_empty() || reach::stays_at_one_point(&whole.signals);
-    let mut others = Vec::new();
-    if let Some(recording) = validation {
-        let mut data = Data::new(Signals::new(recording, machine)?, machine)?;
-        if whole.signals.stator_held {
-            data.hold_in_stator();
-        }
-        let transferred = fitting::transfer(&data, &base, monitor)?;
+    for data in &mut others {
+        let transferred = fitting::transfer(data, &base, monitor)?;
         data.settle_floors(&transferred);
-        others.push(data);
     }
     if whole.poor && verdict::largest_excess(&base) > verdict::MISMATCH {
         base = fitting::refit(&whole, &base, monitor)?;

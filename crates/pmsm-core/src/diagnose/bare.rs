@@ -41,8 +41,17 @@ pub fn fit(data: &mut Data, monitor: &dyn Monitor) -> Result<Hypothesis> {
     Ok(found)
 }
 
-/// Fits the bare machine once more with voltages held in the stator's frame, and stays with it if that alone explains the motion.
-pub fn settle_hold(data: &mut Data, found: Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
+/// Fits the bare machine once more with voltages held in the stator's frame, and stays with it, on the `others` as well, if that alone
+/// explains the motion and predicts theirs no worse.
+///
+/// # Errors
+/// Those of the least-squares fits.
+pub fn settle_hold(
+    data: &mut Data,
+    others: &mut [Data],
+    found: Hypothesis,
+    monitor: &dyn Monitor,
+) -> Result<Hypothesis> {
     let before = found.square(Channel::OmegaE) - 1.0;
     // Without a speed or without voltages there is nothing to compare; false for NaN, too.
     let open = before > verdict::UNEXPLAINED.1 && data.has(true) && !monitor.cancelled();
@@ -56,6 +65,17 @@ pub fn settle_hold(data: &mut Data, found: Hypothesis, monitor: &dyn Monitor) ->
     if left > (STATOR_HELD * before).min(verdict::UNEXPLAINED.1) {
         return Ok(found);
     }
+    let mut theirs = others.to_vec();
+    for (other, tried) in others.iter().zip(&mut theirs) {
+        tried.hold_in_stator();
+        let left = |data: &Data, h: &Hypothesis| -> Result<f64> {
+            Ok(fitting::transfer(data, h, monitor)?.square(Channel::OmegaE))
+        };
+        if left(tried, &held)? > left(other, &found)? {
+            return Ok(found);
+        }
+    }
+    others.clone_from_slice(&theirs);
     tried.signals.findings.push(Finding {
         finding: "the voltages act as if they were held in the stator's frame over each control period"
             .into(),

@@ -63,10 +63,13 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
         let asked_for = |wide: EffectId, judged: &Judged| {
             to_the_noise && generalises(wide, effect) && verdict::asks_for(judged, &outcome.best)
         };
+        // That freedom may be there all the same, as far as the recording would have missed it.
+        let missed =
+            |wide: EffectId| outcome.shown.iter().find(|s| s.effect == wide).map_or(0.0, |s| 1.0 - s.power);
         let weight = |rival: EffectId, judged: &Judged| match hidden(rival) {
             Some(power) => 1.0 - power,
             None if asked_for(rival, judged) => 1.0,
-            None if generalises(rival, effect) => (-NESTED_GAIN).exp(),
+            None if generalises(rival, effect) => missed(rival).max((-NESTED_GAIN).exp()),
             None => 1.0,
         };
         let sum = 1.0 + none + rivals.iter().map(|(e, j)| weight(*e, j) * odds(j)).sum::<f64>();

@@ -1,5 +1,6 @@
 //! What a recording would have shown: for each absent effect the chance that it had been found at its typical strength, and
-//! how far it resembles the effects that were found.
+//! how far it resembles the effects that were found. What an effect adds to a special case of it that was found is taken to be of the
+//! found one's size.
 //!
 //! Both follow from the recording's own Gram matrix. An effect of typical strength would add the mean square Δ_c² to channel
 //! c, freed of what all fitted parameters can do and in units of what is left there. The diagnosis counts that as
@@ -75,6 +76,8 @@ struct Found {
     others: DMatrix<f64>,
     /// Freed of the others.
     trace: DVector<f64>,
+    /// Its largest strength, in units of the typical one.
+    size: f64,
 }
 
 /// What everybody's judgement rests on.
@@ -120,15 +123,17 @@ fn trace(scorer: &Scorer, best: &Hypothesis, effect: EffectId, jacobian: &DMatri
         (0..best.free.len()).filter(|k| !slot.parameters.contains(&best.free[*k])).collect();
     let others = orthonormal(&jacobian.select_columns(&kept));
     let mut without = best.parameters.clone();
+    let mut size = 0.0f64;
     for (parameter, index) in effect.info().parameters.iter().zip(slot.parameters.clone()) {
         if parameter.role == Role::Amplitude {
+            size = size.max((best.parameters[index] / (parameter.typical)(best.model.context())).abs());
             without[index] = 0.0;
         }
     }
     let experiment = scorer.experiment();
     let step = experiment.residual(&best.parameters) - experiment.residual(&without);
     let trace = freed(&others, &DMatrix::from_columns(&[step])).column(0).into_owned();
-    Found { effect, others, trace }
+    Found { effect, others, trace, size }
 }
 
 impl Survey<'_> {
@@ -136,9 +141,11 @@ impl Survey<'_> {
         let context = self.best.model.context();
         let parameters = effect.info().parameters;
         let amplitudes = self.scorer.amplitudes(effect);
+        let special = self.found.iter().filter(|f| effect.info().contains.contains(&f.effect.id()));
+        let share = special.map(|f| f.size).fold(1.0, f64::min);
         let typical = DVector::from_iterator(
             amplitudes.len(),
-            amplitudes.iter().map(|k| (parameters[*k].typical)(context)),
+            amplitudes.iter().map(|k| share * (parameters[*k].typical)(context)),
         );
         let probes = effect.probes(context);
         let mut likeness: Vec<(EffectId, f64, f64)> =
@@ -342,6 +349,19 @@ mod tests {
         let why = shown[0].why(&[EffectId::CoulombFriction]);
         assert!(why.contains("special case") && why.contains("cannot be excluded"), "{why}");
     }
+
+    #[test]
+    fn what_a_generalisation_adds_is_of_the_size_of_what_was_found() {
+        let power = |tau_c: f64| {
+            let rich = speeds(1.0, &[(0.1, 100.0), (0.4, -100.0), (0.6, -100.0), (0.9, 100.0)]);
+            let (data, base) = data(&setup(rich, vec![choice("coulomb_friction", "tau_c", tau_c)]));
+            let best = fitted(&data, &base, EffectId::CoulombFriction);
+            survey(&data, &best, &[EffectId::StribeckFriction], &worth(&best), false, &Silent)[0].power
+        };
+        let (large, small) = (power(1.0), power(0.02));
+        assert!(large > 0.3 && small < 0.1, "{large} {small}");
+    }
+
     #[test]
     fn an_answer_lists_what_it_would_have_missed_and_what_it_cannot_tell_apart() {
         use crate::diagnose::answer::Verdict;

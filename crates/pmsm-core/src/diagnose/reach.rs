@@ -7,8 +7,8 @@ use crate::signals::Signals;
 const BLOCK: f64 = 0.05;
 /// Fewest such means; of a short recording they are taken over less.
 const FEWEST: usize = 8;
-/// A recording stays at one operating point if these means change by less than this share of the largest value. Recordings of one speed
-/// and load stay below 0.03 in the sets of `proof/`, all others go above 0.6.
+/// A recording stays at one operating point if these means change by less than this share of the largest value: controllers and slow
+/// drifts change less, any manoeuvre changes more.
 const ONE: f64 = 0.1;
 
 /// Whether a running machine was recorded at one speed and one current only: what differs elsewhere cannot be told there.

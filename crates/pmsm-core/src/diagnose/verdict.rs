@@ -7,6 +7,8 @@
 //! half a per cent of the floor in one channel.
 
 use super::hypothesis::Hypothesis;
+use crate::effect::Site;
+use crate::experiment::Channel;
 use crate::simulate::mechanical::Nuisance;
 
 /// Most and fewest independent samples that one channel is worth.
@@ -39,6 +41,9 @@ pub const INDISTINGUISHABLE_POOR: f64 = 12.0;
 pub const UNEXPLAINED: (f64, f64) = (0.25, 0.12);
 /// The same on a recording that was not used for fitting.
 pub const UNEXPLAINED_HELD_OUT: (f64, f64) = (0.3, 0.2);
+/// Share of the motion's excess that may remain, on any recording, where all effects are mechanical: friction and torques have exact
+/// forms, and what they leave is another torque.
+const UNEXPLAINED_MOTION: f64 = 0.15;
 /// Of more effects than this together a smaller share may remain, by the square of their number: so many bend to much that they do not
 /// cause.
 const FEW: f64 = 2.0;
@@ -141,13 +146,24 @@ impl Judged {
     /// Largest share of a channel's excess that `self` leaves of what `base` leaves, beyond the tolerance: at most one
     /// where everything is explained.
     pub fn unexplained(&self, base: &Judged) -> f64 {
-        let size = self.fitted.effects().len() as f64;
-        let strict = |(share, floor)| (share * (FEW / size.max(FEW)).powi(2), floor);
-        let on_recording = unexplained(&self.fitted, &base.fitted, strict(UNEXPLAINED));
+        let effects = self.fitted.effects();
+        let mechanical = !effects.is_empty() && effects.iter().all(|e| e.info().site == Site::Mechanical);
+        let strict = (FEW / (effects.len() as f64).max(FEW)).powi(2);
+        let unexplained = |model: &Hypothesis, base: &Hypothesis, (share, floor): (f64, f64)| {
+            let mut worst = 0.0f64;
+            for (at, (channel, left)) in model.squares.iter().enumerate() {
+                let exact = mechanical && *channel == Channel::OmegaE;
+                let share = strict * if exact { share.min(UNEXPLAINED_MOTION) } else { share };
+                let allowed = share * (base.squares[at].1 - 1.0).max(0.0) + floor + model.chance[at];
+                worst = worst.max((left - 1.0) / allowed);
+            }
+            worst
+        };
+        let on_recording = unexplained(&self.fitted, &base.fitted, UNEXPLAINED);
         self.held_out
             .iter()
             .zip(&base.held_out)
-            .map(|(a, b)| unexplained(a, b, strict(UNEXPLAINED_HELD_OUT)))
+            .map(|(a, b)| unexplained(a, b, UNEXPLAINED_HELD_OUT))
             .fold(on_recording, f64::max)
     }
 
@@ -218,20 +234,11 @@ fn beyond_chance(hypothesis: &Hypothesis) -> impl Iterator<Item = f64> {
     hypothesis.squares.iter().zip(&hypothesis.chance).map(|((_, s), chance)| s - 1.0 - chance)
 }
 
-fn unexplained(hypothesis: &Hypothesis, base: &Hypothesis, (share, floor): (f64, f64)) -> f64 {
-    let mut worst = 0.0f64;
-    for (at, (_, left)) in hypothesis.squares.iter().enumerate() {
-        let allowed = share * (base.squares[at].1 - 1.0).max(0.0) + floor + hypothesis.chance[at];
-        worst = worst.max((left - 1.0) / allowed);
-    }
-    worst
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::effect::Context;
-    use crate::experiment::Channel;
+    use crate::effects::EffectId;
     use crate::model::Model;
 
     fn hypothesis(d: f64, speed: f64, free: usize) -> Hypothesis {
@@ -287,16 +294,29 @@ mod tests {
         let base = judged(60.0, 4.0, 60.0, 4);
         assert!(judged(1.0, 4.0, 1.0, 5).unexplained(&base) > 1.0);
         assert!(judged(1.0, 1.1, 1.0, 5).unexplained(&base) <= 1.0);
+        // 0.2 of the excess.
+        assert!(judged(1.0, 1.6, 1.0, 5).unexplained(&base) <= 1.0);
+    }
+
+    #[test]
+    fn friction_must_explain_the_motion_better_than_a_saturation_does() {
+        let base = judged(1.0, 20.0, 1.0, 4);
+        let with = |effect: EffectId| {
+            let mut model = judged(1.0, 5.0, 1.0, 6);
+            model.fitted.model = Model::new(*model.fitted.model.context(), &[effect]);
+            model.unexplained(&base)
+        };
+        assert!(with(EffectId::SaturationQ) <= 1.0 && with(EffectId::CoulombFriction) > 1.0);
     }
 
     #[test]
     fn many_effects_must_leave_less() {
-        use crate::effects::EffectId::{CoggingTorque, CoulombFriction, DeadTime};
         let base = judged(60.0, 1.0, 60.0, 4);
         let mut model = judged(13.0, 1.0, 13.0, 9);
         assert!(model.unexplained(&base) <= 1.0);
         let context = *model.fitted.model.context();
-        model.fitted.model = Model::new(context, &[CoulombFriction, CoggingTorque, DeadTime]);
+        model.fitted.model =
+            Model::new(context, &[EffectId::CoulombFriction, EffectId::CoggingTorque, EffectId::DeadTime]);
         assert!(model.unexplained(&base) > 1.0);
     }
 

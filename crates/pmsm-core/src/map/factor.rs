@@ -7,7 +7,7 @@ use serde::Serialize;
 use std::f64::consts::TAU;
 
 /// Most functions of one factor.
-pub const MOST: usize = 16;
+pub const MOST: usize = 32;
 
 /// A variable over which a map is laid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

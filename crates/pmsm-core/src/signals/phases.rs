@@ -5,37 +5,32 @@ use super::open_circuit::Calibration;
 use crate::recording::Recording;
 use crate::transforms::park;
 
+/// Columns of the phase currents.
+const PHASES: [&str; 3] = ["i_a", "i_b", "i_c"];
+
 /// The phase currents, where at least two were logged, and whether all three were.
 pub fn currents(recording: &Recording, findings: &mut Vec<Finding>) -> (Option<[Vec<f64>; 3]>, bool) {
-    let column = |name: &str| recording.column(name);
-    let rest = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| -x - y).collect::<Vec<f64>>();
-    let (a, b, c) = (column("i_a"), column("i_b"), column("i_c"));
-    let phases = match (a, b, c) {
-        (Some(a), Some(b), Some(c)) => return (Some([a.to_vec(), b.to_vec(), c.to_vec()]), true),
-        (Some(a), Some(b), None) => Some([a.to_vec(), b.to_vec(), rest(a, b)]),
-        (None, Some(b), Some(c)) => Some([rest(b, c), b.to_vec(), c.to_vec()]),
-        (Some(a), None, Some(c)) => Some([a.to_vec(), rest(a, c), c.to_vec()]),
-        _ => None,
-    };
-    if phases.is_some() {
-        findings.push(Finding {
-            finding: "only two phase currents are logged".into(),
-            consequence:
-                "the currents' noise is estimated from the model, and a common offset cannot be seen".into(),
-            fix: "log the third phase current".into(),
-        });
+    let logged = PHASES.map(|name| recording.column(name));
+    if let [Some(a), Some(b), Some(c)] = logged {
+        return (Some([a, b, c].map(<[f64]>::to_vec)), true);
     }
-    (phases, false)
+    let Some(lost) = completed(recording) else { return (None, false) };
+    findings.push(Finding {
+        finding: "only two phase currents are logged".into(),
+        consequence: "the currents' noise is estimated from the model, and a common offset cannot be seen"
+            .into(),
+        fix: "log the third phase current".into(),
+    });
+    let rest = (0..recording.len()).map(|k| -logged.iter().flatten().map(|x| x[k]).sum::<f64>()).collect();
+    let mut phases = logged.map(|x| x.unwrap_or_default().to_vec());
+    phases[lost] = rest;
+    (Some(phases), false)
 }
 
 /// Number of the only phase whose current was not logged.
 pub fn completed(recording: &Recording) -> Option<usize> {
-    match ["i_a", "i_b", "i_c"].map(|name| recording.column(name).is_some()) {
-        [false, true, true] => Some(0),
-        [true, false, true] => Some(1),
-        [true, true, false] => Some(2),
-        _ => None,
-    }
+    let mut lost = (0..3).filter(|k| recording.column(PHASES[*k]).is_none());
+    lost.next().filter(|_| lost.next().is_none())
 }
 
 /// Phase values seen from the rotor at the angle `theta`, rad.

@@ -30,8 +30,8 @@ impl Shown {
         let contained = found.iter().find(|e| self.effect.info().contains.contains(&e.id()));
         if let Some(special) = contained {
             return format!(
-                "{} is a special case of it and fits as well: what it has beyond that would add {} times the noise to \
-                 {channel} at its typical strength, so that it cannot be excluded",
+                "{} is a special case of it and fits as well: what it has beyond that, if of the same size, would add up to {} times the \
+                 noise to {channel}, so that it cannot be excluded",
                 special.id(),
                 times(after)
             );

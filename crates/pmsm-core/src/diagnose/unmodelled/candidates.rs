@@ -6,17 +6,19 @@ use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::locate::{Located, equation_of};
 use crate::experiment::Channel;
-use crate::map::{Equation, Factor, MOST, Part, Spline, Variable};
+use crate::map::{Equation, Factor, Part, Spline, Variable};
 use crate::recording::Kind;
 use std::f64::consts::{PI, TAU};
 
-/// Splines over one variable: degree and pieces.
+/// Splines over one variable: degree and pieces. Most curves are smooth; a hump of friction at one speed is not.
 const CURVE: (usize, usize) = (3, 4);
+const FINE: [(usize, usize); 2] = [(3, 12), (3, 28)];
 /// Splines in each direction of a map over two variables.
 const SURFACE: (usize, usize) = (2, 2);
 /// Splines with which a harmonic changes along a variable.
 const LINE: (usize, usize) = (1, 1);
-/// Harmonics that change along a variable.
+/// Harmonics of one angle, and those that change along a variable.
+const HARMONICS: usize = 8;
 const CHANGING: usize = 2;
 /// Share of a variable's samples that its range leaves out at either end.
 const TAIL: f64 = 0.002;
@@ -42,7 +44,7 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
     };
     let mut pairs: Vec<(Factor, Option<Factor>)> = waves.iter().map(|wave| (*wave, None)).collect();
     for (k, x) in variables.iter().enumerate() {
-        pairs.push((line(x, CURVE), None));
+        pairs.extend([CURVE].iter().chain(&FINE).map(|size| (line(x, *size), None)));
         for y in &variables[k + 1..] {
             pairs.push((line(x, SURFACE), Some(line(y, SURFACE))));
         }
@@ -83,7 +85,7 @@ fn waves(data: &Data, side: Side, located: &[Located]) -> Vec<Factor> {
     let mut add = |angle: Variable, order: u32| {
         // Angle by which the lowest harmonic turns between two samples at full speed.
         let step = s.context.omega_e_max / turn(angle) * f64::from(order) * s.period;
-        let count = ((SAMPLED * PI / step.max(f64::MIN_POSITIVE)) as usize).min(MOST / 2);
+        let count = ((SAMPLED * PI / step.max(f64::MIN_POSITIVE)) as usize).min(HARMONICS);
         let wave = Factor::Harmonics { angle, order, count };
         if count > 0 && !waves.contains(&wave) {
             waves.push(wave);
