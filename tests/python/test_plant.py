@@ -230,6 +230,24 @@ def test_an_inverter_that_holds_its_voltage_in_the_stator_is_no_mismatch(tmp_pat
     assert len(said) == int(stator_hold)
 
 
+def test_how_voltages_are_held_is_seen_beside_friction_that_is_missing(tmp_path):
+    """The currents tell of it where the motion has something else to tell."""
+    friction = {"coulomb_friction": {"tau_c": 1.0}}
+    make_case(
+        tmp_path / "open",
+        TRACTION,
+        friction,
+        "fast",
+        "none",
+        3,
+        truth_folder=tmp_path / "sealed",
+        stator_hold=True,
+    )
+    answer = diagnose(tmp_path / "open")
+    assert (answer.verdict, answer.model["effects"]) == ("named", ["coulomb_friction"])
+    assert any("stator" in finding["finding"] for finding in answer.data_quality)
+
+
 def test_a_poor_recording_that_does_not_foresee_the_validation_run_says_so(tmp_path):
     """At one speed and load an angle offset hides in the parameters; another run is then predicted badly."""
     make_case(

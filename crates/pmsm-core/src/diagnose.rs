@@ -14,6 +14,7 @@ pub mod data;
 mod decide;
 mod each;
 mod fitting;
+mod hold;
 pub mod hypothesis;
 pub mod join;
 pub mod locate;
@@ -66,7 +67,9 @@ pub fn diagnose(
     if let Some(recording) = validation {
         others.push(Data::new(Signals::new(recording, machine)?, machine)?);
     }
-    base = bare::settle_hold(&mut whole, &mut others, base, monitor)?;
+    if let Some(held) = hold::settle(&mut whole, &mut others, &base, monitor)? {
+        base = held;
+    }
     if turns::settle(&mut whole, &base) {
         base = fitting::refit(&whole, &base, monitor)?;
     }
@@ -81,7 +84,10 @@ pub fn diagnose(
     }
     monitor.report("bare machine", 0.1);
     let mut outcome = search(&whole, &others, &base, monitor)?;
-    if settled_anew(&mut whole, &mut others, &outcome) && !monitor.cancelled() {
+    let found = &outcome.best.fitted;
+    let anew = settled_anew(&mut whole, &mut others, &outcome)
+        || !found.effects().is_empty() && hold::settle(&mut whole, &mut others, found, monitor)?.is_some();
+    if anew && !monitor.cancelled() {
         base = fitting::refit(&whole, &base, monitor)?;
         outcome = search(&whole, &others, &base, monitor)?;
     }

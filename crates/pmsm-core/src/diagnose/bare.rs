@@ -1,12 +1,10 @@
-//! The bare machine of a recording, and what is settled with its help before any effect is asked for: noise floors, how the voltages
-//! were held, and whether the recording shows enough.
+//! The bare machine of a recording, and what is settled with its help before any effect is asked for: noise floors, and whether the
+//! recording shows enough.
 
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
-use super::verdict;
 use crate::error::Result;
-use crate::experiment::Channel;
 use crate::least_squares;
 use crate::machine::BaseParameter;
 use crate::model::Model;
@@ -17,9 +15,6 @@ use crate::signals::Finding;
 /// be from those that the noise was estimated with.
 const SETTLING: usize = 5;
 const AWAY: f64 = 0.005;
-/// Share of the speed's excess that may be left where voltages held in the stator's frame explain it, and that down to the noise: it has no
-/// free parameter.
-const STATOR_HELD: f64 = 0.25;
 /// Signals must exceed their noise by this factor for anything to be said.
 const LEAST_SIGNAL: f64 = 5.0;
 /// Relative standard error of an electrical base parameter, from the sensors' noise alone, from which the recording is
@@ -39,52 +34,6 @@ pub fn fit(data: &mut Data, monitor: &dyn Monitor) -> Result<Hypothesis> {
         }
     }
     Ok(found)
-}
-
-/// Fits the bare machine once more with voltages held in the stator's frame, and stays with it, on the `others` as well, if that alone
-/// explains the motion and predicts theirs no worse.
-///
-/// # Errors
-/// Those of the least-squares fits.
-pub fn settle_hold(
-    data: &mut Data,
-    others: &mut [Data],
-    found: Hypothesis,
-    monitor: &dyn Monitor,
-) -> Result<Hypothesis> {
-    let before = found.square(Channel::OmegaE) - 1.0;
-    // Without a speed or without voltages there is nothing to compare; false for NaN, too.
-    let open = before > verdict::UNEXPLAINED.1 && data.has(true) && !monitor.cancelled();
-    if !open || data.runs().iter().any(|run| run.signals.v.is_none()) {
-        return Ok(found);
-    }
-    let mut tried = data.clone();
-    tried.hold_in_stator();
-    let held = fitting::fit(&tried, &found.model, found.own(), false, monitor)?;
-    let left = held.square(Channel::OmegaE) - 1.0;
-    if left > (STATOR_HELD * before).min(verdict::UNEXPLAINED.1) {
-        return Ok(found);
-    }
-    let mut theirs = others.to_vec();
-    for (other, tried) in others.iter().zip(&mut theirs) {
-        tried.hold_in_stator();
-        let left = |data: &Data, h: &Hypothesis| -> Result<f64> {
-            Ok(fitting::transfer(data, h, monitor)?.square(Channel::OmegaE))
-        };
-        if left(tried, &held)? > left(other, &found)? {
-            return Ok(found);
-        }
-    }
-    others.clone_from_slice(&theirs);
-    tried.signals.findings.push(Finding {
-        finding: "the voltages act as if they were held in the stator's frame over each control period"
-            .into(),
-        consequence: "the mean current, and so the torque, between two samples is corrected for it".into(),
-        fix: "nothing is wrong; log mean currents, or sample faster, to be free of it".into(),
-    });
-    tried.settle_floors(&held);
-    *data = tried;
-    fitting::refit(data, &held, monitor)
 }
 
 /// A finding if currents, voltages or speed hardly leave their noise in any recording.
@@ -134,8 +83,10 @@ pub fn weak_parameters(data: &Data, base: &Hypothesis) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::super::testing::{self, choice, setup, speeds};
+    use super::super::verdict;
     use super::*;
     use crate::drive::{Schedule, Setup, Shape, simulate};
+    use crate::experiment::Channel;
     use crate::monitor::Silent;
     use crate::random::normal_pair;
     use crate::signals::Signals;

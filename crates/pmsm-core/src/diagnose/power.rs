@@ -43,14 +43,14 @@ const NAMED: usize = 2;
 pub struct Shown {
     /// The effect.
     pub effect: EffectId,
-    /// Probability that it had been found at its typical strength, on average over its shapes.
+    /// Probability that it had been found at its typical strength, or at that of its special case, on average over its shapes.
     pub power: f64,
     /// Root mean square that it would add in its strongest channel, in units of what is left there: before and after the
     /// fitted parameters absorb what they can.
     pub size: (f64, f64),
     /// That of the form in which it shows least.
     pub least: f64,
-    /// Probability that it had been found in the form in which it shows most.
+    /// Probability that it had been found at its typical strength in the form in which it shows most.
     pub at_best: f64,
     /// That channel.
     pub channel: Channel,
@@ -145,7 +145,7 @@ impl Survey<'_> {
         let share = special.map(|f| f.size).fold(1.0, f64::min);
         let typical = DVector::from_iterator(
             amplitudes.len(),
-            amplitudes.iter().map(|k| share * (parameters[*k].typical)(context)),
+            amplitudes.iter().map(|k| (parameters[*k].typical)(context)),
         );
         let probes = effect.probes(context);
         let mut likeness: Vec<(EffectId, f64, f64)> =
@@ -162,9 +162,9 @@ impl Survey<'_> {
                 .column(0)
                 .into_owned();
             let (before, after) = (self.squares(&whole), self.squares(&free));
-            let here = self.power(&after, amplitudes.len());
-            power += here / probes.len() as f64;
-            at_best = at_best.max(here);
+            let beside: Vec<f64> = after.iter().map(|square| share * share * square).collect();
+            power += self.power(&beside, amplitudes.len()) / probes.len() as f64;
+            at_best = at_best.max(self.power(&after, amplitudes.len()));
             let most = (0..after.len()).max_by(|a, b| after[*a].total_cmp(&after[*b]))?;
             let at = if after[most] > 0.01 * before.iter().copied().fold(0.0, f64::max) {
                 most
@@ -190,8 +190,8 @@ impl Survey<'_> {
         Some(Shown {
             effect,
             power,
-            size: (before.sqrt(), after.sqrt()),
-            least,
+            size: (share * before.sqrt(), share * after.sqrt()),
+            least: share * least,
             at_best,
             channel: self.blocks[at].channel,
             absorbed_by: self.absorbed_by(&whole),

@@ -230,7 +230,7 @@ pub fn refutes(model: &Hypothesis, bare: &Hypothesis) -> bool {
 }
 
 /// Excess mean square of each channel, beyond chance.
-fn beyond_chance(hypothesis: &Hypothesis) -> impl Iterator<Item = f64> {
+pub fn beyond_chance(hypothesis: &Hypothesis) -> impl Iterator<Item = f64> {
     hypothesis.squares.iter().zip(&hypothesis.chance).map(|((_, s), chance)| s - 1.0 - chance)
 }
 

@@ -1,0 +1,116 @@
+//! In which frame a voltage is held over a control period: the tool takes the rotor's until the recording tells otherwise.
+
+use super::data::Data;
+use super::fitting;
+use super::hypothesis::Hypothesis;
+use super::verdict::{UNEXPLAINED, beyond_chance};
+use crate::error::Result;
+use crate::monitor::Monitor;
+use crate::signals::Finding;
+
+/// Share of an excess mean square that may be left where voltages held in the stator's frame explain it, and that down to the noise: they
+/// have no free parameter.
+const LEFT: f64 = 0.25;
+/// How much more of what they do not explain may be left, share of the mean square.
+const MORE: f64 = 0.05;
+
+/// Fits a hypothesis once more with voltages held in the stator's frame, and goes over to them, on the `others` as well, if they alone
+/// explain what it leaves in the currents of all recordings or in the motion of all, and no other channel is the worse for it.
+///
+/// # Errors
+/// Those of the least-squares fits.
+pub fn settle(
+    data: &mut Data,
+    others: &mut [Data],
+    found: &Hypothesis,
+    monitor: &dyn Monitor,
+) -> Result<Option<Hypothesis>> {
+    let driven = data.has(true) && data.runs().iter().all(|run| run.signals.v.is_some());
+    if data.signals.stator_held || !driven || monitor.cancelled() {
+        return Ok(None);
+    }
+    let (mut tried, mut theirs) = (data.clone(), others.to_vec());
+    let mut before = vec![found.clone()];
+    for other in &mut theirs {
+        let transferred = fitting::transfer(other, found, monitor)?;
+        other.settle_floors(&transferred);
+        before.push(transferred.seen_again(other));
+    }
+    if !before.iter().flat_map(beyond_chance).any(|excess| excess > UNEXPLAINED.1) {
+        return Ok(None);
+    }
+    tried.hold_in_stator();
+    let held = fitting::refit(&tried, found, monitor)?;
+    let mut after = vec![held.clone()];
+    for other in &mut theirs {
+        other.hold_in_stator();
+        after.push(fitting::transfer(other, &held, monitor)?);
+    }
+    if !explained(&before, &after) {
+        return Ok(None);
+    }
+    tried.signals.findings.push(Finding {
+        finding: "the voltages act as if they were held in the stator's frame over each control period"
+            .into(),
+        consequence: "the mean current, and so the torque, between two samples is corrected for it".into(),
+        fix: "nothing is wrong; log mean currents, or sample faster, to be free of it".into(),
+    });
+    tried.settle_floors(&held);
+    *data = tried;
+    others.clone_from_slice(&theirs);
+    fitting::refit(data, &held, monitor).map(Some)
+}
+
+/// Whether all that was left of the currents, or of the motion, is gone, and the rest no worse.
+fn explained(before: &[Hypothesis], after: &[Hypothesis]) -> bool {
+    let pairs = |electrical: bool| -> Vec<(f64, f64)> {
+        let on_run = |(before, after): (&Hypothesis, &Hypothesis)| {
+            let excess = beyond_chance(before).zip(beyond_chance(after));
+            let own =
+                excess.zip(&before.squares).filter(|(_, (channel, _))| channel.is_electrical() == electrical);
+            own.map(|(excess, _)| excess).collect::<Vec<_>>()
+        };
+        before.iter().zip(after).flat_map(on_run).collect()
+    };
+    [true, false].into_iter().any(|side| {
+        let (own, rest) = (pairs(side), pairs(!side));
+        let gone = |(before, after): &(f64, f64)| {
+            *after <= if *before > UNEXPLAINED.1 { (LEFT * before).min(UNEXPLAINED.1) } else { UNEXPLAINED.1 }
+        };
+        own.iter().any(|(before, _)| *before > UNEXPLAINED.1)
+            && own.iter().all(gone)
+            && rest.iter().all(|(before, after)| *after <= before + MORE * (1.0 + before.max(0.0)))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::CX;
+    use crate::experiment::Channel;
+    use crate::model::Model;
+
+    fn left(d: f64, q: f64, speed: f64) -> Hypothesis {
+        let mut out = Hypothesis::bare(Model::new(CX, &[]), vec![1.0; 6]);
+        out.squares = vec![(Channel::ID, d), (Channel::IQ, q), (Channel::OmegaE, speed)];
+        out.chance = vec![0.0; 3];
+        out
+    }
+
+    #[test]
+    fn one_side_must_be_explained_whole_and_the_other_no_worse() {
+        let runs = |a, b| [a, b];
+        // The currents show it on the second run alone; friction is missing.
+        let before = runs(left(1.05, 1.0, 90.0), left(1.42, 1.1, 40.0));
+        assert!(explained(&before, &runs(left(1.0, 1.0, 89.0), left(1.01, 1.0, 41.0))));
+        assert!(!explained(&before, &runs(left(1.0, 1.0, 89.0), left(1.2, 1.0, 41.0))));
+        assert!(!explained(&before, &runs(left(1.0, 1.0, 99.0), left(1.01, 1.0, 41.0))));
+        // The motion of the fitted run alone proves nothing against that of the other one.
+        let before = runs(left(1.0, 1.0, 1.3), left(1.0, 1.0, 1.05));
+        assert!(explained(&before, &runs(left(1.0, 1.0, 1.01), left(1.0, 1.0, 1.0))));
+        assert!(!explained(&before, &runs(left(1.0, 1.0, 1.01), left(1.0, 1.0, 1.9))));
+        // Where nothing was left there is nothing to explain.
+        let still = runs(left(1.0, 1.0, 1.05), left(1.0, 1.0, 1.05));
+        assert!(!explained(&still, &runs(left(1.0, 1.0, 1.0), left(1.0, 1.0, 1.0))));
+    }
+}
