@@ -45,6 +45,7 @@ use search::{Outcome, Search};
 
 /// Share of the voltages' noise, as the bare machine sees it, below which a better model must bring it to be believed.
 const QUIETER: f64 = 0.93;
+
 /// Diagnoses a machine from `recordings`, all of which are fitted together, and an optional `validation` run on which nothing is
 /// estimated but initial values and an unknown load.
 ///

@@ -1,11 +1,13 @@
 //! Cross-saturation: the axes share iron, so that the flux of one falls with the current of the other. From one energy
-//! W = (k_1·ψ_m·u + k_2·u²/2)·λ_q²/(l_q·λ_0²) in u = λ_d − ψ_m: Δi_d = (k_1·ψ_m + k_2·u)·λ_q²/(l_q·λ_0²) and
-//! Δi_q = (2·k_1·ψ_m·u + k_2·u²)·λ_q/(l_q·λ_0²), so that the cross terms are reciprocal. k_1 is what the iron shows at the magnet's
-//! own flux; it is negative where the magnet's leakage saturates bridges that q flux relieves. k_2 is how much more it shows as d current
-//! fills the iron further. With λ_0 the largest flux linkage of the recording, both are shares of the linear current there.
+//! W = (k_1·ψ_m·u + k_2·u²/2)·λ_q²/(l_q·λ_0²) + l_d·(k_1·ψ_m·λ_q²/(l_q·λ_0²))²/2 in u = λ_d − ψ_m:
+//! Δi_d = (k_1·ψ_m + k_2·u)·λ_q²/(l_q·λ_0²) and Δi_q = (2·k_1·ψ_m·u + k_2·u² + 2·l_d·(k_1·ψ_m·λ_q)²/(l_q·λ_0²))·λ_q/(l_q·λ_0²), so that
+//! the cross terms are reciprocal. k_1 is what the iron shows at the magnet's own flux; it is negative where the magnet's leakage
+//! saturates bridges that q flux relieves. k_2 is how much more it shows as d current fills the iron further. With λ_0 the largest flux
+//! linkage of the recording, both are shares of the linear current there. The last term makes k_1 alone the co-energy −c·i_d·i_q² to
+//! second order, and the energy convex in it.
 //!
-//! Source: Hinkkanen, Pescetto, Mölsä, Saarakkala, Pellegrino & Bojoi, IEEE Trans. Industry Applications 53 (2017) 2644; the term in u
-//! alone is the co-energy −c·i_d·i_q² to first order.
+//! Source: Hinkkanen, Pescetto, Mölsä, Saarakkala, Pellegrino & Bojoi, IEEE Trans. Industry Applications 53 (2017) 2644; Legendre's
+//! transform of the co-energy for k_1.
 
 use crate::effect::{Context, Effect, Field, FieldPoint, Info, Need, Parameter, Role, Site};
 use crate::base::Base;
@@ -19,7 +21,8 @@ impl Effect for CrossSaturation {
         id: "cross_saturation",
         title: "Cross-saturation",
         sentence: "The two axes share iron: the flux of one falls with the current of the other.",
-        equation: "Δi_d = (k_1·ψ_m + k_2·u)·λ_q²/(l_q·λ_0²), Δi_q = (2·k_1·ψ_m·u + k_2·u²)·λ_q/(l_q·λ_0²), u = λ_d − ψ_m",
+        equation: "Δi_d = (k_1·ψ_m + k_2·u)·λ_q²/(l_q·λ_0²), \
+                   Δi_q = (2·k_1·ψ_m·u + k_2·u² + 2·l_d·(k_1·ψ_m·λ_q)²/(l_q·λ_0²))·λ_q/(l_q·λ_0²), u = λ_d − ψ_m",
         source: "Hinkkanen et al., IEEE Trans. Industry Applications 53 (2017) 2644",
         fingerprint: "q-axis voltage falls with ω·i_q², the same for both signs of i_q",
         look_alikes: &["saturation_q", "saturation_d", "encoder_angle_offset"],
@@ -56,11 +59,12 @@ impl Effect for CrossSaturation {
         let (u, q) = (at.flux[0] - at.magnet[0], at.flux[1] - at.magnet[1]);
         let (own, grown) = (p[0] * at.psi_m * scale, p[1] * u * scale);
         let stiffer = (own * 2.0 + grown) * u;
+        let fourth = own * own * base.l_d * q * q * 2.0;
         out.i[0] += (own + grown) * q * q;
-        out.i[1] += stiffer * q;
+        out.i[1] += (stiffer + fourth) * q;
         out.inverse[0] += p[1] * scale * q * q;
         out.inverse[1] += (own + grown) * q * 2.0;
-        out.inverse[2] += stiffer;
+        out.inverse[2] += stiffer + fourth * 3.0;
     }
 }
 
@@ -90,13 +94,21 @@ mod tests {
     }
 
     #[test]
-    fn the_first_term_is_the_coenergy_that_is_linear_in_the_d_current() {
-        // λ_d = l_d·i_d + ψ_m − c·i_q², λ_q = l_q·i_q − 2·c·i_d·i_q.
-        let (k, i) = (1e-3, [-3.0, 4.0]);
-        let c = k * MACHINE[3] * MACHINE[1] * MACHINE[2] / CX.psi_max.powi(2);
-        let [d, q] = flux([k, 0.0], i);
-        close((d - MACHINE[1] * i[0] - MACHINE[3]) / (-c * i[1] * i[1]), 1.0, 0.01);
-        close((q - MACHINE[2] * i[1]) / (-2.0 * c * i[0] * i[1]), 1.0, 0.01);
+    fn the_first_strength_is_the_coenergy_that_is_linear_in_the_d_current() {
+        // λ_d = l_d·i_d + ψ_m − c·i_q², λ_q = l_q·i_q − 2·c·i_d·i_q; k_2 is what −c·i_d·i_q² has of the second order in u.
+        let off = |k: f64| {
+            let i = [-3.0, 4.0];
+            let c = k * MACHINE[3] * MACHINE[1] * MACHINE[2] / CX.psi_max.powi(2);
+            let k_2 = 4.0 * (c * CX.psi_max / (MACHINE[1] * MACHINE[2])).powi(2);
+            let [d, q] = flux([k, k_2], i);
+            let falls = [c * i[1] * i[1], 2.0 * c * i[0] * i[1]];
+            let linear = [MACHINE[1] * i[0] + MACHINE[3], MACHINE[2] * i[1]];
+            [((linear[0] - d) / falls[0] - 1.0).abs(), ((linear[1] - q) / falls[1] - 1.0).abs()]
+        };
+        let (once, half) = (off(0.02), off(0.01));
+        for axis in 0..2 {
+            assert!(once[axis] < 0.01 && half[axis] < 0.3 * once[axis], "{once:?} {half:?}");
+        }
     }
 
     /// Whether the energy is convex everywhere within the largest flux, for d flux from `lowest` upwards; saliency l_q/l_d, the

@@ -10,8 +10,9 @@ use crate::map::{Equation, Factor, Part, Spline, Variable};
 use crate::recording::Kind;
 use std::f64::consts::{PI, TAU};
 
-/// Splines over one variable: degree and pieces. Most curves are smooth; a hump of friction at one speed is not.
+/// Splines over one variable: degree and pieces.
 const CURVE: (usize, usize) = (3, 4);
+/// And of a torque, since friction may have a hump at one speed.
 const FINE: [(usize, usize); 2] = [(3, 12), (3, 28)];
 /// Splines in each direction of a map over two variables.
 const SURFACE: (usize, usize) = (2, 2);
@@ -44,7 +45,10 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
     };
     let mut pairs: Vec<(Factor, Option<Factor>)> = waves.iter().map(|wave| (*wave, None)).collect();
     for (k, x) in variables.iter().enumerate() {
-        pairs.extend([CURVE].iter().chain(&FINE).map(|size| (line(x, *size), None)));
+        pairs.push((line(x, CURVE), None));
+        if side == Side::Mechanical {
+            pairs.extend(FINE.map(|size| (line(x, size), None)));
+        }
         for y in &variables[k + 1..] {
             pairs.push((line(x, SURFACE), Some(line(y, SURFACE))));
         }
