@@ -51,8 +51,8 @@ def test_a_rub_at_high_speed_is_not_taken_for_friction(tmp_path: Path) -> None:
 def test_a_hump_of_friction_at_one_speed_is_mapped_as_narrow_as_it_is(tmp_path: Path) -> None:
     from proof.machines import SERVO
 
-    hump = {"x_friction_hump": {"tau": 0.4, "w_hump": 95.0, "width": 12.0}}
-    answer = diagnosed(tmp_path, SERVO, hump, "rich", "measured", 17)
+    hump = {"x_friction_hump": {"tau": 0.4, "w_hump": 80.0, "width": 12.0}}
+    answer = diagnosed(tmp_path, SERVO, hump, "rich", "measured", 5)
     assert answer.verdict == "unknown"
     assert answer.unmodelled is not None
     assert "omega_e" in answer.unmodelled.sentence
