@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from concealed import diagnose
+from concealed import diagnose, diagnosed
 
 pytest.importorskip("numba")
 pq = pytest.importorskip("pyarrow.parquet")
@@ -233,17 +233,7 @@ def test_an_inverter_that_holds_its_voltage_in_the_stator_is_no_mismatch(tmp_pat
 def test_how_voltages_are_held_is_seen_beside_friction_that_is_missing(tmp_path):
     """The currents tell of it where the motion has something else to tell."""
     friction = {"coulomb_friction": {"tau_c": 1.0}}
-    make_case(
-        tmp_path / "open",
-        TRACTION,
-        friction,
-        "fast",
-        "none",
-        3,
-        truth_folder=tmp_path / "sealed",
-        stator_hold=True,
-    )
-    answer = diagnose(tmp_path / "open")
+    answer = diagnosed(tmp_path, TRACTION, friction, "fast", "none", 3, stator_hold=True)
     assert (answer.verdict, answer.model["effects"]) == ("named", ["coulomb_friction"])
     assert any("stator" in finding["finding"] for finding in answer.data_quality)
 

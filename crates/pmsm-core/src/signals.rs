@@ -5,17 +5,20 @@ mod angle;
 mod clock;
 pub mod join;
 mod lag;
+mod mend;
 mod open_circuit;
 mod phases;
+mod scales;
 
 use crate::effect::Context;
 use crate::error::{Error, Result};
-use crate::machine::{BaseParameter, Machine};
+use crate::machine::Machine;
 use crate::recording::{Kind, Load, Recording};
 use crate::transforms::inverse_park;
 use angle::{check_sense, differentiate, integrate, unwrap};
+use mend::mend;
+pub(crate) use scales::electrical_rate;
 use serde::Serialize;
-use std::f64::consts::TAU;
 use std::ops::Range;
 
 /// Temperature to which r_s and psi_m refer where temperatures are logged, °C; the same for all recordings of a machine.
@@ -283,86 +286,12 @@ impl Signals {
     pub fn is_empty(&self) -> bool {
         self.t.is_empty()
     }
-
-    fn set_scales(&mut self, machine: &Machine, n: usize) {
-        let largest = |x: &Option<[Vec<f64>; 2]>| {
-            let longer = |most: [f64; 3], (d, q): (&f64, &f64)| {
-                let square = d * d + q * q;
-                if square > most[0] { [square, *d, *q] } else { most }
-            };
-            let of = |[d, q]: &[Vec<f64>; 2]| d.iter().zip(q).fold([0.0; 3], longer);
-            x.as_ref().map(of).map_or(0.0, |[_, d, q]| d.hypot(q))
-        };
-        let peak = |x: &[f64]| x.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-        let cx = &mut self.context;
-        cx.i_max = largest(&self.i).max(1e-9);
-        cx.v_max = largest(&self.v).max(1e-9);
-        if cx.v_dc <= 0.0 {
-            cx.v_dc = 3f64.sqrt() * cx.v_max;
-        }
-        cx.omega_e_max = peak(&self.omega_e).max(1e-6);
-        // Without a nameplate the back-EMF at the highest speed bounds the flux.
-        let psi_m = machine.get(BaseParameter::PsiM).unwrap_or(cx.v_max / cx.omega_e_max.max(1.0));
-        let l = machine.get(BaseParameter::LQ).or(machine.get(BaseParameter::LD)).unwrap_or(0.0);
-        cx.psi_max = psi_m.max(1e-9).hypot(l * cx.i_max);
-        cx.tau_max = match &self.tau_e {
-            Some(tau) => peak(tau),
-            None => 1.5 * self.n_p * cx.psi_max * cx.i_max,
-        }
-        .max(1e-12);
-        if let (Some([a, b, c]), true) = (&self.phases, self.three_currents) {
-            cx.zero_sequence = (0..n).map(|k| a[k] + b[k] + c[k]).sum::<f64>() / (3.0 * n as f64);
-        }
-    }
-}
-
-/// r_s/l of the faster axis; where the nameplate is silent, that of a small servo motor.
-pub(crate) fn electrical_rate(machine: &Machine) -> f64 {
-    let r_s = machine.get(BaseParameter::RS);
-    let l = [BaseParameter::LD, BaseParameter::LQ].iter().filter_map(|p| machine.get(*p)).reduce(f64::min);
-    match (r_s, l) {
-        (Some(r_s), Some(l)) => r_s / l,
-        _ => 1000.0,
-    }
-}
-
-/// Evens out time stamps and undoes a lag of the speed, where the angle shows them.
-fn mend(t: &mut Vec<f64>, omega: &mut Vec<f64>, theta: &[f64], segments: &[Range<usize>]) -> Vec<Finding> {
-    let mut findings = Vec::new();
-    if let Some((even, jitter)) = clock::even(t, segments, theta, omega) {
-        *t = even;
-        findings.push(Finding {
-            finding: format!(
-                "the time stamps jitter by {:.1} % of the sample period, but the rotor turns evenly",
-                100.0 * jitter
-            ),
-            consequence: "evenly spaced samples are assumed".into(),
-            fix: "stamp the samples when they are taken".into(),
-        });
-    }
-    if let Some((prompt, lag)) = lag::undo(t, theta, omega, segments) {
-        *omega = prompt;
-        let (what, fix) = match lag {
-            lag::Lag::Filter(tau) => (
-                format!("is low-pass filtered at {:.0} Hz", 1.0 / (TAU * tau)),
-                "log the speed before its filter, or the angle alone",
-            ),
-            lag::Lag::Delay(tau) => {
-                (format!("is {:.2} ms late", 1e3 * tau), "log speed and angle at the same instant")
-            }
-        };
-        findings.push(Finding {
-            finding: format!("the logged speed {what}, as the angle shows"),
-            consequence: "the lag is undone, which raises the noise of the speed".into(),
-            fix: fix.into(),
-        });
-    }
-    findings
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f64::consts::TAU;
 
     fn turning(n: usize, speed: f64, angle_factor: f64) -> Recording {
         let t: Vec<f64> = (0..n).map(|k| k as f64 * 1e-4).collect();

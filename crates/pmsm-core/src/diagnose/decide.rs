@@ -51,21 +51,21 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
             outcome.swaps.iter().find(|s| s.replaced == effect && s.by.is_none()).map(|s| &s.judged);
         let odds = |judged: &Judged| (floor - loss(judged)).min(50.0).exp();
         let none = odds(removed.unwrap_or(&outcome.base));
+        let shown = |wide: EffectId| outcome.shown.iter().find(|s| s.effect == wide);
         // A rival that only generalises the effect competes with what its extra freedom deserves, not as another cause; unless that
         // freedom earned nothing and the recording would not have shown it in any of its forms. Where the model leaves more than noise,
         // it is what it leaves, and not the recording, that would hide it.
         let hidden = |wide: EffectId| {
             let earned = rivals.iter().any(|(e, j)| *e == wide && loss(j) < floor);
-            let shown = outcome.shown.iter().find(|s| s.effect == wide).map(|s| s.at_best);
-            shown.filter(|power| to_the_noise && generalises(wide, effect) && !earned && *power < EVEN)
+            let at_best = shown(wide).map(|s| s.at_best);
+            at_best.filter(|power| to_the_noise && generalises(wide, effect) && !earned && *power < EVEN)
         };
         // Or unless the recording asks for that freedom, only not by enough to be sure of what it stands for.
         let asked_for = |wide: EffectId, judged: &Judged| {
             to_the_noise && generalises(wide, effect) && verdict::asks_for(judged, &outcome.best)
         };
         // That freedom may be there all the same, as far as the recording would have missed it.
-        let missed =
-            |wide: EffectId| outcome.shown.iter().find(|s| s.effect == wide).map_or(0.0, |s| 1.0 - s.power);
+        let missed = |wide: EffectId| shown(wide).map_or(0.0, |s| 1.0 - s.power);
         let weight = |rival: EffectId, judged: &Judged| match hidden(rival) {
             Some(power) => 1.0 - power,
             None if asked_for(rival, judged) => 1.0,

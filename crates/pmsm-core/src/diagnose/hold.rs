@@ -29,7 +29,7 @@ pub fn settle(
     if data.signals.stator_held || !driven || monitor.cancelled() {
         return Ok(None);
     }
-    let (mut tried, mut theirs) = (data.clone(), others.to_vec());
+    let mut theirs = others.to_vec();
     let mut before = vec![found.clone()];
     for other in &mut theirs {
         let transferred = fitting::transfer(other, found, monitor)?;
@@ -39,6 +39,7 @@ pub fn settle(
     if !before.iter().flat_map(beyond_chance).any(|excess| excess > UNEXPLAINED.1) {
         return Ok(None);
     }
+    let mut tried = data.clone();
     tried.hold_in_stator();
     let held = fitting::refit(&tried, found, monitor)?;
     let mut after = vec![held.clone()];

@@ -3,11 +3,12 @@
 //! Δi_d = (k_1·ψ_m + k_2·u)·λ_q²/(l_q·λ_0²) and Δi_q = (2·k_1·ψ_m·u + k_2·u² + 2·l_d·(k_1·ψ_m·λ_q)²/(l_q·λ_0²))·λ_q/(l_q·λ_0²), so that
 //! the cross terms are reciprocal. k_1 is what the iron shows at the magnet's own flux; it is negative where the magnet's leakage
 //! saturates bridges that q flux relieves. k_2 is how much more it shows as d current fills the iron further. With λ_0 the largest flux
-//! linkage of the recording, both are shares of the linear current there. The last term makes k_1 alone the co-energy −c·i_d·i_q² to
-//! second order, and the energy convex in it.
+//! linkage of the recording, both are shares of the linear current there. The last term is what the co-energy −c·i_d·i_q² with
+//! c = k_1·ψ_m·l_d·l_q/λ_0² does to the q axis in second order; with k_2 = 4·(k_1·ψ_m/λ_0)² the energy is that of this co-energy to second
+//! order.
 //!
-//! Source: Hinkkanen, Pescetto, Mölsä, Saarakkala, Pellegrino & Bojoi, IEEE Trans. Industry Applications 53 (2017) 2644; Legendre's
-//! transform of the co-energy for k_1.
+//! Source: Hinkkanen, Pescetto, Mölsä, Saarakkala, Pellegrino & Bojoi, IEEE Trans. Industry Applications 53 (2017) 2644; the last term by
+//! Legendre's transform of the co-energy.
 
 use crate::effect::{Context, Effect, Field, FieldPoint, Info, Need, Parameter, Role, Site};
 use crate::base::Base;
@@ -94,13 +95,12 @@ mod tests {
     }
 
     #[test]
-    fn the_first_strength_is_the_coenergy_that_is_linear_in_the_d_current() {
-        // λ_d = l_d·i_d + ψ_m − c·i_q², λ_q = l_q·i_q − 2·c·i_d·i_q; k_2 is what −c·i_d·i_q² has of the second order in u.
+    fn both_strengths_make_the_coenergy_that_is_linear_in_the_d_current() {
+        // λ_d = l_d·i_d + ψ_m − c·i_q², λ_q = l_q·i_q − 2·c·i_d·i_q; what is off is of the second order of what they add.
         let off = |k: f64| {
             let i = [-3.0, 4.0];
             let c = k * MACHINE[3] * MACHINE[1] * MACHINE[2] / CX.psi_max.powi(2);
-            let k_2 = 4.0 * (c * CX.psi_max / (MACHINE[1] * MACHINE[2])).powi(2);
-            let [d, q] = flux([k, k_2], i);
+            let [d, q] = flux([k, 4.0 * (k * MACHINE[3] / CX.psi_max).powi(2)], i);
             let falls = [c * i[1] * i[1], 2.0 * c * i[0] * i[1]];
             let linear = [MACHINE[1] * i[0] + MACHINE[3], MACHINE[2] * i[1]];
             [((linear[0] - d) / falls[0] - 1.0).abs(), ((linear[1] - q) / falls[1] - 1.0).abs()]

@@ -1,0 +1,48 @@
+//! Scales of a run: the largest values that it takes, and the fastest electrical rate.
+
+use super::Signals;
+use crate::machine::{BaseParameter, Machine};
+
+impl Signals {
+    /// Fills the scales of the context.
+    pub(super) fn set_scales(&mut self, machine: &Machine, n: usize) {
+        let largest = |x: &Option<[Vec<f64>; 2]>| {
+            let longer = |most: [f64; 3], (d, q): (&f64, &f64)| {
+                let square = d * d + q * q;
+                if square > most[0] { [square, *d, *q] } else { most }
+            };
+            let of = |[d, q]: &[Vec<f64>; 2]| d.iter().zip(q).fold([0.0; 3], longer);
+            x.as_ref().map(of).map_or(0.0, |[_, d, q]| d.hypot(q))
+        };
+        let peak = |x: &[f64]| x.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        let cx = &mut self.context;
+        cx.i_max = largest(&self.i).max(1e-9);
+        cx.v_max = largest(&self.v).max(1e-9);
+        if cx.v_dc <= 0.0 {
+            cx.v_dc = 3f64.sqrt() * cx.v_max;
+        }
+        cx.omega_e_max = peak(&self.omega_e).max(1e-6);
+        // Without a nameplate the back-EMF at the highest speed bounds the flux.
+        let psi_m = machine.get(BaseParameter::PsiM).unwrap_or(cx.v_max / cx.omega_e_max.max(1.0));
+        let l = machine.get(BaseParameter::LQ).or(machine.get(BaseParameter::LD)).unwrap_or(0.0);
+        cx.psi_max = psi_m.max(1e-9).hypot(l * cx.i_max);
+        cx.tau_max = match &self.tau_e {
+            Some(tau) => peak(tau),
+            None => 1.5 * self.n_p * cx.psi_max * cx.i_max,
+        }
+        .max(1e-12);
+        if let (Some([a, b, c]), true) = (&self.phases, self.three_currents) {
+            cx.zero_sequence = (0..n).map(|k| a[k] + b[k] + c[k]).sum::<f64>() / (3.0 * n as f64);
+        }
+    }
+}
+
+/// r_s/l of the faster axis; where the nameplate is silent, that of a small servo motor.
+pub(crate) fn electrical_rate(machine: &Machine) -> f64 {
+    let r_s = machine.get(BaseParameter::RS);
+    let l = [BaseParameter::LD, BaseParameter::LQ].iter().filter_map(|p| machine.get(*p)).reduce(f64::min);
+    match (r_s, l) {
+        (Some(r_s), Some(l)) => r_s / l,
+        _ => 1000.0,
+    }
+}
