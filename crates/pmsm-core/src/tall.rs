@@ -8,6 +8,8 @@ use nalgebra::{DMatrix, DVector};
 const BLOCK: usize = 256;
 /// Partial sums of a dot product, the same on every processor.
 const SUMS: usize = 8;
+/// Dot products with one column that are taken at once.
+const WIDE: usize = 4;
 
 /// AᵀB. Shapes: n × p and n × q give p × q.
 ///
@@ -66,8 +68,18 @@ impl Job for Product<'_> {
             let to = (from + BLOCK).min(n);
             for l in 0..q {
                 let right = &self.b.as_slice()[l * n + from..l * n + to];
-                for k in 0..if self.symmetric { l + 1 } else { p } {
-                    out[(k, l)] += dot(&self.a.as_slice()[k * n + from..k * n + to], right);
+                let column = |k: usize| &self.a.as_slice()[k * n + from..k * n + to];
+                let last = if self.symmetric { l + 1 } else { p };
+                let mut k = 0;
+                while k + WIDE <= last {
+                    let sums = dots::<WIDE>([0, 1, 2, 3].map(|x: usize| column(k + x)), right);
+                    for (x, sum) in sums.into_iter().enumerate() {
+                        out[(k + x, l)] += sum;
+                    }
+                    k += WIDE;
+                }
+                for k in k..last {
+                    out[(k, l)] += dots([column(k)], right)[0];
                 }
             }
         }
@@ -90,10 +102,21 @@ impl Job for Difference<'_> {
             let to = (from + BLOCK).min(n);
             for l in 0..q {
                 let own = &mut self.a.as_mut_slice()[l * n + from..l * n + to];
-                for k in 0..p {
+                let basis = |k: usize| &self.b.as_slice()[k * n + from..k * n + to];
+                let mut k = 0;
+                while k + WIDE <= p {
+                    let columns = [0, 1, 2, 3].map(|x: usize| &basis(k + x)[..own.len()]);
+                    let times = [0, 1, 2, 3].map(|x: usize| self.c[(k + x, l)]);
+                    for (row, x) in own.iter_mut().enumerate() {
+                        for (column, times) in columns.iter().zip(times) {
+                            *x -= times * column[row];
+                        }
+                    }
+                    k += WIDE;
+                }
+                for k in k..p {
                     let times = self.c[(k, l)];
-                    let basis = &self.b.as_slice()[k * n + from..k * n + to];
-                    for (x, y) in own.iter_mut().zip(basis) {
+                    for (x, y) in own.iter_mut().zip(basis(k)) {
                         *x -= times * y;
                     }
                 }
@@ -102,17 +125,28 @@ impl Job for Difference<'_> {
     }
 }
 
+/// Dot products of some columns with another: several at once keep the adders busy, and each has the bits that it has alone.
 #[inline(always)]
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; SUMS];
-    let (heads, tails) = (a.chunks_exact(SUMS), b.chunks_exact(SUMS));
-    let rest: f64 = heads.remainder().iter().zip(tails.remainder()).map(|(x, y)| x * y).sum();
-    for (x, y) in heads.zip(tails) {
-        for (sum, (x, y)) in sums.iter_mut().zip(x.iter().zip(y)) {
-            *sum += x * y;
+fn dots<const K: usize>(a: [&[f64]; K], b: &[f64]) -> [f64; K] {
+    let mut sums = [[0.0; SUMS]; K];
+    let whole = b.len() - b.len() % SUMS;
+    let mut at = 0;
+    while at < whole {
+        let right: &[f64; SUMS] = b[at..at + SUMS].try_into().expect("of this length");
+        for k in 0..K {
+            let left: &[f64; SUMS] = a[k][at..at + SUMS].try_into().expect("of this length");
+            for lane in 0..SUMS {
+                sums[k][lane] += left[lane] * right[lane];
+            }
         }
+        at += SUMS;
     }
-    sums.iter().sum::<f64>() + rest
+    let mut out = [0.0; K];
+    for k in 0..K {
+        let rest: f64 = a[k][whole..].iter().zip(&b[whole..]).map(|(x, y)| x * y).sum();
+        out[k] = sums[k].iter().sum::<f64>() + rest;
+    }
+    out
 }
 
 #[cfg(test)]

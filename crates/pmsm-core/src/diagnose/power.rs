@@ -16,7 +16,7 @@ mod words;
 use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::locate::upper_tail;
-use super::shortlist::{Scorer, freed, orthonormal, solve};
+use super::shortlist::{Scorer, batches, freed, orthonormal, orthonormal_beside, solve};
 use super::verdict::{INDISTINGUISHABLE, LEAST_GAIN, MISMATCH, PRICE};
 use crate::effect::Role;
 use crate::effects::EffectId;
@@ -70,11 +70,12 @@ impl Shown {
     }
 }
 
-/// What a found effect adds to the residual, and what the other parameters can do.
+/// What a found effect adds to the residual.
 struct Found {
     effect: EffectId,
-    others: DMatrix<f64>,
-    /// Freed of the others.
+    /// Orthonormal basis of what only its parameters can do.
+    alone: DMatrix<f64>,
+    /// What it adds, freed of what the other parameters can do.
     trace: DVector<f64>,
     /// Its largest strength, in units of the typical one.
     size: f64,
@@ -87,9 +88,31 @@ struct Survey<'a> {
     best: &'a Hypothesis,
     worth: &'a [f64],
     poor: bool,
-    jacobian: DMatrix<f64>,
+    fitted: Fitted,
     basis: DMatrix<f64>,
     found: Vec<Found>,
+}
+
+/// What the fitted parameters do.
+struct Fitted {
+    jacobian: DMatrix<f64>,
+    /// Lengths of its columns.
+    scale: Vec<f64>,
+    /// (JᵀJ)⁻¹ in units of these lengths, unless the columns are not finite.
+    inverse: Option<DMatrix<f64>>,
+}
+
+impl Fitted {
+    fn new(jacobian: DMatrix<f64>) -> Self {
+        // A parameter without any effect stands for nothing; its scale must only not be zero.
+        let norm = |c: nalgebra::DVectorView<f64>| Some(c.norm()).filter(|x| *x > 1e-100).unwrap_or(1.0);
+        let scale: Vec<f64> = jacobian.column_iter().map(norm).collect();
+        let gram = tall::gram(&jacobian);
+        let unit = DMatrix::from_fn(gram.nrows(), gram.ncols(), |r, c| gram[(r, c)] / (scale[r] * scale[c]));
+        // A decomposition of what is not finite never ends.
+        let inverse = Some(unit).filter(finite).and_then(|m| m.pseudo_inverse(1e-12).ok());
+        Self { jacobian, scale, inverse }
+    }
 }
 
 /// Judges what the recording would have shown of each of `absent` beside the effects of `best`. `worth` is what each channel counts,
@@ -108,7 +131,8 @@ pub fn survey(
     let basis = orthonormal(&jacobian);
     let found = best.effects().into_iter().map(|effect| trace(&scorer, best, effect, &jacobian)).collect();
     let blocks = scorer.experiment().blocks();
-    let survey = Survey { scorer, blocks, best, worth, poor, jacobian, basis, found };
+    let fitted = Fitted::new(jacobian);
+    let survey = Survey { scorer, blocks, best, worth, poor, fitted, basis, found };
     let judged: Vec<Option<Shown>> = absent
         .par_iter()
         .map(|effect| if monitor.cancelled() { None } else { survey.judge(*effect) })
@@ -119,9 +143,10 @@ pub fn survey(
 fn trace(scorer: &Scorer, best: &Hypothesis, effect: EffectId, jacobian: &DMatrix<f64>) -> Found {
     let slot =
         best.model.slots().iter().find(|s| s.effect == effect).expect("an effect of the model has a slot");
-    let kept: Vec<usize> =
-        (0..best.free.len()).filter(|k| !slot.parameters.contains(&best.free[*k])).collect();
+    let (own, kept): (Vec<usize>, Vec<usize>) =
+        (0..best.free.len()).partition(|k| slot.parameters.contains(&best.free[*k]));
     let others = orthonormal(&jacobian.select_columns(&kept));
+    let alone = orthonormal_beside(&others, &jacobian.select_columns(&own));
     let mut without = best.parameters.clone();
     let mut size = 0.0f64;
     for (parameter, index) in effect.info().parameters.iter().zip(slot.parameters.clone()) {
@@ -133,7 +158,7 @@ fn trace(scorer: &Scorer, best: &Hypothesis, effect: EffectId, jacobian: &DMatri
     let experiment = scorer.experiment();
     let step = experiment.residual(&best.parameters) - experiment.residual(&without);
     let trace = freed(&others, &DMatrix::from_columns(&[step])).column(0).into_owned();
-    Found { effect, others, trace, size }
+    Found { effect, alone, trace, size }
 }
 
 impl Survey<'_> {
@@ -152,37 +177,40 @@ impl Survey<'_> {
             self.found.iter().map(|f| (f.effect, 0.0, f64::INFINITY)).collect();
         let (mut power, mut at_best, mut least) = (0.0, 0.0f64, f64::INFINITY);
         let mut strongest = None;
-        for probe in &probes {
-            let columns = self.scorer.sensitivity(effect, probe);
-            let whole = &columns * &typical;
-            if !finite(&columns) {
-                continue;
-            }
-            let free = freed(&self.basis, &DMatrix::from_columns(std::slice::from_ref(&whole)))
-                .column(0)
-                .into_owned();
-            let (before, after) = (self.squares(&whole), self.squares(&free));
-            let beside: Vec<f64> = after.iter().map(|square| share * share * square).collect();
-            power += self.power(&beside, amplitudes.len()) / probes.len() as f64;
-            at_best = at_best.max(self.power(&after, amplitudes.len()));
-            let most = (0..after.len()).max_by(|a, b| after[*a].total_cmp(&after[*b]))?;
-            let at = if after[most] > 0.01 * before.iter().copied().fold(0.0, f64::max) {
-                most
-            } else {
-                (0..before.len()).max_by(|a, b| before[*a].total_cmp(&before[*b]))?
-            };
-            least = least.min(after[at].sqrt());
-            if strongest.as_ref().is_none_or(|(_, _, x, _): &(usize, f64, f64, _)| after[at] > *x) {
-                strongest = Some((at, before[at], after[at], whole));
-            }
-            let bounds: Vec<(f64, f64)> = amplitudes
-                .iter()
-                .map(|k| ((parameters[*k].low)(context), (parameters[*k].high)(context)))
-                .collect();
-            for (found, best) in self.found.iter().zip(&mut likeness) {
-                let (cosine, nats) = self.likeness(found, &columns, &bounds);
-                if cosine > best.1 {
-                    (best.1, best.2) = (cosine, nats);
+        let bounds: Vec<(f64, f64)> = amplitudes
+            .iter()
+            .map(|k| ((parameters[*k].low)(context), (parameters[*k].high)(context)))
+            .collect();
+        for batch in batches(effect, &probes, amplitudes.len()) {
+            let together = self.scorer.sensitivity(effect, batch);
+            let all_free = freed(&self.basis, &together);
+            for at in 0..batch.len() {
+                let own = at * amplitudes.len()..(at + 1) * amplitudes.len();
+                let columns = together.columns_range(own.clone()).into_owned();
+                let free = all_free.columns_range(own).into_owned();
+                if !finite(&columns) {
+                    continue;
+                }
+                let whole = &columns * &typical;
+                let (before, after) = (self.squares(&whole), self.squares(&(&free * &typical)));
+                let beside: Vec<f64> = after.iter().map(|square| share * share * square).collect();
+                power += self.power(&beside, amplitudes.len()) / probes.len() as f64;
+                at_best = at_best.max(self.power(&after, amplitudes.len()));
+                let most = (0..after.len()).max_by(|a, b| after[*a].total_cmp(&after[*b]))?;
+                let at = if after[most] > 0.01 * before.iter().copied().fold(0.0, f64::max) {
+                    most
+                } else {
+                    (0..before.len()).max_by(|a, b| before[*a].total_cmp(&before[*b]))?
+                };
+                least = least.min(after[at].sqrt());
+                if strongest.as_ref().is_none_or(|(_, _, x, _): &(usize, f64, f64, _)| after[at] > *x) {
+                    strongest = Some((at, before[at], after[at], whole));
+                }
+                for (found, best) in self.found.iter().zip(&mut likeness) {
+                    let (cosine, nats) = self.likeness(found, &columns, &free, &bounds);
+                    if cosine > best.1 {
+                        (best.1, best.2) = (cosine, nats);
+                    }
                 }
             }
         }
@@ -225,10 +253,17 @@ impl Survey<'_> {
         if self.poor && squares.iter().all(|x| *x <= MISMATCH) { 0.0 } else { power }
     }
 
-    /// How much of a found effect's trace another's columns reproduce within bounds, and what they would lose against it.
-    fn likeness(&self, found: &Found, columns: &DMatrix<f64>, bounds: &[(f64, f64)]) -> (f64, f64) {
+    /// How much of a found effect's trace another's columns reproduce within bounds, and what they would lose against it; `free` are
+    /// the columns freed of what all fitted parameters can do.
+    fn likeness(
+        &self,
+        found: &Found,
+        columns: &DMatrix<f64>,
+        free: &DMatrix<f64>,
+        bounds: &[(f64, f64)],
+    ) -> (f64, f64) {
         let whole = found.trace.norm_squared();
-        let free = freed(&found.others, columns);
+        let free = free + &found.alone * tall::tr_mul(&found.alone, columns);
         let (gram, right) = (tall::gram(&free), tall::tr_mul_vector(&free, &found.trace));
         let length: Vec<f64> = columns.column_iter().map(|c| c.norm()).collect();
         let Some(step) = solve(&gram, &right, &length).filter(|_| whole > 0.0) else {
@@ -246,17 +281,9 @@ impl Survey<'_> {
     /// that is x_k²/(JᵀJ)⁻¹_kk.
     fn absorbed_by(&self, whole: &DVector<f64>) -> Vec<String> {
         let absorbed = tall::tr_mul_vector(&self.basis, whole).norm_squared();
-        // A parameter without any effect stands for nothing; its scale must only not be zero.
-        let norm = |c: nalgebra::DVectorView<f64>| Some(c.norm()).filter(|x| *x > 1e-100).unwrap_or(1.0);
-        let scale: Vec<f64> = self.jacobian.column_iter().map(norm).collect();
-        let gram = tall::gram(&self.jacobian);
-        let unit = DMatrix::from_fn(gram.nrows(), gram.ncols(), |r, c| gram[(r, c)] / (scale[r] * scale[c]));
-        // A decomposition of what is not finite never ends.
-        let Some(inverse) = Some(unit).filter(finite).and_then(|m| m.pseudo_inverse(1e-12).ok()) else {
-            return Vec::new();
-        };
-        let right = DVector::from_fn(scale.len(), |k, _| self.jacobian.column(k).dot(whole) / scale[k]);
-        let x = &inverse * right;
+        let Fitted { jacobian, scale, inverse: Some(inverse) } = &self.fitted else { return Vec::new() };
+        let right = DVector::from_fn(scale.len(), |k, _| jacobian.column(k).dot(whole) / scale[k]);
+        let x = inverse * right;
         let mut shares: Vec<(usize, f64)> = (0..x.len())
             .map(|k| (k, x[k] * x[k] / inverse[(k, k)].max(1e-300) / absorbed.max(1e-300)))
             .collect();

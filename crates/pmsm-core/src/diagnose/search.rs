@@ -193,7 +193,7 @@ impl Search<'_> {
                 if self.monitor.cancelled() {
                     let probes = effect.probes(parent.fitted.model.context());
                     let start = probes.into_iter().next().unwrap_or_default();
-                    return Prospect { effect: *effect, start, score: 0.0, visible: 0.0 };
+                    return Prospect { effect: *effect, start, score: 0.0 };
                 }
                 scorer.score(*effect)
             })

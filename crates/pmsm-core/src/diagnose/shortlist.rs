@@ -17,6 +17,10 @@ use nalgebra::{DMatrix, DVector};
 
 /// A column keeps less than this share of its length when freed of the others: it is one of them.
 const DEPENDENT: f64 = 1e-5;
+/// Share of a column's square within a basis from which a second round is needed to free it of that basis to the last digits.
+const MOSTLY: f64 = 0.75;
+/// Derivatives that one simulation carries beside those with respect to the initial speeds.
+const TOGETHER: usize = 7;
 
 /// The most promising start for fitting one more effect.
 #[derive(Debug, Clone)]
@@ -27,9 +31,6 @@ pub struct Prospect {
     pub start: Vec<f64>,
     /// Mean square explained, in units of what is left in each channel, summed over the channels.
     pub score: f64,
-    /// Mean square that the effect at its typical strength would add and the fitted parameters could not absorb, in units
-    /// of the floor: what this recording would show of it.
-    pub visible: f64,
 }
 
 /// Scores effects on top of one fitted hypothesis.
@@ -74,33 +75,34 @@ impl<'a> Scorer<'a> {
         let context = *self.hypothesis.model.context();
         let info = effect.info();
         let amplitudes = self.amplitudes(effect);
-        let typical = DVector::from_iterator(
-            amplitudes.len(),
-            amplitudes.iter().map(|k| (info.parameters[*k].typical)(&context)),
-        );
         let probes = effect.probes(&context);
-        let mut best = Prospect { effect, start: probes[0].clone(), score: 0.0, visible: 0.0 };
-        for probe in &probes {
-            let projector = self.projector(effect);
-            let columns = self.columns(effect, probe, &amplitudes, projector);
-            let (free, length) = projector.free(&columns);
-            let n = self.data.counted() as f64;
-            best.visible = best.visible.max((&free * &typical).norm_squared() * projector.scale() / n);
+        let projector = self.projector(effect);
+        let mut best = Prospect { effect, start: probes[0].clone(), score: 0.0 };
+        for batch in batches(effect, &probes, amplitudes.len()) {
+            let columns = self.columns(effect, batch, &amplitudes, projector);
+            let free = freed(&projector.basis, &columns);
             let gram = tall::gram(&free);
             let right = tall::tr_mul_vector(&free, &projector.residual);
-            let Some(step) = solve(&gram, &right, &length) else { continue };
-            let bounded: DVector<f64> = DVector::from_fn(amplitudes.len(), |k, _| {
-                let parameter = &info.parameters[amplitudes[k]];
-                (-step[k]).clamp((parameter.low)(&context), (parameter.high)(&context))
-            });
-            let left = (&projector.residual + &free * &bounded).norm_squared();
-            let score = (projector.residual.norm_squared() - left) / n;
-            if score > best.score {
-                best.score = score;
-                best.start.clone_from(probe);
-                for (k, x) in amplitudes.iter().zip(bounded.iter()) {
-                    let least = 0.02 * (info.parameters[*k].typical)(&context).abs();
-                    best.start[*k] = if x.abs() < least { least.copysign(*x) } else { *x };
+            for (at, probe) in batch.iter().enumerate() {
+                let own = at * amplitudes.len()..(at + 1) * amplitudes.len();
+                let length: Vec<f64> = own.clone().map(|k| columns.column(k).norm()).collect();
+                let gram = gram.view_range(own.clone(), own.clone()).into_owned();
+                let right = right.rows_range(own).into_owned();
+                let Some(step) = solve(&gram, &right, &length) else { continue };
+                let bounded: DVector<f64> = DVector::from_fn(amplitudes.len(), |k, _| {
+                    let parameter = &info.parameters[amplitudes[k]];
+                    (-step[k]).clamp((parameter.low)(&context), (parameter.high)(&context))
+                });
+                // ‖r‖² − ‖r + F·b‖², with the free columns F and the bounded step b.
+                let gain = -(bounded.dot(&right) * 2.0 + bounded.dot(&(&gram * &bounded)));
+                let score = gain / self.data.counted() as f64;
+                if score > best.score {
+                    best.score = score;
+                    best.start.clone_from(probe);
+                    for (k, x) in amplitudes.iter().zip(bounded.iter()) {
+                        let least = 0.02 * (info.parameters[*k].typical)(&context).abs();
+                        best.start[*k] = if x.abs() < least { least.copysign(*x) } else { *x };
+                    }
                 }
             }
         }
@@ -117,10 +119,10 @@ impl<'a> Scorer<'a> {
     }
 
     /// Derivatives of the whole residual, in units of what is left in each channel, with respect to the amplitudes of an effect
-    /// of this shape at zero strength.
-    pub fn sensitivity(&self, effect: EffectId, probe: &[f64]) -> DMatrix<f64> {
+    /// at zero strength: those of the first of these `shapes`, those of the second, …
+    pub fn sensitivity(&self, effect: EffectId, shapes: &[Vec<f64>]) -> DMatrix<f64> {
         let projector = self.projector(effect);
-        let columns = self.columns(effect, probe, &self.amplitudes(effect), projector);
+        let columns = self.columns(effect, shapes, &self.amplitudes(effect), projector);
         let n = self.data.signals.len();
         let mut whole = DMatrix::zeros(self.whole.residual.len(), columns.ncols());
         for (at, channel) in projector.order.iter().enumerate() {
@@ -147,22 +149,26 @@ impl<'a> Scorer<'a> {
         }
     }
 
-    /// Derivatives of the residual with respect to the effect's amplitudes at zero strength.
+    /// Derivatives of the residual with respect to the effect's amplitudes at zero strength, shape by shape. An effect without
+    /// strength changes nothing, so that one simulation carries it in every shape.
     fn columns(
         &self,
         effect: EffectId,
-        probe: &[f64],
+        shapes: &[Vec<f64>],
         amplitudes: &[usize],
         projector: &Projector,
     ) -> DMatrix<f64> {
         let hypothesis = self.hypothesis;
         let mut effects = hypothesis.effects();
-        effects.push(effect);
+        effects.extend(std::iter::repeat_n(effect, shapes.len()));
         let model = Model::new(*hypothesis.model.context(), &effects);
         let own = hypothesis.own();
-        let mut parameters = own.to_vec();
-        parameters
-            .extend(probe.iter().enumerate().map(|(k, x)| if amplitudes.contains(&k) { 0.0 } else { *x }));
+        let (mut parameters, mut free) = (own.to_vec(), Vec::new());
+        for shape in shapes {
+            free.extend(amplitudes.iter().map(|k| parameters.len() + k));
+            let weak = |(k, x): (usize, &f64)| if amplitudes.contains(&k) { 0.0 } else { *x };
+            parameters.extend(shape.iter().enumerate().map(weak));
+        }
         let initial = model.mechanical_states();
         let mut nuisances = Vec::with_capacity(hypothesis.nuisances.len());
         for (nuisance, left_open) in split(&hypothesis.nuisances, &hypothesis.parameters[own.len()..]) {
@@ -172,7 +178,6 @@ impl<'a> Scorer<'a> {
             parameters.extend(std::iter::repeat_n(0.0, initial - nuisance.initial));
             nuisances.push(Nuisance { initial, ..nuisance });
         }
-        let free: Vec<usize> = amplitudes.iter().map(|k| own.len() + k).collect();
         let experiment = self.data.experiment(&model, &nuisances, projector.channels.clone());
         let experiment = experiment.with_starts(projector.starts.as_deref());
         match &projector.torque {
@@ -205,28 +210,37 @@ impl Projector {
         let torque = rotor_only.then(|| data.torque(&hypothesis.model, hypothesis.own()));
         Self { channels, order, torque, starts, basis, residual }
     }
+}
 
-    /// `columns` freed of the basis, and their lengths before.
-    fn free(&self, columns: &DMatrix<f64>) -> (DMatrix<f64>, Vec<f64>) {
-        let length = columns.column_iter().map(|c| c.norm()).collect();
-        (freed(&self.basis, columns), length)
-    }
-
-    /// Mean square of what is left in the channels: from units of the residual to units of the floor.
-    fn scale(&self) -> f64 {
-        let rows = self.residual.len() / self.order.len().max(1);
-        (self.residual.norm_squared() / rows.max(1) as f64).max(1.0)
-    }
+/// Shapes of an effect that one simulation carries: as many as its vectors have room for, of an effect with states of its own one.
+pub fn batches(
+    effect: EffectId,
+    shapes: &[Vec<f64>],
+    amplitudes: usize,
+) -> impl Iterator<Item = &[Vec<f64>]> {
+    let lonely = effect.electrical_state_count() + effect.mechanical_state_count() > 0;
+    let most = if lonely { 1 } else { (TOGETHER / amplitudes.max(1)).max(1) };
+    let count = shapes.len().div_ceil(most).max(1);
+    shapes.chunks(shapes.len().div_ceil(count).max(1))
 }
 
 /// Orthonormal basis of what the columns span; those that the others make superfluous are left out.
 pub fn orthonormal(columns: &DMatrix<f64>) -> DMatrix<f64> {
+    orthonormal_beside(&DMatrix::zeros(columns.nrows(), 0), columns)
+}
+
+/// Orthonormal basis of what the columns span outside of what an orthonormal basis spans already.
+pub fn orthonormal_beside(known: &DMatrix<f64>, columns: &DMatrix<f64>) -> DMatrix<f64> {
     let mut basis: Vec<DVector<f64>> = Vec::with_capacity(columns.ncols());
     for column in columns.column_iter() {
         let mut free = column.into_owned();
         let length = free.norm();
         // Twice is enough (Kahan, Parlett).
         for _ in 0..2 {
+            for b in known.column_iter() {
+                let along = b.dot(&free);
+                free.axpy(-along, &b, 1.0);
+            }
             for b in &basis {
                 let along = b.dot(&free);
                 free.axpy(-along, b, 1.0);
@@ -243,10 +257,17 @@ pub fn orthonormal(columns: &DMatrix<f64>) -> DMatrix<f64> {
 /// `columns` freed of what an orthonormal basis spans.
 pub fn freed(basis: &DMatrix<f64>, columns: &DMatrix<f64>) -> DMatrix<f64> {
     let mut free = columns.clone();
-    // Twice is enough (Kahan, Parlett).
+    // Twice is enough (Kahan, Parlett), and once where not most of a column lies in the basis.
     for _ in 0..2 {
         let along = tall::tr_mul(basis, &free);
+        let lies = |(a, c): (nalgebra::DVectorView<f64>, nalgebra::DVectorView<f64>)| {
+            a.norm_squared() > MOSTLY * c.norm_squared()
+        };
+        let again = along.column_iter().zip(free.column_iter()).any(lies);
         tall::subtract(&mut free, basis, &along);
+        if !again {
+            break;
+        }
     }
     free
 }

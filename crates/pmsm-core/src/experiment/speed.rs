@@ -7,6 +7,7 @@ use crate::real::Real;
 use crate::simulate::mechanical::{self, Restart};
 use nalgebra::{DMatrix, DVector};
 use std::borrow::Cow;
+use std::cell::OnceCell;
 
 impl<'a> Experiment<'a> {
     pub(super) fn linearise_mechanical(
@@ -16,8 +17,13 @@ impl<'a> Experiment<'a> {
         residual: &mut DVector<f64>,
         jacobian: &mut DMatrix<f64>,
     ) {
-        let torque = self.torque_at(p);
-        let starts = self.starts(p, &torque);
+        // A pass whose columns change the torque has its own.
+        let known = OnceCell::new();
+        let torque = || &**known.get_or_init(|| self.torque_at(p));
+        let starts = match &self.starts {
+            Some(starts) => Cow::Borrowed(&**starts),
+            None => self.starts(p, torque()),
+        };
         let n = self.samples();
         let mut speed = (vec![0.0; n], vec![0.0; n]);
         // Without states of its own the rotor answers to the load as to a change of its speed.
@@ -28,8 +34,8 @@ impl<'a> Experiment<'a> {
         for columns in chunks(&other, LANES - 1) {
             let at = (p, free, columns);
             match columns.len() {
-                0..=3 => self.mechanical_pass::<4>(at, &torque, &starts, &mut speed, jacobian),
-                _ => self.mechanical_pass::<LANES>(at, &torque, &starts, &mut speed, jacobian),
+                0..=3 => self.mechanical_pass::<4>(at, torque, &starts, &mut speed, jacobian),
+                _ => self.mechanical_pass::<LANES>(at, torque, &starts, &mut speed, jacobian),
             }
         }
         self.load_columns(p, free, &load, &speed.1, jacobian);
@@ -37,10 +43,10 @@ impl<'a> Experiment<'a> {
     }
 
     /// Speed, its derivative with respect to the initial speeds, and those for some `columns` of the parameters `free`.
-    fn mechanical_pass<const N: usize>(
+    fn mechanical_pass<'t, const N: usize>(
         &self,
         (p, free, columns): (&[f64], &[usize], &[usize]),
-        torque: &[f64],
+        torque: impl Fn() -> &'t [f64],
         starts: &[f64],
         (shown, slope): &mut (Vec<f64>, Vec<f64>),
         jacobian: &mut DMatrix<f64>,
@@ -51,7 +57,7 @@ impl<'a> Experiment<'a> {
         let lifted: Vec<Dual<N>> = if columns.iter().any(|c| self.is_electrical(free[*c])) {
             mechanical::torque(self.model, self.signals, &seeded[..count])
         } else {
-            torque.iter().map(|x| Dual::constant(*x)).collect()
+            torque().iter().map(|x| Dual::constant(*x)).collect()
         };
         let restart = FromStarts::<N> { starts, slot: N - 1 };
         let load = (self.nuisance, &seeded[count..]);

@@ -6,6 +6,11 @@ use crate::base::Base;
 use crate::effect::{Electrical, Env};
 use crate::real::Real;
 
+/// Newton's steps at most.
+const STEPS: usize = 6;
+/// Error (share of the largest current) from which Newton's method needs one more step.
+const NEAR: f64 = 1e-9;
+
 impl Model {
     /// The steady electrical state that belongs to a terminal current, and its torque: flux linkage by Newton's method on the
     /// energy's gradient, extra states at their quasi-static start.
@@ -79,7 +84,7 @@ impl Model {
         let mut flux = [magnet.flux[0] + base.l_d * i[0], magnet.flux[1] + base.l_q * i[1]];
         let mut at = self.magnetic(p, base, psi_m, &magnet, sin_cos, flux);
         if self.is_magnetic {
-            for _ in 0..6 {
+            for _ in 0..STEPS {
                 let emf = emf.unwrap_or([-env.omega_e * flux[1], env.omega_e * flux[0]]);
                 let winding = Electrical { env: *env, sin_cos, i, r_s, v: [T::zero(); 2], emf };
                 for s in &self.slots {
@@ -88,14 +93,64 @@ impl Model {
                 }
                 let bypass = self.shunt(p, &state[2..], sin_cos);
                 let (e_d, e_q) = (i[0] - bypass[0] - at.i[0], i[1] - bypass[1] - at.i[1]);
+                // From so near, the next step is exact, in the derivatives as well, unless states follow the flux.
+                let near = e_d.size() + e_q.size() <= NEAR * self.context.i_max;
+                let last = near && self.electrical_count == 0;
                 let [a, b, c] = at.inverse;
                 let determinant = a * c - b * b;
                 flux[0] += (c * e_d - b * e_q) / determinant;
                 flux[1] += (a * e_q - b * e_d) / determinant;
                 at = self.magnetic(p, base, psi_m, &magnet, sin_cos, flux);
+                if last {
+                    break;
+                }
             }
         }
         (state[0], state[1]) = (flux[0], flux[1]);
         (state, at.tau_e)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dual::Dual;
+    use crate::effects::EffectId;
+    use crate::effects::testing::{CX, MACHINE, env};
+
+    #[test]
+    fn the_state_of_a_current_has_that_current_and_so_have_its_derivatives() {
+        for (effect, own) in [
+            (EffectId::SaturationD, vec![0.0, 2.0, 0.9]),
+            (EffectId::SaturationD, vec![0.4, 2.0, 0.9]),
+            (EffectId::SaturationQ, vec![0.5, 4.0]),
+            (EffectId::CrossSaturation, vec![-0.1, 0.2]),
+        ] {
+            let model = Model::new(CX, &[effect]);
+            // Derivatives with respect to the relative change of each parameter.
+            let seeded = |(k, x): (usize, &f64)| {
+                let mut p = Dual::<9>::constant(*x);
+                p.eps[k] = if *x == 0.0 { 1.0 } else { *x };
+                p
+            };
+            let p: Vec<Dual<9>> = MACHINE.iter().chain(&own).enumerate().map(seeded).collect();
+            let (base, env) = (Base::new(&p), env(0.7, 300.0));
+            let env = Env {
+                t: env.t,
+                omega_e: Dual::constant(env.omega_e),
+                theta_e: Dual::constant(env.theta_e),
+                theta_m: Dual::constant(env.theta_m),
+                heating: env.heating,
+                magnet_heating: env.magnet_heating,
+            };
+            let wanted = [-3.0, 5.0];
+            let (state, _): ([Dual<9>; 2], _) =
+                model.steady_state(&p, &base, wanted.map(Dual::constant), &env);
+            let shown = model.state_current(&p, &base, &state, &env).i;
+            for axis in 0..2 {
+                assert!((shown[axis].re - wanted[axis]).abs() < 1e-12, "{effect:?} {:?}", shown[axis]);
+                assert!(shown[axis].eps.iter().all(|e| e.abs() < 1e-9), "{effect:?} {:?}", shown[axis]);
+            }
+        }
     }
 }
