@@ -12,7 +12,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 WHEELS := $(VENV)/wheels
 REPORT := out/demo.html
 MANUAL := out/docs
-CONCEALED ?= ../shared/concealed
+CONCEALED ?=
 ANSWERS ?= out/accuracy
 # The set of cases of `make proof`: its folder, and the seed of the table in the manual.
 OUT ?= out/proof
@@ -119,8 +119,8 @@ proof-docs:
 	@cp $(OUT)/table.md $(OUT)/calibration.png $(OUT)/seed docs/proof/
 
 accuracy: $(VENV)/.test
-	@if [ ! -d $(CONCEALED)/open ]; then \
-	  echo 'No concealed cases at $(CONCEALED); name a folder with open/, sealed/, run.py and score.py by CONCEALED=...'; exit 1; fi
+	@if [ ! -d '$(CONCEALED)/open' ]; then \
+	  echo 'Name a folder with open/, sealed/, run.py and score.py by CONCEALED=...'; exit 1; fi
 	@mkdir -p $(ANSWERS)
 	$(BIN)/python $(CONCEALED)/run.py --answers $(ANSWERS) --tool $(BIN)/pmsm-rs $(if $(CASES),--only $(CASES))
 	$(BIN)/python $(CONCEALED)/score.py --answers $(ANSWERS) --out $(ANSWERS).json

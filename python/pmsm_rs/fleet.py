@@ -28,7 +28,7 @@ Described = str | os.PathLike[str] | MachineFile | Machine
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a recording has no diagnosis: `kind` is the error's class, WorkerLost or Interrupted."""
+    """Why a recording has no diagnosis; `kind` names the error's class, WorkerLost or Interrupted."""
 
     name: str
     kind: str

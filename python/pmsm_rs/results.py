@@ -155,7 +155,8 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What the dq-model leaves out; every field is that of the JSON answer.
+    """What the dq-model leaves out; fields are those of the JSON answer, of which `effects` and `base` stand
+    under `model` there.
 
     `traces["recording"]` and, where a validation run was given, `traces["validation"]` hold arrays of shape
     (samples,): `t` in s and per channel `NAME_measured`, `NAME_before`, `NAME_after`. Several recordings lie

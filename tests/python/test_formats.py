@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -347,7 +348,7 @@ def test_any_dialect_gives_the_same_numbers(
     check(pm.load(path), columns)
 
 
-RECORDINGS = ROOT.parent / "shared" / "recordings"
+RECORDINGS = Path(os.environ.get("PMSM_RS_RECORDINGS", ROOT.parent / "shared" / "recordings"))
 REAL = {
     "lea_traction/group_B.csv": (
         "t = { period = 5.0 }\nomega_m = { from = 'motor_speed', unit = 'rpm' }\ntau_m = 'torque'\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,7 +15,7 @@ from pmsm_rs.config import read_machine
 from scipy import io, signal
 
 ROOT = Path(__file__).resolve().parents[2]
-RECORDINGS = ROOT.parent / "shared" / "recordings"
+RECORDINGS = Path(os.environ.get("PMSM_RS_RECORDINGS", ROOT.parent / "shared" / "recordings"))
 MACHINES = ROOT / "docs" / "machines"
 
 Array = NDArray[np.float64]
