@@ -126,7 +126,7 @@ impl<const N: usize> Real for Dual<N> {
     }
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
-        let (s, c) = self.re.sin_cos();
+        let (s, c) = Real::sin_cos(self.re);
         (self.chain(s, c), self.chain(c, -s))
     }
     #[inline(always)]

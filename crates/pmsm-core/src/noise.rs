@@ -4,6 +4,7 @@
 use crate::experiment::{Channel, Experiment};
 use crate::input_noise::InputNoise;
 use crate::random::normal_pair;
+use crate::real::Real;
 use crate::recording::Kind;
 use crate::signals::Signals;
 use crate::simulate::electrical::incremental_inductances;
@@ -169,7 +170,7 @@ fn disturbed(signals: &Signals, floors: &[Floor], input: &InputNoise, random: &m
                 if inner { (x[k + 1] - 2.0 * x[k] + x[k - 1]) / 12.0 } else { 0.0 }
             };
             let dq = [0, 1].map(|axis| sigma_i.hypot(unseen(&clean[axis])) * random.next());
-            let (s, c) = noisy.theta_e[k].sin_cos();
+            let (s, c) = Real::sin_cos(noisy.theta_e[k]);
             let abc = inverse_clarke(rotate(dq, c, s));
             for x in 0..3 {
                 phases[x][k] += abc[x];

@@ -13,6 +13,7 @@ mod scales;
 use crate::effect::Context;
 use crate::error::{Error, Result};
 use crate::machine::Machine;
+use crate::real::Real;
 use crate::recording::{Kind, Load, Recording};
 use crate::transforms::inverse_park;
 use angle::{check_sense, differentiate, integrate, unwrap};
@@ -268,7 +269,7 @@ impl Signals {
         let (None, Some([d, q])) = (&self.phases, &self.i) else { return };
         let mut abc = [Vec::with_capacity(d.len()), Vec::with_capacity(d.len()), Vec::with_capacity(d.len())];
         for k in 0..d.len() {
-            let (s, c) = self.theta_e[k].sin_cos();
+            let (s, c) = Real::sin_cos(self.theta_e[k]);
             let x = inverse_park([d[k], q[k]], c, s);
             for phase in 0..3 {
                 abc[phase].push(x[phase]);

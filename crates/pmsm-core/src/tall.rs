@@ -3,6 +3,7 @@
 
 use crate::lanes::{self, Job, Lane, Path, Rounding};
 use nalgebra::{DMatrix, DVector};
+use std::ops::Range;
 
 /// Rows of a block: a dozen columns of them fit in the first cache.
 const BLOCK: usize = 256;
@@ -17,7 +18,9 @@ const WIDE: usize = 4;
 /// If the numbers of rows differ.
 pub fn tr_mul(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     assert_eq!(a.nrows(), b.nrows(), "rows of a product");
-    fast(Product { a, b, symmetric: false })
+    let mut out = DMatrix::zeros(a.ncols(), b.ncols());
+    fast(Product { a, b, rows: 0..a.nrows(), symmetric: false, out: &mut out });
+    out
 }
 
 /// Aᵀy. Shapes: n × p and n give p.
@@ -25,16 +28,25 @@ pub fn tr_mul(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
 /// # Panics
 /// If the numbers of rows differ.
 pub fn tr_mul_vector(a: &DMatrix<f64>, y: &DVector<f64>) -> DVector<f64> {
-    assert_eq!(a.nrows(), y.len(), "rows of a product");
     let y = DMatrix::from_column_slice(y.len(), 1, y.as_slice());
-    fast(Product { a, b: &y, symmetric: false }).column(0).into_owned()
+    tr_mul(a, &y).column(0).into_owned()
 }
 
 /// AᵀA, symmetric to the bit. Shape: n × p gives p × p.
 pub fn gram(a: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut out = fast(Product { a, b: a, symmetric: true });
-    out.fill_lower_triangle_with_upper_triangle();
+    let mut out = DMatrix::zeros(a.ncols(), a.ncols());
+    add_gram(a, 0..a.nrows(), &mut out);
     out
+}
+
+/// Adds AᵀA of some `rows` of A to `sums`, which is symmetric and stays so to the bit. Shapes: n × p and p × p.
+///
+/// # Panics
+/// If A does not have these rows, or `sums` not this shape.
+pub fn add_gram(a: &DMatrix<f64>, rows: Range<usize>, sums: &mut DMatrix<f64>) {
+    assert!(rows.end <= a.nrows() && sums.shape() == (a.ncols(), a.ncols()), "shapes of a product");
+    fast(Product { a, b: a, rows, symmetric: true, out: sums });
+    sums.fill_lower_triangle_with_upper_triangle();
 }
 
 /// Subtracts B·C from A in place. Shapes: n × q, n × p and p × q.
@@ -54,18 +66,21 @@ fn fast<J: Job>(job: J) -> J::Output {
 struct Product<'a> {
     a: &'a DMatrix<f64>,
     b: &'a DMatrix<f64>,
+    rows: Range<usize>,
     /// Whether only the upper triangle is asked for.
     symmetric: bool,
+    /// What the product is added to.
+    out: &'a mut DMatrix<f64>,
 }
 
 impl Job for Product<'_> {
-    type Output = DMatrix<f64>;
+    type Output = ();
     #[inline(always)]
-    fn run<V: Lane>(self) -> DMatrix<f64> {
+    fn run<V: Lane>(self) {
         let (n, p, q) = (self.a.nrows(), self.a.ncols(), self.b.ncols());
-        let mut out = DMatrix::zeros(p, q);
-        for from in (0..n).step_by(BLOCK) {
-            let to = (from + BLOCK).min(n);
+        let out = self.out;
+        for from in self.rows.clone().step_by(BLOCK) {
+            let to = (from + BLOCK).min(self.rows.end);
             for l in 0..q {
                 let right = &self.b.as_slice()[l * n + from..l * n + to];
                 let column = |k: usize| &self.a.as_slice()[k * n + from..k * n + to];
@@ -83,7 +98,6 @@ impl Job for Product<'_> {
                 }
             }
         }
-        out
     }
 }
 
@@ -166,6 +180,11 @@ mod tests {
             prop_assert!((tr_mul(&a, &b) - &expected).amax() < 1e-10);
             prop_assert!((gram(&a) - a.transpose() * &a).amax() < 1e-10);
             prop_assert_eq!(gram(&a), gram(&a).transpose());
+            let (from, count) = (rows / 3, rows / 2);
+            let part = a.rows(from, count);
+            let mut sums = gram(&a);
+            add_gram(&a, from..from + count, &mut sums);
+            prop_assert!((sums - gram(&a) - part.transpose() * part).amax() < 1e-10);
             let mut left = b.clone();
             subtract(&mut left, &a, &expected);
             prop_assert!((left - (&b - &a * &expected)).amax() < 1e-9);

@@ -14,6 +14,7 @@ pub use judge::Judge;
 
 use crate::error::Result;
 use crate::least_squares::{self, weak_directions};
+use crate::tall;
 use jacobi::function_times;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::Serialize;
@@ -54,7 +55,7 @@ pub fn spread(jacobian: &DMatrix<f64>, residual: &DVector<f64>, rows_per_channel
     let (rows, dim) = jacobian.shape();
     let n = rows_per_channel;
     assert!(rows == residual.len() && n > 0 && rows % n == 0, "stacked channels");
-    let information = jacobian.tr_mul(jacobian);
+    let information = tall::gram(jacobian);
     let naive = least_squares::covariance(&information, None, &vec![true; dim]);
     let shown: Vec<usize> = (0..dim).filter(|k| naive[(*k, *k)].is_finite()).collect();
     // One score per sample and parameter, all channels together.
@@ -68,7 +69,7 @@ pub fn spread(jacobian: &DMatrix<f64>, residual: &DVector<f64>, rows_per_channel
             }
         }
     }
-    let gradient = jacobian.tr_mul(residual);
+    let gradient = scores.row_sum().transpose();
     let mut covariance = naive.clone();
     if shown.is_empty() {
         return Spread { covariance, blocks: 0, settled: false, information, naive, gradient };
@@ -78,21 +79,25 @@ pub fn spread(jacobian: &DMatrix<f64>, residual: &DVector<f64>, rows_per_channel
     let influence = (&whitener * whitener.transpose()).select_columns(&shown);
     let (length, settled) = block_length(&scores * influence);
     let blocks = n.div_ceil(length);
-    let mut meat = DMatrix::zeros(whitener.ncols(), whitener.ncols());
-    let mut axes = meat.clone();
-    let (mut share, mut score) = (DMatrix::zeros(dim, dim), DVector::zeros(dim));
+    let kept = whitener.ncols();
+    let mut meat = DMatrix::zeros(kept, kept);
+    let (mut axes, mut white, mut half) = (meat.clone(), meat.clone(), DMatrix::zeros(kept, dim));
+    let (mut share, mut score, mut pull) =
+        (DMatrix::zeros(dim, dim), DVector::zeros(dim), DVector::zeros(kept));
     for block in 0..blocks {
         let (start, count) = (block * length, length.min(n - block * length));
         share.fill(0.0);
-        score.fill(0.0);
         for first in (0..rows).step_by(n) {
-            let part = jacobian.rows(first + start, count);
-            share.gemm_tr(1.0, &part, &part, 1.0);
-            score.gemv_tr(1.0, &part, &residual.rows(first + start, count), 1.0);
+            tall::add_gram(jacobian, first + start..first + start + count, &mut share);
         }
-        let mut white = whitener.tr_mul(&share) * &whitener;
+        for (score, own) in score.iter_mut().zip(scores.column_iter()) {
+            *score = own.rows(start, count).sum();
+        }
+        half.gemm_tr(1.0, &whitener, &share, 0.0);
+        white.gemm(1.0, &half, &whitener, 0.0);
+        pull.gemv_tr(1.0, &whitener, &score, 0.0);
         let rest = |x: f64| (1.0 - x).clamp(LEAST_REST, 1.0).sqrt().recip();
-        let corrected = function_times(&mut white, &mut axes, &whitener.tr_mul(&score), rest);
+        let corrected = function_times(&mut white, &mut axes, &pull, rest);
         meat.ger(1.0, &corrected, &corrected, 1.0);
     }
     let sandwich = &whitener * meat * whitener.transpose();

@@ -103,7 +103,8 @@ pub fn rows(
 }
 
 /// Adds to `sums` ([`width`] × [`width`], one row after the other) the products of all pairs of columns: the normal equations of
-/// `free` parameters, initial values and error. Rows of the columns of zeros stay as they are.
+/// `free` parameters, initial values and error. Rows of the columns of zeros stay as they are, and so does what lies above the
+/// diagonal, but for the vectors that cross it.
 pub fn accumulate(kernel: Kernel, rows: &[f64], free: usize, sums: &mut [f64]) {
     lanes::run(kernel.path, kernel.rounding, Products { rows, free, sums });
 }
@@ -119,46 +120,46 @@ impl Job for Products<'_> {
     #[inline(always)]
     fn run<V: Lane>(mut self) {
         let (used, last) = (self.free + INITIAL, width(self.free) - 1);
-        let mut from = 0;
-        while from + GROUP <= used {
-            self.add::<V, GROUP>(std::array::from_fn(|n| from + n));
-            from += GROUP;
-        }
-        // The rest, and the error.
-        match used - from {
-            0 => self.add::<V, 1>([last]),
-            1 => self.add::<V, 2>([from, last]),
-            2 => self.add::<V, 3>([from, from + 1, last]),
-            3 => self.add::<V, 4>([from, from + 1, from + 2, last]),
-            4 => self.add::<V, 5>([from, from + 1, from + 2, from + 3, last]),
-            _ => self.add::<V, 6>([from, from + 1, from + 2, from + 3, from + 4, last]),
+        for at in (0..=last).step_by(V::WIDTH) {
+            let mut from = at.min(used);
+            while from + GROUP <= used {
+                self.add::<V, GROUP>(at, std::array::from_fn(|n| from + n));
+                from += GROUP;
+            }
+            // The rest, and the error.
+            match used - from {
+                0 => self.add::<V, 1>(at, [last]),
+                1 => self.add::<V, 2>(at, [from, last]),
+                2 => self.add::<V, 3>(at, [from, from + 1, last]),
+                3 => self.add::<V, 4>(at, [from, from + 1, from + 2, last]),
+                4 => self.add::<V, 5>(at, [from, from + 1, from + 2, from + 3, last]),
+                _ => self.add::<V, 6>(at, [from, from + 1, from + 2, from + 3, from + 4, last]),
+            }
         }
     }
 }
 
 impl Products<'_> {
-    /// Adds the products of `N` columns with all.
+    /// Adds the products of `N` columns with those of the vector at `at`.
     #[inline(always)]
-    fn add<V: Lane, const N: usize>(&mut self, columns: [usize; N]) {
+    fn add<V: Lane, const N: usize>(&mut self, at: usize, columns: [usize; N]) {
         let width = width(self.free);
-        for at in (0..width).step_by(V::WIDTH) {
-            // Two rows at a time: sums of one row alone would wait for each other.
-            let mut parts = [[V::zero(); N]; 2];
-            for n in 0..N {
-                parts[0][n] = V::load(&self.sums[columns[n] * width + at..]);
-            }
-            let pairs = self.rows.chunks_exact(2 * width);
-            let rest = pairs.remainder();
-            for pair in pairs {
-                add_row(&mut parts[0], &pair[..width], columns, at);
-                add_row(&mut parts[1], &pair[width..], columns, at);
-            }
-            if !rest.is_empty() {
-                add_row(&mut parts[0], rest, columns, at);
-            }
-            for n in 0..N {
-                (parts[0][n] + parts[1][n]).store(&mut self.sums[columns[n] * width + at..]);
-            }
+        // Two rows at a time: sums of one row alone would wait for each other.
+        let mut parts = [[V::zero(); N]; 2];
+        for n in 0..N {
+            parts[0][n] = V::load(&self.sums[columns[n] * width + at..]);
+        }
+        let pairs = self.rows.chunks_exact(2 * width);
+        let rest = pairs.remainder();
+        for pair in pairs {
+            add_row(&mut parts[0], &pair[..width], columns, at);
+            add_row(&mut parts[1], &pair[width..], columns, at);
+        }
+        if !rest.is_empty() {
+            add_row(&mut parts[0], rest, columns, at);
+        }
+        for n in 0..N {
+            (parts[0][n] + parts[1][n]).store(&mut self.sums[columns[n] * width + at..]);
         }
     }
 }

@@ -119,6 +119,12 @@ pub fn conclude(
     data_quality.extend(contradiction.map(|c| c.finding));
     let others = validation.iter().filter(|_| data.poor && !refuted);
     data_quality.extend(others.filter_map(|(_, _, after)| not_foreseen(after)));
+    // What a model of the rest leaves on the validation run may be its own extrapolation.
+    let extrapolated = validation.iter().filter(|(_, _, after)| {
+        let more = !settled.effects().is_empty() || settled.model.map().is_some();
+        !data.poor && more && verdict::largest_excess(after) > verdict::MISMATCH
+    });
+    data_quality.extend(extrapolated.filter_map(|(judge, ..)| reach::beyond(&data.signals, &judge.signals)));
     Ok(Answer {
         schema: "pmsm-rs.diagnosis/1",
         verdict,

@@ -11,6 +11,7 @@
 //! Δ_c this is half a noncentral χ² with the noncentrality Σ_c n_c·Δ_c² (Kay, "Fundamentals of statistical signal
 //! processing: detection theory", 1998, section 6.5). The power is the probability that g exceeds what an effect must gain.
 
+mod absorbed;
 mod words;
 
 use super::data::Data;
@@ -24,6 +25,7 @@ use crate::experiment::{Block, Channel};
 use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
 use crate::tall;
+use absorbed::Fitted;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -31,13 +33,8 @@ pub use words::{cannot_see, times};
 
 /// Cosine from which an effect is taken for a look-alike of another.
 pub const ALIKE: f64 = 0.95;
-/// Share of what the fitted parameters absorb from which one of them is said to do it.
-const ABSORBS: f64 = 0.2;
 /// Power below which an effect is listed as one that the recording would not show.
 pub const EVEN: f64 = 0.5;
-/// Parameters named at most.
-const NAMED: usize = 2;
-
 /// What this recording would show of one absent effect.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shown {
@@ -89,30 +86,7 @@ struct Survey<'a> {
     worth: &'a [f64],
     poor: bool,
     fitted: Fitted,
-    basis: DMatrix<f64>,
     found: Vec<Found>,
-}
-
-/// What the fitted parameters do.
-struct Fitted {
-    jacobian: DMatrix<f64>,
-    /// Lengths of its columns.
-    scale: Vec<f64>,
-    /// (JᵀJ)⁻¹ in units of these lengths, unless the columns are not finite.
-    inverse: Option<DMatrix<f64>>,
-}
-
-impl Fitted {
-    fn new(jacobian: DMatrix<f64>) -> Self {
-        // A parameter without any effect stands for nothing; its scale must only not be zero.
-        let norm = |c: nalgebra::DVectorView<f64>| Some(c.norm()).filter(|x| *x > 1e-100).unwrap_or(1.0);
-        let scale: Vec<f64> = jacobian.column_iter().map(norm).collect();
-        let gram = tall::gram(&jacobian);
-        let unit = DMatrix::from_fn(gram.nrows(), gram.ncols(), |r, c| gram[(r, c)] / (scale[r] * scale[c]));
-        // A decomposition of what is not finite never ends.
-        let inverse = Some(unit).filter(finite).and_then(|m| m.pseudo_inverse(1e-12).ok());
-        Self { jacobian, scale, inverse }
-    }
 }
 
 /// Judges what the recording would have shown of each of `absent` beside the effects of `best`. `worth` is what each channel counts,
@@ -128,11 +102,10 @@ pub fn survey(
 ) -> Vec<Shown> {
     let scorer = Scorer::new(data, best);
     let jacobian = scorer.experiment().linearise(&best.parameters, &best.free).jacobian;
-    let basis = orthonormal(&jacobian);
     let found = best.effects().into_iter().map(|effect| trace(&scorer, best, effect, &jacobian)).collect();
     let blocks = scorer.experiment().blocks();
     let fitted = Fitted::new(jacobian);
-    let survey = Survey { scorer, blocks, best, worth, poor, fitted, basis, found };
+    let survey = Survey { scorer, blocks, best, worth, poor, fitted, found };
     let judged: Vec<Option<Shown>> = absent
         .par_iter()
         .map(|effect| if monitor.cancelled() { None } else { survey.judge(*effect) })
@@ -183,7 +156,7 @@ impl Survey<'_> {
             .collect();
         for batch in batches(effect, &probes, amplitudes.len()) {
             let together = self.scorer.sensitivity(effect, batch);
-            let all_free = freed(&self.basis, &together);
+            let all_free = freed(&self.fitted.basis, &together);
             for at in 0..batch.len() {
                 let own = at * amplitudes.len()..(at + 1) * amplitudes.len();
                 let columns = together.columns_range(own.clone()).into_owned();
@@ -222,7 +195,12 @@ impl Survey<'_> {
             least: share * least,
             at_best,
             channel: self.blocks[at].channel,
-            absorbed_by: self.absorbed_by(&whole),
+            absorbed_by: self
+                .fitted
+                .absorbing(&whole)
+                .into_iter()
+                .map(|k| self.name(self.best.free[k]))
+                .collect(),
             likeness,
         })
     }
@@ -275,25 +253,6 @@ impl Survey<'_> {
         let nats: f64 =
             self.squares(&rest).iter().zip(self.worth).map(|(s, w)| 0.5 * w * (1.0 + s).ln()).sum();
         (cosine, nats / self.best.runs() as f64)
-    }
-
-    /// The fitted parameters without which much less of `whole` would be absorbed: for the least-squares coefficients x
-    /// that is x_k²/(JᵀJ)⁻¹_kk.
-    fn absorbed_by(&self, whole: &DVector<f64>) -> Vec<String> {
-        let absorbed = tall::tr_mul_vector(&self.basis, whole).norm_squared();
-        let Fitted { jacobian, scale, inverse: Some(inverse) } = &self.fitted else { return Vec::new() };
-        let right = DVector::from_fn(scale.len(), |k, _| jacobian.column(k).dot(whole) / scale[k]);
-        let x = inverse * right;
-        let mut shares: Vec<(usize, f64)> = (0..x.len())
-            .map(|k| (k, x[k] * x[k] / inverse[(k, k)].max(1e-300) / absorbed.max(1e-300)))
-            .collect();
-        shares.sort_by(|a, b| b.1.total_cmp(&a.1));
-        shares
-            .iter()
-            .take(NAMED)
-            .filter(|(_, s)| *s > ABSORBS)
-            .map(|(k, _)| self.name(self.best.free[*k]))
-            .collect()
     }
 
     fn name(&self, index: usize) -> String {

@@ -1,7 +1,8 @@
-//! How far a recording takes the machine.
+//! How far a recording takes the machine, and how much further another one does.
 
+use super::locate::Region;
 use crate::recording::Kind;
-use crate::signals::Signals;
+use crate::signals::{Finding, Signals};
 
 /// Time over which signals are averaged, so that ripple is no change of the operating point, s.
 const BLOCK: f64 = 0.05;
@@ -10,6 +11,8 @@ const FEWEST: usize = 8;
 /// A recording stays at one operating point if these means change by less than this share of the largest value: controllers and slow
 /// drifts change less, any manoeuvre changes more.
 const ONE: f64 = 0.1;
+/// Share of the larger run's largest value by which it must go beyond the other for that to be told.
+const BEYOND: f64 = 0.2;
 
 /// Whether a running machine was recorded at one speed and one current only: what differs elsewhere cannot be told there.
 pub fn stays_at_one_point(signals: &Signals) -> bool {
@@ -25,6 +28,51 @@ pub fn stays_at_one_point(signals: &Signals) -> bool {
     let currents = || signals.i.iter().flatten().map(|x| change(x) / cx.i_max);
     let torque = || signals.tau_e.iter().map(|x| change(x) / cx.tau_max);
     change(&signals.omega_e) <= ONE * cx.omega_e_max && currents().chain(torque()).all(|change| change <= ONE)
+}
+
+/// What makes up an operating point.
+struct Quantity<'a> {
+    name: &'static str,
+    unit: &'static str,
+    values: &'a [f64],
+    /// Largest magnitude.
+    largest: f64,
+}
+
+impl Quantity<'_> {
+    fn ends(&self) -> [f64; 2] {
+        self.values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], x| [a.min(*x), b.max(*x)])
+    }
+
+    fn words(&self) -> String {
+        let [low, high] = self.ends();
+        Region { variable: self.name.into(), low, high, unit: self.unit.into() }.words()
+    }
+}
+
+fn quantities(s: &Signals) -> Vec<Quantity<'_>> {
+    let cx = &s.context;
+    let current = |name, values| Quantity { name, unit: "A", values, largest: cx.i_max };
+    let currents = s.i.iter().flat_map(|[d, q]| [current("i_d", &d[..]), current("i_q", q)]);
+    let speed = Quantity { name: "omega_e", unit: "rad/s", values: &s.omega_e, largest: cx.omega_e_max };
+    currents.chain([speed]).collect()
+}
+
+/// The quantity in which the `validation` run goes furthest beyond the recording, where it does by much.
+pub fn beyond(recording: &Signals, validation: &Signals) -> Option<Finding> {
+    let own = quantities(recording);
+    let further = quantities(validation).into_iter().filter_map(|there| {
+        let here = own.iter().find(|here| here.name == there.name)?;
+        let ([low, high], [least, most]) = (here.ends(), there.ends());
+        let share = (most - high).max(low - least) / there.largest;
+        (share > BEYOND).then(|| (share, there.words(), here.words()))
+    });
+    let (_, there, here) = further.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    Some(Finding {
+        finding: format!("the validation run has {there}, the recording only {here}"),
+        consequence: "there the model extrapolates, and what it leaves may come of that".into(),
+        fix: "record as far as the model is to hold, or give both recordings to the diagnosis".into(),
+    })
 }
 
 #[cfg(test)]
@@ -51,5 +99,13 @@ mod tests {
         let half = still.len() / 2;
         still.i.as_mut().unwrap()[1][..half].fill(0.0);
         assert!(!stays_at_one_point(&still));
+    }
+
+    #[test]
+    fn a_run_that_goes_further_than_the_other_is_told() {
+        let (near, far) = (run(&[(0.1, 40.0), (0.5, -40.0)]), run(&[(0.1, 40.0), (0.5, -90.0)]));
+        let told = beyond(&near, &far).unwrap().finding;
+        assert!(told.contains("omega_e between -"), "{told}");
+        assert_eq!(beyond(&far, &near), None);
     }
 }

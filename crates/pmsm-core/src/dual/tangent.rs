@@ -191,7 +191,7 @@ impl<V: Lane, const R: usize> Real for Tangent<V, R> {
     }
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
-        let (s, c) = self.re.first().sin_cos();
+        let (s, c) = Real::sin_cos(self.re.first());
         let (s, c) = (V::constant(s), V::constant(c));
         (self.chain(s, c), self.chain(c, -s))
     }

@@ -184,7 +184,7 @@ macro_rules! vector {
                 let (mut s, mut c) = ([0.0; $width], [0.0; $width]);
                 self.store(&mut s);
                 for k in 0..$width {
-                    (s[k], c[k]) = s[k].sin_cos();
+                    (s[k], c[k]) = Real::sin_cos(s[k]);
                 }
                 (Self::load(&s), Self::load(&c))
             }

@@ -63,7 +63,7 @@ struct Sums {
 
 impl Sums {
     fn get(&self, a: usize, b: usize) -> f64 {
-        self.values[a * self.width + b]
+        self.values[a.max(b) * self.width + a.min(b)]
     }
 
     /// Regression of column `of` (a free parameter, or the error as `None`) on the initial values; nothing where they
@@ -111,13 +111,20 @@ impl Recorded {
         let width = copies::width(free);
         let rows = &self.rows[3 * width * segment.start..3 * width * segment.end];
         let (residual, jacobian) = (residual.as_mut_slice(), jacobian.as_mut_slice());
-        for (number, row) in rows.chunks_exact(width).enumerate() {
-            let place = number % 3 * n + segment.start + number / 3;
-            let initial = &row[free..][..INITIAL];
-            let follow = |by: &Vector3<f64>| initial[0] * by[0] + initial[1] * by[1] + initial[2] * by[2];
-            residual[place] = row[width - 1] - follow(error);
+        for channel in 0..3 {
+            let begin = channel * n + segment.start;
+            let own = || rows.chunks_exact(width).skip(channel).step_by(3);
+            let follow = |row: &[f64], by: &Vector3<f64>| {
+                let initial = &row[free..][..INITIAL];
+                initial[0] * by[0] + initial[1] * by[1] + initial[2] * by[2]
+            };
+            for (to, row) in residual[begin..].iter_mut().zip(own()) {
+                *to = row[width - 1] - follow(row, error);
+            }
             for (column, by) in slopes.iter().enumerate() {
-                jacobian[column * 3 * n + place] = row[column] + follow(by);
+                for (to, row) in jacobian[column * 3 * n + begin..].iter_mut().zip(own()) {
+                    *to = row[column] + follow(row, by);
+                }
             }
         }
     }

@@ -11,6 +11,7 @@
 
 use super::Finding;
 use crate::error::{Error, Result};
+use crate::real::Real;
 use nalgebra::{Complex, DMatrix, DVector};
 use std::f64::consts::TAU;
 
@@ -147,7 +148,7 @@ fn columns(omega: &DVector<f64>, theta: &DVector<f64>, speed: f64, orders: usize
     let mut out = DMatrix::from_element(theta.len(), 1 + 2 * orders, 1.0);
     for k in 0..theta.len() {
         for n in 1..=orders {
-            let (s, c) = (n as f64 * speed * theta[k]).sin_cos();
+            let (s, c) = Real::sin_cos(n as f64 * speed * theta[k]);
             out[(k, 2 * n - 1)] = omega[k] * c;
             out[(k, 2 * n)] = omega[k] * s;
         }

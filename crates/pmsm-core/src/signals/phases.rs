@@ -2,6 +2,7 @@
 
 use super::Finding;
 use super::open_circuit::Calibration;
+use crate::real::Real;
 use crate::recording::Recording;
 use crate::transforms::park;
 
@@ -37,7 +38,7 @@ pub fn completed(recording: &Recording) -> Option<usize> {
 pub fn to_rotor(abc: &[Vec<f64>; 3], theta: &[f64]) -> [Vec<f64>; 2] {
     let mut dq = [Vec::with_capacity(theta.len()), Vec::with_capacity(theta.len())];
     for k in 0..theta.len() {
-        let (s, c) = theta[k].sin_cos();
+        let (s, c) = Real::sin_cos(theta[k]);
         let [d, q] = park([abc[0][k], abc[1][k], abc[2][k]], c, s);
         dq[0].push(d);
         dq[1].push(q);
@@ -74,7 +75,7 @@ pub fn held_voltages(
     let mut dq = [Vec::with_capacity(n), Vec::with_capacity(n)];
     for k in 0..n {
         let h = if k + 1 < n { t[k + 1] - t[k] } else { recording.period() };
-        let (s, c) = (theta[k] + 0.5 * h.min(2.0 * recording.period()) * omega[k]).sin_cos();
+        let (s, c) = Real::sin_cos(theta[k] + 0.5 * h.min(2.0 * recording.period()) * omega[k]);
         let [d, q] = park([abc[0][k], abc[1][k], abc[2][k]], c, s);
         dq[0].push(d);
         dq[1].push(q);

@@ -1,0 +1,52 @@
+//! What the fitted parameters can do, and which of them absorb an effect.
+
+use super::finite;
+use crate::diagnose::shortlist::orthonormal;
+use crate::tall;
+use nalgebra::{DMatrix, DVector, DVectorView};
+
+/// Share of what the fitted parameters absorb from which one of them is said to do it.
+const ABSORBS: f64 = 0.2;
+/// Parameters named at most.
+const NAMED: usize = 2;
+
+/// What the fitted parameters do.
+pub struct Fitted {
+    /// Derivatives of the residual, one column per parameter.
+    jacobian: DMatrix<f64>,
+    /// Orthonormal basis of its columns.
+    pub basis: DMatrix<f64>,
+    /// Lengths of its columns.
+    scale: Vec<f64>,
+    /// (JᵀJ)⁻¹ in units of these lengths, unless the columns are not finite.
+    inverse: Option<DMatrix<f64>>,
+}
+
+impl Fitted {
+    /// From the derivatives J of the residual.
+    pub fn new(jacobian: DMatrix<f64>) -> Self {
+        // A parameter without any effect stands for nothing; its scale must only not be zero.
+        let norm = |c: DVectorView<f64>| Some(c.norm()).filter(|x| *x > 1e-100).unwrap_or(1.0);
+        let scale: Vec<f64> = jacobian.column_iter().map(norm).collect();
+        let gram = tall::gram(&jacobian);
+        let unit = DMatrix::from_fn(gram.nrows(), gram.ncols(), |r, c| gram[(r, c)] / (scale[r] * scale[c]));
+        // A decomposition of what is not finite never ends.
+        let inverse = Some(unit).filter(finite).and_then(|m| m.pseudo_inverse(1e-12).ok());
+        Self { basis: orthonormal(&jacobian), jacobian, scale, inverse }
+    }
+
+    /// Numbers of the fitted parameters without which much less of `whole` would be absorbed: for the least-squares coefficients x
+    /// that is x_k²/(JᵀJ)⁻¹_kk.
+    pub fn absorbing(&self, whole: &DVector<f64>) -> Vec<usize> {
+        let Some(inverse) = &self.inverse else { return Vec::new() };
+        let absorbed = tall::tr_mul_vector(&self.basis, whole).norm_squared();
+        let right =
+            DVector::from_fn(self.scale.len(), |k, _| self.jacobian.column(k).dot(whole) / self.scale[k]);
+        let x = inverse * right;
+        let mut shares: Vec<(usize, f64)> = (0..x.len())
+            .map(|k| (k, x[k] * x[k] / inverse[(k, k)].max(1e-300) / absorbed.max(1e-300)))
+            .collect();
+        shares.sort_by(|a, b| b.1.total_cmp(&a.1));
+        shares.into_iter().take(NAMED).filter(|(_, s)| *s > ABSORBS).map(|(k, _)| k).collect()
+    }
+}
