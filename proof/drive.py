@@ -33,6 +33,8 @@ TRUTH = (
     "e_shaft",
     "e_field",
 )
+# times the rated current: no drive gets there, a plant does whose flux no current makes
+RUNAWAY = 10.0
 
 
 @njit(cache=True)
@@ -123,7 +125,7 @@ def run(
     start: electrical angle and mechanical speed at t = 0.  References and load (n,), noise_i (n, 3) in A,
     noise_w (n,) in rad/s.  stator_hold freezes the command in the stator for an interval, as a real modulator
     does.  Returns the log (n, 7) and the truth (n, 12), columns as in LOG and TRUTH, and the number of rows
-    that could be integrated.
+    up to where the integration broke down or a current ran away.
     """
     n, t_s = len(w_ref), gains[10]
     log, truth = np.zeros((n, 7)), np.zeros((n, 12))
@@ -143,6 +145,8 @@ def run(
         measure(y, i, noise_i[m], noise_w[m], lsb_i, lsb_theta, p, log[m])
         log[m, 0], log[m, 1] = command[0], command[1]
         truth[m, 0], truth[m, 1], truth[m, 2] = i[0], i[1], i[2]
+        if not max(abs(i[0]), abs(i[1]), abs(i[2])) <= RUNAWAY * p.i_rated:
+            return log, truth, m
         truth[m, 3], truth[m, 4] = y[2], y[3]
         truth[m, 5] = torque(i_m, p.n_p * y[2], 1.0 - p.psi_drop * y[7], p)
         truth[m, 6], truth[m, 7] = y[8], y[6]

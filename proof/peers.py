@@ -20,12 +20,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from .drive import LOG, TRUTH, control, measure
+from .drive import LOG, RUNAWAY, TRUTH, control, measure
 from .dynamics import N_STATES
 from .effects import Effects, build, effect_values
 from .manoeuvres import Manoeuvre
 from .parameters import Machine, Parameters
-from .plant import RUNAWAY, Run, controller_gains
+from .plant import Run, controller_gains
 
 SIMULATORS = ("motulator", "gym-electric-motor")
 SUBSTEPS = 2
