@@ -84,6 +84,8 @@ impl Model {
         let mut flux = [magnet.flux[0] + base.l_d * i[0], magnet.flux[1] + base.l_q * i[1]];
         let mut at = self.magnetic(p, base, psi_m, &magnet, sin_cos, flux);
         if self.is_magnetic {
+            // Each of several machines side by side stops by itself.
+            let mut open = T::one();
             for _ in 0..STEPS {
                 let emf = emf.unwrap_or([-env.omega_e * flux[1], env.omega_e * flux[0]]);
                 let winding = Electrical { env: *env, sin_cos, i, r_s, v: [T::zero(); 2], emf };
@@ -93,16 +95,18 @@ impl Model {
                 }
                 let bypass = self.shunt(p, &state[2..], sin_cos);
                 let (e_d, e_q) = (i[0] - bypass[0] - at.i[0], i[1] - bypass[1] - at.i[1]);
-                // From so near, the next step is exact, in the derivatives as well, unless states follow the flux.
-                let near = e_d.size() + e_q.size() <= NEAR * self.context.i_max;
-                let last = near && self.electrical_count == 0;
                 let [a, b, c] = at.inverse;
                 let determinant = a * c - b * b;
-                flux[0] += (c * e_d - b * e_q) / determinant;
-                flux[1] += (a * e_q - b * e_d) / determinant;
+                flux[0] += open * ((c * e_d - b * e_q) / determinant);
+                flux[1] += open * ((a * e_q - b * e_d) / determinant);
                 at = self.magnetic(p, base, psi_m, &magnet, sin_cos, flux);
-                if last {
-                    break;
+                // From so near, a step is exact, in the derivatives as well, unless states follow the flux.
+                if self.electrical_count == 0 {
+                    let near = T::constant(NEAR * self.context.i_max) - (e_d.abs() + e_q.abs());
+                    open = near.if_positive(T::zero(), open);
+                    if open.size() == 0.0 {
+                        break;
+                    }
                 }
             }
         }
