@@ -100,7 +100,7 @@ impl Part {
         let Factor::Harmonics { angle: Variable::ThetaM, order, count } = self.first else { return false };
         for own in p.chunks_exact_mut(self.size()) {
             for k in 0..count {
-                let (s, c) = (f64::from(order) * (k + 1) as f64 * shift).sin_cos();
+                let (s, c) = Real::sin_cos(f64::from(order) * (k + 1) as f64 * shift);
                 for b in 0..m {
                     let (x, y) = (2 * k * m + b, (2 * k + 1) * m + b);
                     (own[x], own[y]) = (own[x] * c - own[y] * s, own[x] * s + own[y] * c);

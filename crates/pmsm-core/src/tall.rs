@@ -3,6 +3,7 @@
 
 use crate::lanes::{self, Job, Lane, Path, Rounding};
 use nalgebra::{DMatrix, DVector};
+use std::array::from_fn;
 use std::ops::Range;
 
 /// Rows of a block: a dozen columns of them fit in the first cache.
@@ -87,7 +88,7 @@ impl Job for Product<'_> {
                 let last = if self.symmetric { l + 1 } else { p };
                 let mut k = 0;
                 while k + WIDE <= last {
-                    let sums = dots::<WIDE>([0, 1, 2, 3].map(|x: usize| column(k + x)), right);
+                    let sums = dots::<WIDE>(from_fn(|x| column(k + x)), right);
                     for (x, sum) in sums.into_iter().enumerate() {
                         out[(k + x, l)] += sum;
                     }
@@ -119,8 +120,8 @@ impl Job for Difference<'_> {
                 let basis = |k: usize| &self.b.as_slice()[k * n + from..k * n + to];
                 let mut k = 0;
                 while k + WIDE <= p {
-                    let columns = [0, 1, 2, 3].map(|x: usize| &basis(k + x)[..own.len()]);
-                    let times = [0, 1, 2, 3].map(|x: usize| self.c[(k + x, l)]);
+                    let columns: [&[f64]; WIDE] = from_fn(|x| &basis(k + x)[..own.len()]);
+                    let times: [f64; WIDE] = from_fn(|x| self.c[(k + x, l)]);
                     for (row, x) in own.iter_mut().enumerate() {
                         for (column, times) in columns.iter().zip(times) {
                             *x -= times * column[row];

@@ -4,6 +4,7 @@ use super::data::Data;
 use super::hypothesis::Hypothesis;
 use crate::experiment::Channel;
 use crate::load_steps::effective_samples;
+use crate::real::Real;
 use crate::recording::Kind;
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -243,7 +244,7 @@ fn order(data: &Data, residual: &[f64]) -> Option<f64> {
     let lines = orders.iter().map(|order| {
         let (mut c, mut q, mut cc, mut qq, mut total) = (0.0, 0.0, 0.0, 0.0, 0.0);
         for k in 0..residual.len() {
-            let (sin, cos) = (order * s.theta_m[k]).sin_cos();
+            let (sin, cos) = Real::sin_cos(order * s.theta_m[k]);
             let r = residual[k] - mean;
             c += r * cos;
             q += r * sin;
@@ -268,7 +269,7 @@ fn frequency(data: &Data, residual: &[f64]) -> Option<f64> {
         let f = k as f64 / duration;
         let (mut c, mut q) = (0.0, 0.0);
         for (n, r) in coarse.iter().enumerate() {
-            let (sin, cos) = (TAU * f * step * n as f64).sin_cos();
+            let (sin, cos) = Real::sin_cos(TAU * f * step * n as f64);
             c += r * cos;
             q += r * sin;
         }

@@ -35,6 +35,7 @@ pub use words::{cannot_see, times};
 pub const ALIKE: f64 = 0.95;
 /// Power below which an effect is listed as one that the recording would not show.
 pub const EVEN: f64 = 0.5;
+
 /// What this recording would show of one absent effect.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shown {
@@ -157,8 +158,8 @@ impl Survey<'_> {
         for batch in batches(effect, &probes, amplitudes.len()) {
             let together = self.scorer.sensitivity(effect, batch);
             let all_free = freed(&self.fitted.basis, &together);
-            for at in 0..batch.len() {
-                let own = at * amplitudes.len()..(at + 1) * amplitudes.len();
+            for number in 0..batch.len() {
+                let own = number * amplitudes.len()..(number + 1) * amplitudes.len();
                 let columns = together.columns_range(own.clone()).into_owned();
                 let free = all_free.columns_range(own).into_owned();
                 if !finite(&columns) {

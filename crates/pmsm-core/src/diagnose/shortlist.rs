@@ -237,13 +237,9 @@ pub fn orthonormal_beside(known: &DMatrix<f64>, columns: &DMatrix<f64>) -> DMatr
         let length = free.norm();
         // Twice is enough (Kahan, Parlett).
         for _ in 0..2 {
-            for b in known.column_iter() {
+            for b in known.column_iter().chain(basis.iter().map(|b| b.column(0))) {
                 let along = b.dot(&free);
                 free.axpy(-along, &b, 1.0);
-            }
-            for b in &basis {
-                let along = b.dot(&free);
-                free.axpy(-along, b, 1.0);
             }
         }
         let rest = free.norm();

@@ -13,6 +13,7 @@ use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::model::Model;
 use crate::monitor::Monitor;
+use crate::real::Real;
 use crate::recording::Load;
 use crate::signals::REFERENCE_TEMPERATURE;
 use crate::transforms::rotate;
@@ -257,6 +258,6 @@ impl Cycle<'_> {
 
 /// A rotor-frame vector as it stands in the stator at this angle.
 fn in_stator(v: [f64; 2], angle: f64) -> [f64; 2] {
-    let (sin, cos) = angle.sin_cos();
+    let (sin, cos) = Real::sin_cos(angle);
     rotate(v, cos, sin)
 }

@@ -4,6 +4,7 @@ use super::inverter::Applied;
 use crate::base::Base;
 use crate::effect::Env;
 use crate::model::{Magnetic, Model};
+use crate::real::Real;
 use crate::rk4;
 use crate::simulate::coupled::{STEP_LIMIT, at, join, parts};
 use crate::transforms::rotate;
@@ -68,7 +69,7 @@ impl<'a, const E: usize, const M: usize, const N: usize> Plant<'a, E, M, N> {
                 let v = match applied {
                     Applied::Rotor(v) => v,
                     Applied::Stator(v) => {
-                        let (sin, cos) = env.theta_e.sin_cos();
+                        let (sin, cos) = Real::sin_cos(env.theta_e);
                         rotate(v, cos, -sin)
                     }
                 };

@@ -6,6 +6,7 @@ use super::settings::{Sensors, SpeedSensor};
 use crate::effect::Env;
 use crate::model::Model;
 use crate::random::normal_pair;
+use crate::real::Real;
 use crate::transforms::{inverse_park, park};
 use std::f64::consts::TAU;
 
@@ -68,7 +69,7 @@ impl<'a> SensorBox<'a> {
         let (noise_a, noise_b) = if quiet { (0.0, 0.0) } else { self.noise(number, 0) };
         let (noise_c, noise_w) =
             if quiet && s.noise_omega_e == 0.0 { (0.0, 0.0) } else { self.noise(number, 1) };
-        let (sin, cos) = env.theta_e.sin_cos();
+        let (sin, cos) = Real::sin_cos(env.theta_e);
         let mut abc = inverse_park(i, cos, sin);
         for (x, noise) in [noise_a, noise_b, noise_c].into_iter().enumerate() {
             abc[x] = stepped(abc[x] * sensor.gain[x] + sensor.offset[x] + noise * s.noise_i, s.step_i);
@@ -77,7 +78,7 @@ impl<'a> SensorBox<'a> {
         let theta_m = stepped(seen.theta_m, step);
         let theta_e = seen.theta_e + (theta_m - seen.theta_m) * self.n_p;
         let omega_e = self.speed(theta_e, seen.omega_e) + noise_w * s.noise_omega_e;
-        let (sin, cos) = theta_e.sin_cos();
+        let (sin, cos) = Real::sin_cos(theta_e);
         (Measured { abc, i: park(abc, cos, sin), theta_e, theta_m, omega_e }, sensor.angle)
     }
 

@@ -48,7 +48,7 @@ impl Effect for EncoderEccentricity {
     }
 
     fn turned(p: &mut [f64], shift: f64) -> bool {
-        let (s, c) = shift.sin_cos();
+        let (s, c) = Real::sin_cos(shift);
         (p[0], p[1]) = (p[0] * c - p[1] * s, p[0] * s + p[1] * c);
         true
     }

@@ -60,7 +60,7 @@ impl Effect for LoadTorquePulsation {
     }
 
     fn turned(p: &mut [f64], shift: f64) -> bool {
-        let (s, c) = (p[2] * shift).sin_cos();
+        let (s, c) = Real::sin_cos(p[2] * shift);
         (p[0], p[1]) = (p[0] * c - p[1] * s, p[0] * s + p[1] * c);
         true
     }

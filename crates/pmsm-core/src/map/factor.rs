@@ -183,7 +183,7 @@ impl Factor {
                 }
             }
             Self::Swing { frequency } => {
-                let (s, c) = (TAU * frequency * at.env.t).sin_cos();
+                let (s, c) = Real::sin_cos(TAU * frequency * at.env.t);
                 (out[0], out[1]) = (T::constant(c), T::constant(s));
             }
             Self::Direction { width } => {

@@ -7,6 +7,7 @@ use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::locate::{Located, equation_of};
 use crate::experiment::Channel;
 use crate::map::{Equation, Factor, Part, Spline, Variable};
+use crate::real::Real;
 use crate::recording::Kind;
 use std::f64::consts::{PI, TAU};
 
@@ -126,7 +127,7 @@ fn swings(data: &Data, best: &Hypothesis, located: &[Located]) -> Vec<Factor> {
         let power = |f: f64| {
             let (mut c, mut q) = (0.0, 0.0);
             for (r, t) in rows.iter().zip(&t) {
-                let (sin, cos) = (TAU * f * t).sin_cos();
+                let (sin, cos) = Real::sin_cos(TAU * f * t);
                 c += r * cos;
                 q += r * sin;
             }

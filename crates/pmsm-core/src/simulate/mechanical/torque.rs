@@ -98,7 +98,7 @@ mod tests {
         let step = h / STEPS as f64;
         let (mut i, mut mean) = ([0.0; 2], [0.0; 2]);
         for k in 0..STEPS {
-            let (s, c) = (omega * ((k as f64 + 0.5) * step - 0.5 * h)).sin_cos();
+            let (s, c) = Real::sin_cos(omega * ((k as f64 + 0.5) * step - 0.5 * h));
             let turned = [v[0] * c + v[1] * s, v[1] * c - v[0] * s];
             for (x, inverse) in [base.inverse_l_d, base.inverse_l_q].into_iter().enumerate() {
                 let slope = (turned[x] - v[x]) * inverse;
