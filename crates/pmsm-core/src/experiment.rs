@@ -6,10 +6,12 @@
 
 mod fitting;
 mod joint;
+mod response;
 mod speed;
 
 pub use fitting::Fitted;
 pub use joint::{Block, Channels, Joint, split};
+pub use speed::Course;
 
 use crate::base::BASE;
 use crate::colour::Colour;
@@ -161,21 +163,46 @@ impl<'a> Experiment<'a> {
         let mut residual = DVector::zeros(rows);
         let mut jacobian = DMatrix::zeros(rows, free.len());
         if self.has_electrical() {
-            let reaching: Vec<usize> = (0..free.len()).filter(|c| self.is_electrical(free[*c])).collect();
-            for columns in chunks(&reaching, LANES) {
-                let at = (p, free, columns);
-                match columns.len() {
-                    0..=4 => self.electrical_pass::<4>(at, &mut residual, &mut jacobian),
-                    _ => self.electrical_pass::<LANES>(at, &mut residual, &mut jacobian),
-                }
-            }
-            self.whiten_residual(p, free, &reaching, &mut residual, &mut jacobian);
+            self.linearise_electrical(p, free, &mut residual, &mut jacobian);
         }
         if self.has_mechanical() {
-            self.linearise_mechanical(p, free, &mut residual, &mut jacobian);
+            self.linearise_mechanical(p, free, None, &mut residual, &mut jacobian);
         }
         self.mask(&mut residual, Some(&mut jacobian));
         Linearisation { residual, jacobian }
+    }
+
+    /// The derivatives of [`Self::linearise`] alone, where the rotor's `course` at `p` is known.
+    pub fn jacobian(&self, p: &[f64], free: &[usize], course: Option<&Course>) -> DMatrix<f64> {
+        let rows = self.channels.len() * self.samples();
+        let mut residual = DVector::zeros(rows);
+        let mut jacobian = DMatrix::zeros(rows, free.len());
+        if self.has_electrical() && free.iter().any(|k| self.is_electrical(*k)) {
+            self.linearise_electrical(p, free, &mut residual, &mut jacobian);
+        }
+        if self.has_mechanical() {
+            self.linearise_mechanical(p, free, course, &mut residual, &mut jacobian);
+        }
+        self.mask(&mut residual, Some(&mut jacobian));
+        jacobian
+    }
+
+    fn linearise_electrical(
+        &self,
+        p: &[f64],
+        free: &[usize],
+        residual: &mut DVector<f64>,
+        jacobian: &mut DMatrix<f64>,
+    ) {
+        let reaching: Vec<usize> = (0..free.len()).filter(|c| self.is_electrical(free[*c])).collect();
+        for columns in chunks(&reaching, LANES) {
+            let at = (p, free, columns);
+            match columns.len() {
+                0..=4 => self.electrical_pass::<4>(at, residual, jacobian),
+                _ => self.electrical_pass::<LANES>(at, residual, jacobian),
+            }
+        }
+        self.whiten_residual(p, free, &reaching, residual, jacobian);
     }
 
     fn fill_electrical<T: Real>(&self, p: &[T], mut put: impl FnMut(usize, T)) {

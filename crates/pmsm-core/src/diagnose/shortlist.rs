@@ -9,7 +9,7 @@ use super::fitting::{self, rescaled};
 use super::hypothesis::Hypothesis;
 use crate::effect::{Role, Site};
 use crate::effects::EffectId;
-use crate::experiment::{Channel, Channels, Joint, split};
+use crate::experiment::{Channel, Channels, Course, Joint, split};
 use crate::model::Model;
 use crate::simulate::mechanical::Nuisance;
 use crate::tall;
@@ -19,8 +19,8 @@ use nalgebra::{DMatrix, DVector};
 const DEPENDENT: f64 = 1e-5;
 /// Share of a column's square within a basis from which a second round is needed to free it of that basis to the last digits.
 const MOSTLY: f64 = 0.75;
-/// Derivatives that one simulation carries beside those with respect to the initial speeds.
-const TOGETHER: usize = 7;
+/// Derivatives that one simulation carries.
+const TOGETHER: usize = 8;
 
 /// The most promising start for fitting one more effect.
 #[derive(Debug, Clone)]
@@ -47,8 +47,8 @@ struct Projector {
     channels: Channels,
     /// The channels in the order of the rows.
     order: Vec<Channel>,
-    /// Motor torque per sample (N·m), where what is scored does not change it.
-    torque: Option<Vec<f64>>,
+    /// What the rotor does on each recording. What is scored has no strength and changes nothing of it.
+    courses: Vec<Option<Course>>,
     /// Initial speeds of the windows, rad/s.
     starts: Option<Vec<f64>>,
     basis: DMatrix<f64>,
@@ -179,11 +179,7 @@ impl<'a> Scorer<'a> {
             nuisances.push(Nuisance { initial, ..nuisance });
         }
         let experiment = self.data.experiment(&model, &nuisances, projector.channels.clone());
-        let experiment = experiment.with_starts(projector.starts.as_deref());
-        match &projector.torque {
-            Some(torque) => experiment.with_torque(torque).linearise(&parameters, &free).jacobian,
-            None => experiment.linearise(&parameters, &free).jacobian,
-        }
+        experiment.jacobian(&parameters, &free, &projector.courses)
     }
 }
 
@@ -207,8 +203,8 @@ impl Projector {
         let linear = experiment.linearise(&hypothesis.parameters, &fitted);
         let basis = orthonormal(&linear.jacobian);
         let residual = &linear.residual - &basis * basis.tr_mul(&linear.residual);
-        let torque = rotor_only.then(|| data.torque(&hypothesis.model, hypothesis.own()));
-        Self { channels, order, torque, starts, basis, residual }
+        let courses = experiment.courses(&hypothesis.parameters);
+        Self { channels, order, courses, starts, basis, residual }
     }
 }
 

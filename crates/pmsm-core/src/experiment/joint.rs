@@ -4,7 +4,7 @@
 //! the voltage equations first, and within a channel recording by recording; where a recording does not hold a channel its rows
 //! are zero. With a single recording everything is that of its [`Experiment`].
 
-use super::{Channel, Experiment, Linearisation, Prediction};
+use super::{Channel, Course, Experiment, Linearisation, Prediction};
 use crate::simulate::mechanical::Nuisance;
 use nalgebra::{DMatrix, DVector};
 use std::borrow::Cow;
@@ -273,24 +273,61 @@ impl<'a> Joint<'a> {
         let rows = self.channels.len() * self.samples();
         let (mut residual, mut jacobian) = (DVector::zeros(rows), DMatrix::zeros(rows, free.len()));
         for (r, run) in self.runs.iter().enumerate() {
-            let columns: Vec<usize> =
-                (0..free.len()).filter(|c| self.owner(free[*c]).is_none_or(|owner| owner == r)).collect();
-            let own: Vec<usize> = columns.iter().map(|c| self.index_in(r, free[*c])).collect();
+            let (columns, own) = self.own_of(r, free);
             let linear = run.linearise(&self.of_run(p, r), &own);
             self.place(r, linear.residual.as_slice(), residual.as_mut_slice());
-            for (at, column) in columns.into_iter().enumerate() {
-                let mut target = jacobian.column_mut(column);
-                self.place(r, linear.jacobian.column(at).as_slice(), target.as_mut_slice());
-                let factor = self.factor(r, free[column]);
-                if factor != 1.0 {
-                    for (channel, _) in &run.channels {
-                        let rows = self.rows(r, *channel).expect("a channel of this recording");
-                        target.rows_mut(rows.start, rows.len()).scale_mut(factor);
-                    }
+            self.place_columns(r, &linear.jacobian, &columns, free, &mut jacobian);
+        }
+        Linearisation { residual, jacobian }
+    }
+
+    /// What the rotor does at `p` on each recording that compares the speed.
+    pub fn courses(&self, p: &[f64]) -> Vec<Option<Course>> {
+        self.runs.iter().enumerate().map(|(r, run)| run.course(&self.of_run(p, r))).collect()
+    }
+
+    /// The derivatives of [`Self::linearise`] alone, where the rotor's `courses` at `p` are known.
+    pub fn jacobian(&self, p: &[f64], free: &[usize], courses: &[Option<Course>]) -> DMatrix<f64> {
+        if let (Some(run), [course]) = (self.only(), courses) {
+            return run.jacobian(p, free, course.as_ref());
+        }
+        let mut jacobian = DMatrix::zeros(self.channels.len() * self.samples(), free.len());
+        for ((r, run), course) in self.runs.iter().enumerate().zip(courses) {
+            let (columns, own) = self.own_of(r, free);
+            let of_run = run.jacobian(&self.of_run(p, r), &own, course.as_ref());
+            self.place_columns(r, &of_run, &columns, free, &mut jacobian);
+        }
+        jacobian
+    }
+
+    /// Those columns of the parameters `free` that recording `run` knows, and the parameters as it numbers them.
+    fn own_of(&self, run: usize, free: &[usize]) -> (Vec<usize>, Vec<usize>) {
+        let knows = |c: &usize| self.owner(free[*c]).is_none_or(|owner| owner == run);
+        let columns: Vec<usize> = (0..free.len()).filter(knows).collect();
+        let own = columns.iter().map(|c| self.index_in(run, free[*c])).collect();
+        (columns, own)
+    }
+
+    /// Copies derivatives of recording `run` to where they belong among those of all recordings.
+    fn place_columns(
+        &self,
+        run: usize,
+        own: &DMatrix<f64>,
+        columns: &[usize],
+        free: &[usize],
+        all: &mut DMatrix<f64>,
+    ) {
+        for (at, column) in columns.iter().enumerate() {
+            let mut target = all.column_mut(*column);
+            self.place(run, own.column(at).as_slice(), target.as_mut_slice());
+            let factor = self.factor(run, free[*column]);
+            if factor != 1.0 {
+                for (channel, _) in &self.runs[run].channels {
+                    let rows = self.rows(run, *channel).expect("a channel of this recording");
+                    target.rows_mut(rows.start, rows.len()).scale_mut(factor);
                 }
             }
         }
-        Linearisation { residual, jacobian }
     }
 
     /// What the model shows in each channel, in the order of [`Joint::channels`]; NaN where a recording does not hold it.

@@ -1,49 +1,73 @@
 //! The speed's residual and its derivatives. The initial speed of each window is estimated and projected out.
 
-use super::{Channel, Experiment, LANES, chunks, seed};
+use super::{Channel, Experiment, LANES, seed};
 use crate::dual::Dual;
-use crate::machine::BaseParameter;
 use crate::real::Real;
 use crate::simulate::mechanical::{self, Restart};
 use nalgebra::{DMatrix, DVector};
 use std::borrow::Cow;
 use std::cell::OnceCell;
 
+/// What the rotor does at one point of the parameters.
+#[derive(Debug, Clone)]
+pub struct Course {
+    /// Motor torque per sample, N·m.
+    torque: Vec<f64>,
+    /// Initial electrical speed of each window, rad/s.
+    starts: Vec<f64>,
+    /// Electrical speed per sample (rad/s), and its derivative with respect to the initial speed of its window.
+    speed: (Vec<f64>, Vec<f64>),
+}
+
 impl<'a> Experiment<'a> {
+    /// What the rotor does at `p`, if the speed is compared.
+    pub fn course(&self, p: &[f64]) -> Option<Course> {
+        self.has_mechanical().then(|| {
+            let torque = self.torque_at(p).into_owned();
+            let starts = self.starts(p, &torque).into_owned();
+            let speed = self.speed_pass(p, &torque, &starts);
+            Course { torque, starts, speed }
+        })
+    }
+
+    /// The speed's rows at `p`, where the rotor's course may be `known`.
     pub(super) fn linearise_mechanical(
         &self,
         p: &[f64],
         free: &[usize],
+        known: Option<&Course>,
         residual: &mut DVector<f64>,
         jacobian: &mut DMatrix<f64>,
     ) {
         // A pass whose columns change the torque has its own.
-        let known = OnceCell::new();
-        let torque = || &**known.get_or_init(|| self.torque_at(p));
-        let starts = match &self.starts {
-            Some(starts) => Cow::Borrowed(&**starts),
-            None => self.starts(p, torque()),
+        let own = OnceCell::new();
+        let torque = || known.map_or_else(|| &**own.get_or_init(|| self.torque_at(p)), |known| &known.torque);
+        let starts = match (known, &self.starts) {
+            (Some(known), _) => Cow::Borrowed(&*known.starts),
+            (None, Some(starts)) => Cow::Borrowed(&**starts),
+            (None, None) => self.starts(p, torque()),
         };
         let n = self.samples();
-        let mut speed = (vec![0.0; n], vec![0.0; n]);
-        // Without states of its own the rotor answers to the load as to a change of its speed.
-        let count = self.model.parameter_count();
-        let profile = count..count + self.nuisance.levels + self.nuisance.steps();
-        let (load, other): (Vec<usize>, Vec<usize>) =
-            (0..free.len()).partition(|c| self.model.mechanical_states() == 0 && profile.contains(&free[*c]));
-        for columns in chunks(&other, LANES - 1) {
+        let none = || Cow::Owned((vec![0.0; n], vec![0.0; n]));
+        let mut speed = known.map_or_else(none, |known| Cow::Borrowed(&known.speed));
+        let (answering, other): (Vec<usize>, Vec<usize>) =
+            (0..free.len()).partition(|c| self.answers_as_speed(free[*c]));
+        for columns in other.chunks(LANES - 1) {
             let at = (p, free, columns);
             match columns.len() {
-                0..=3 => self.mechanical_pass::<4>(at, torque, &starts, &mut speed, jacobian),
-                _ => self.mechanical_pass::<LANES>(at, torque, &starts, &mut speed, jacobian),
+                0..=3 => self.mechanical_pass::<4>(at, torque, &starts, speed.to_mut(), jacobian),
+                _ => self.mechanical_pass::<LANES>(at, torque, &starts, speed.to_mut(), jacobian),
             }
         }
-        self.load_columns(p, free, &load, &speed.1, jacobian);
+        if other.is_empty() && known.is_none() {
+            speed = Cow::Owned(self.speed_pass(p, torque(), &starts));
+        }
+        self.respond(p, free, &answering, torque, &speed, jacobian);
         self.project(&speed.0, &speed.1, residual.as_mut_slice(), jacobian);
     }
 
     /// Speed, its derivative with respect to the initial speeds, and those for some `columns` of the parameters `free`.
-    fn mechanical_pass<'t, const N: usize>(
+    pub(super) fn mechanical_pass<'t, const N: usize>(
         &self,
         (p, free, columns): (&[f64], &[usize], &[usize]),
         torque: impl Fn() -> &'t [f64],
@@ -54,11 +78,8 @@ impl<'a> Experiment<'a> {
         let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
         let count = self.model.parameter_count();
         let seeded = seed::<N>(p, columns, free);
-        let lifted: Vec<Dual<N>> = if columns.iter().any(|c| self.is_electrical(free[*c])) {
-            mechanical::torque(self.model, self.signals, &seeded[..count])
-        } else {
-            torque().iter().map(|x| Dual::constant(*x)).collect()
-        };
+        let lifted =
+            self.lifted(&seeded[..count], columns.iter().any(|c| self.is_electrical(free[*c])), torque);
         let restart = FromStarts::<N> { starts, slot: N - 1 };
         let load = (self.nuisance, &seeded[count..]);
         let own = &seeded[..count];
@@ -70,62 +91,17 @@ impl<'a> Experiment<'a> {
         });
     }
 
-    /// Derivatives of the speed with respect to the levels and instants of the load, from its derivative `slope` with respect
-    /// to the initial speed of the window: what a torque adds over one sample fades as an initial speed does.
-    fn load_columns(
+    /// Motor torque per sample with its derivatives, if it `changes` with what they belong to.
+    pub(super) fn lifted<'t, const N: usize>(
         &self,
-        p: &[f64],
-        free: &[usize],
-        columns: &[usize],
-        slope: &[f64],
-        jacobian: &mut DMatrix<f64>,
-    ) {
-        if columns.is_empty() {
-            return;
+        seeded: &[Dual<N>],
+        changes: bool,
+        torque: impl Fn() -> &'t [f64],
+    ) -> Vec<Dual<N>> {
+        if changes {
+            return mechanical::torque(self.model, self.signals, seeded);
         }
-        let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
-        let (levels, rest) = p[self.model.parameter_count()..].split_at(self.nuisance.levels);
-        let steps = &rest[..self.nuisance.steps()];
-        let per_torque = -self.signals.n_p / p[BaseParameter::J.index()];
-        let place =
-            |index: usize| columns.iter().copied().find(|c| free[*c] == self.model.parameter_count() + index);
-        let of_level: Vec<Option<usize>> = (0..levels.len()).map(place).collect();
-        let of_step: Vec<Option<usize>> = (0..steps.len()).map(|s| place(levels.len() + s)).collect();
-        let t = &self.signals.t;
-        let mut level = 0;
-        let mut response = vec![0.0; jacobian.ncols()];
-        for window in self.windows {
-            response.fill(0.0);
-            for k in window.clone() {
-                for column in columns {
-                    jacobian[(row + k, *column)] = response[*column] * weight;
-                }
-                if k + 1 >= window.end {
-                    break;
-                }
-                let kept = if slope[k] == 0.0 { 0.0 } else { slope[k + 1] / slope[k] };
-                for column in columns {
-                    response[*column] *= kept;
-                }
-                let h = t[k + 1] - t[k];
-                while level < steps.len() && steps[level] < t[k] {
-                    level += 1;
-                }
-                let gain = per_torque * kept.max(0.0).sqrt();
-                let behind = steps.get(level).map_or(0.0, |step| (t[k + 1] - step).clamp(0.0, h));
-                if let Some(column) = of_level[level] {
-                    response[column] += gain * (h - behind);
-                }
-                if behind > 0.0 {
-                    if let Some(column) = of_level[level + 1] {
-                        response[column] += gain * behind;
-                    }
-                    if let Some(column) = of_step[level] {
-                        response[column] -= gain * (levels[level + 1] - levels[level]);
-                    }
-                }
-            }
-        }
+        torque().iter().map(|x| Dual::constant(*x)).collect()
     }
 
     /// Motor torque per sample.

@@ -1,5 +1,6 @@
 //! Speed in free run within short windows, driven by the torque of the measured currents (or the recorded torque).
 
+mod acceleration;
 mod torque;
 
 use super::electrical::{measured_env, true_env};
@@ -12,6 +13,7 @@ use crate::signals::Signals;
 use std::marker::PhantomData;
 use std::ops::Range;
 
+pub use acceleration::accelerations;
 pub use torque::torque;
 
 /// Length of a window, s.
@@ -163,7 +165,7 @@ fn run_sized<T: Real, W: Carries<T>, const N: usize>(
     let base = Base::new(p);
     let (n_p, sensed) = (signals.n_p, model.has_sensor());
     // The rotor is slow compared to the samples: one step spans two of them, the sample between being its middle.
-    let coarse = signals.context.omega_e_max * signals.period <= COARSE;
+    let coarse = steps_are_coarse(signals);
     let ringing = model.ringing(p);
     let mut state = [W::zero(); N];
     let mut level = 0;
@@ -317,6 +319,11 @@ fn between<T: Real>(x: T, y: T, c: f64) -> T {
 fn continues(signals: &Signals, before: &Range<usize>, k: usize) -> bool {
     let segment = signals.segments.iter().find(|s| s.contains(&k));
     before.end == k && segment.is_some_and(|s| s.start < k)
+}
+
+/// Whether the rotor hardly turns from sample to sample, so that one step may span two of them.
+fn steps_are_coarse(signals: &Signals) -> bool {
+    signals.context.omega_e_max * signals.period <= COARSE
 }
 
 /// Samples that the step from sample `k` spans: two if it may be coarse and the sample between lies in the middle.

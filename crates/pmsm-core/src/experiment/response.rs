@@ -1,0 +1,277 @@
+//! Derivatives of the speed by variation of constants.
+//!
+//! Where the rotor has no states of its own, a change δω of its speed obeys dδω/dt = (∂a/∂ω)·δω + ∂a/∂p, with its acceleration a: what a
+//! parameter adds over one step fades from then on as a change of the initial speed does. One run tells how that fades; a parameter
+//! then costs its share of the acceleration at each sample, in place of a run.
+
+use super::{Channel, Experiment, LANES, seed};
+use crate::dual::Dual;
+use crate::effect::{Role, Site};
+use crate::machine::BaseParameter;
+use crate::simulate::mechanical;
+use nalgebra::DMatrix;
+use std::ops::Range;
+
+impl Experiment<'_> {
+    /// Whether the speed answers to parameter `index` as to a change of itself, at this step of time: not where the rotor has states of
+    /// its own, to what the sensors show, and to how fast a torque jumps.
+    pub(super) fn answers_as_speed(&self, index: usize) -> bool {
+        if self.model.mechanical_states() > 0 {
+            return false;
+        }
+        let Some(slot) = self.model.slots().iter().find(|s| s.parameters.contains(&index)) else {
+            return true;
+        };
+        let parameter = &slot.effect.info().parameters[index - slot.parameters.start];
+        slot.effect.info().site != Site::Sensor && !(slot.effect.jumps() && parameter.role == Role::Shape)
+    }
+
+    /// Derivatives of the `speed`, which comes with its derivative with respect to the initial speeds, for those `columns` of the
+    /// parameters `free` to which it answers as to a change of itself.
+    pub(super) fn respond<'t>(
+        &self,
+        p: &[f64],
+        free: &[usize],
+        columns: &[usize],
+        torque: impl Fn() -> &'t [f64] + Copy,
+        speed: &(Vec<f64>, Vec<f64>),
+        jacobian: &mut DMatrix<f64>,
+    ) {
+        let count = self.model.parameter_count();
+        let (load, other): (Vec<usize>, Vec<usize>) = columns.iter().partition(|c| free[**c] >= count);
+        // What changes the motor's torque takes a pass of its own through the currents.
+        let (through, rotor): (Vec<usize>, Vec<usize>) =
+            other.iter().partition(|c| self.is_electrical(free[**c]));
+        for (columns, changes) in [(&through, true), (&rotor, false)] {
+            for columns in columns.chunks(LANES) {
+                let at = (p, free, columns);
+                match columns.len() {
+                    0..=4 => self.torque_columns::<4>(at, changes, torque, speed, jacobian),
+                    _ => self.torque_columns::<LANES>(at, changes, torque, speed, jacobian),
+                }
+            }
+        }
+        if !load.is_empty() {
+            self.load_columns(p, free, &load, &speed.1, jacobian);
+        }
+    }
+
+    /// Derivatives with respect to parameters that change the acceleration, the motor's torque along with it if that `changes`.
+    fn torque_columns<'t, const N: usize>(
+        &self,
+        (p, free, columns): (&[f64], &[usize], &[usize]),
+        changes: bool,
+        torque: impl Fn() -> &'t [f64],
+        (shown, slope): &(Vec<f64>, Vec<f64>),
+        jacobian: &mut DMatrix<f64>,
+    ) {
+        let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
+        let count = self.model.parameter_count();
+        let seeded = seed::<N>(p, columns, free);
+        let lifted = self.lifted(&seeded[..count], changes, torque);
+        let load = (self.nuisance, &seeded[count..]);
+        let t = &self.signals.t;
+        let along = |window: &Range<usize>, here: &[Dual<N>], between: &[Option<Dual<N>>]| {
+            let at = |k: usize| &here[k].eps;
+            let mut put = |k: usize, response: &[f64; N]| {
+                for (column, x) in columns.iter().zip(response) {
+                    jacobian[(row + window.start + k, *column)] = x * weight;
+                }
+            };
+            let (mut k, mut response) = (0, [0.0; N]);
+            put(0, &response);
+            // Simpson's rule, and over half a step what belongs to it.
+            while k + 1 < here.len() {
+                let from = window.start + k;
+                let (h, kept) = (t[from + 1] - t[from], kept(slope, from, 1));
+                if let Some(middle) = &between[k] {
+                    let weights = [kept, 4.0 * root(kept), 1.0].map(|x| x * h / 6.0);
+                    response = added(&response, kept, weights, [at(k), &middle.eps, at(k + 1)]);
+                    k += 1;
+                } else {
+                    let three = [at(k), at(k + 1), at(k + 2)];
+                    let half = [5.0, 8.0, -1.0].map(|x| x * root(kept) * h / 12.0);
+                    put(k + 1, &added(&response, kept, half, three));
+                    let (h, kept) = (t[from + 2] - t[from], self::kept(slope, from, 2));
+                    let weights = [kept, 4.0 * root(kept), 1.0].map(|x| x * h / 6.0);
+                    response = added(&response, kept, weights, three);
+                    k += 2;
+                }
+                put(k, &response);
+            }
+        };
+        mechanical::accelerations(
+            self.model,
+            self.signals,
+            &seeded[..count],
+            &lifted,
+            load,
+            self.windows,
+            shown,
+            along,
+        );
+    }
+
+    /// Derivatives of the speed with respect to the levels and instants of the load, from its derivative `slope` with respect
+    /// to the initial speed of the window: what a torque adds over one sample fades as an initial speed does.
+    fn load_columns(
+        &self,
+        p: &[f64],
+        free: &[usize],
+        columns: &[usize],
+        slope: &[f64],
+        jacobian: &mut DMatrix<f64>,
+    ) {
+        let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
+        let (levels, rest) = p[self.model.parameter_count()..].split_at(self.nuisance.levels);
+        let steps = &rest[..self.nuisance.steps()];
+        let per_torque = -self.signals.n_p / p[BaseParameter::J.index()];
+        let place =
+            |index: usize| columns.iter().copied().find(|c| free[*c] == self.model.parameter_count() + index);
+        let of_level: Vec<Option<usize>> = (0..levels.len()).map(place).collect();
+        let of_step: Vec<Option<usize>> = (0..steps.len()).map(|s| place(levels.len() + s)).collect();
+        let t = &self.signals.t;
+        let mut level = 0;
+        let mut response = vec![0.0; jacobian.ncols()];
+        for window in self.windows {
+            response.fill(0.0);
+            for k in window.clone() {
+                for column in columns {
+                    jacobian[(row + k, *column)] = response[*column] * weight;
+                }
+                if k + 1 >= window.end {
+                    break;
+                }
+                let kept = kept(slope, k, 1);
+                for column in columns {
+                    response[*column] *= kept;
+                }
+                let h = t[k + 1] - t[k];
+                while level < steps.len() && steps[level] < t[k] {
+                    level += 1;
+                }
+                let gain = per_torque * root(kept);
+                let behind = steps.get(level).map_or(0.0, |step| (t[k + 1] - step).clamp(0.0, h));
+                if let Some(column) = of_level[level] {
+                    response[column] += gain * (h - behind);
+                }
+                if behind > 0.0 {
+                    if let Some(column) = of_level[level + 1] {
+                        response[column] += gain * behind;
+                    }
+                    if let Some(column) = of_step[level] {
+                        response[column] -= gain * (levels[level + 1] - levels[level]);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Share of a change of the speed at sample `k` of a window that is left some samples later.
+fn kept(slope: &[f64], k: usize, later: usize) -> f64 {
+    if slope[k] == 0.0 { 0.0 } else { slope[k + later] / slope[k] }
+}
+
+/// The share that is left halfway.
+fn root(kept: f64) -> f64 {
+    kept.max(0.0).sqrt()
+}
+
+/// What is left of a response, and what came to it.
+fn added<const N: usize>(
+    response: &[f64; N],
+    kept: f64,
+    weights: [f64; 3],
+    accelerations: [&[f64; N]; 3],
+) -> [f64; N] {
+    let [a, b, c] = weights;
+    let [x, y, z] = accelerations;
+    std::array::from_fn(|n| response[n] * kept + a * x[n] + b * y[n] + c * z[n])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::EffectId;
+    use crate::machine::Machine;
+    use crate::model::Model;
+    use crate::recording::{Load, Recording};
+    use crate::signals::Signals;
+    use crate::simulate::mechanical::Nuisance;
+    use std::borrow::Cow;
+
+    /// A rotor that reverses, sampled every `h` seconds.
+    fn signals(h: f64) -> Signals {
+        let column =
+            |f: fn(f64) -> f64| (0..(0.8 / h) as usize).map(|k| f(k as f64 * h)).collect::<Vec<f64>>();
+        let columns = [
+            ("t", column(|t| t)),
+            ("omega_e", column(|t| 400.0 * (9.0 * t).cos())),
+            ("theta_e", column(|t| 400.0 / 9.0 * (9.0 * t).sin())),
+            ("v_d", column(|t| -5.0 * (20.0 * t).sin())),
+            ("v_q", column(|t| 40.0 * (9.0 * t).cos())),
+            ("i_d", column(|t| -2.0 + (30.0 * t).sin())),
+            ("i_q", column(|t| 4.0 * (14.0 * t).cos())),
+        ];
+        let columns = columns.map(|(name, x)| (name.to_owned(), x)).to_vec();
+        let recording = Recording::new(columns, Some(Load::UnknownPiecewise)).unwrap();
+        Signals::new(&recording, &Machine::new(4).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn columns_are_those_of_a_run_that_carries_derivatives_along() {
+        // In steps of two samples, and of one.
+        for h in [1e-4, 4e-4] {
+            let signals = signals(h);
+            let windows = mechanical::windows(&signals);
+            let effects = [
+                EffectId::AsymmetricFriction,
+                EffectId::CoggingTorque,
+                EffectId::TimeVaryingLoad,
+                EffectId::SaturationD,
+                EffectId::CurrentOffset,
+            ];
+            let model = Model::new(signals.context, &effects);
+            let mut p = vec![0.5, 6e-3, 9e-3, 0.1, 2e-3, 1e-3];
+            for effect in effects {
+                p.extend(effect.info().parameters.iter().map(|x| (x.typical)(&signals.context)));
+            }
+            let count = p.len();
+            p.extend([0.3, -0.2, 0.41]);
+            let experiment = Experiment {
+                model: &model,
+                signals: &signals,
+                nuisance: Nuisance::unknown(1, 0),
+                windows: &windows,
+                channels: vec![(Channel::OmegaE, 0.1)],
+                torque: None,
+                starts: Some(Cow::Owned(windows.iter().map(|w| signals.omega_e[w.start]).collect())),
+                whitening: None,
+                colour: None,
+                held_out: None,
+                prior: &[],
+            };
+            let free: Vec<usize> = (0..p.len()).collect();
+            let linear = experiment.linearise(&p, &free);
+            let course = experiment.course(&p);
+            assert_eq!(experiment.jacobian(&p, &free, course.as_ref()), linear.jacobian);
+            let n = signals.len();
+            let torque = experiment.torque_at(&p);
+            let starts = experiment.starts.clone().unwrap();
+            for k in free {
+                let (mut speed, mut run) = ((vec![0.0; n], vec![0.0; n]), DMatrix::zeros(n, 1));
+                experiment.mechanical_pass::<4>((&p, &[k], &[0]), || &torque, &starts, &mut speed, &mut run);
+                experiment.project(&speed.0, &speed.1, &mut vec![0.0; n], &mut run);
+                let off = (linear.jacobian.column(k) - run.column(0)).norm();
+                // The load is constant over a step there and over a sample here, and an instant acts within one sample only.
+                let share = match k.checked_sub(count) {
+                    Some(2) => 0.03,
+                    _ if k == BaseParameter::J.index() => 3e-4,
+                    _ => 1e-4,
+                };
+                assert!(off <= share * run.norm(), "{h} {k}: {off} of {}", run.norm());
+            }
+        }
+    }
+}
