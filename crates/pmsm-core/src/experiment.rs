@@ -159,32 +159,27 @@ impl<'a> Experiment<'a> {
 
     /// Weighted residuals at `p` and their derivatives with respect to the parameters `free`.
     pub fn linearise(&self, p: &[f64], free: &[usize]) -> Linearisation {
-        let rows = self.channels.len() * self.samples();
-        let mut residual = DVector::zeros(rows);
-        let mut jacobian = DMatrix::zeros(rows, free.len());
-        if self.has_electrical() {
-            self.linearise_electrical(p, free, &mut residual, &mut jacobian);
-        }
-        if self.has_mechanical() {
-            self.linearise_mechanical(p, free, None, &mut residual, &mut jacobian);
-        }
-        self.mask(&mut residual, Some(&mut jacobian));
-        Linearisation { residual, jacobian }
+        self.linearise_along(p, free, None)
     }
 
     /// The derivatives of [`Self::linearise`] alone, where the rotor's `course` at `p` is known.
     pub fn jacobian(&self, p: &[f64], free: &[usize], course: Option<&Course>) -> DMatrix<f64> {
+        self.linearise_along(p, free, course).jacobian
+    }
+
+    /// With a known `course` voltage equations that nothing of `free` reaches are left out.
+    fn linearise_along(&self, p: &[f64], free: &[usize], course: Option<&Course>) -> Linearisation {
         let rows = self.channels.len() * self.samples();
         let mut residual = DVector::zeros(rows);
         let mut jacobian = DMatrix::zeros(rows, free.len());
-        if self.has_electrical() && free.iter().any(|k| self.is_electrical(*k)) {
+        if self.has_electrical() && (course.is_none() || free.iter().any(|k| self.is_electrical(*k))) {
             self.linearise_electrical(p, free, &mut residual, &mut jacobian);
         }
         if self.has_mechanical() {
             self.linearise_mechanical(p, free, course, &mut residual, &mut jacobian);
         }
         self.mask(&mut residual, Some(&mut jacobian));
-        jacobian
+        Linearisation { residual, jacobian }
     }
 
     fn linearise_electrical(
