@@ -74,7 +74,7 @@ demo: $(VENV)/.installed
 	@$(BIN)/pmsm-rs demo --report $(REPORT)
 	@echo 'Open it in a browser: file://$(CURDIR)/$(REPORT)'
 
-test: lint rust python readme-check
+test: lint rust python readme-check docs
 
 lint: rustfmt clippy ruff mypy
 
