@@ -13,8 +13,8 @@ use nalgebra::DMatrix;
 use std::ops::Range;
 
 impl Experiment<'_> {
-    /// Whether the speed answers to parameter `index` as to a change of itself, at this step of time: not where the rotor has states of
-    /// its own, to what the sensors show, and to how fast a torque jumps.
+    /// Whether the speed answers to parameter `index` as to a change of itself. It does not where the rotor has states of its own, and not
+    /// to what the sensors show; how fast a torque jumps decides itself within one step, so that only a run knows.
     pub(super) fn answers_as_speed(&self, index: usize) -> bool {
         if self.model.mechanical_states() > 0 {
             return false;

@@ -1,0 +1,134 @@
+//! The residuals of the voltage equations and their derivatives: the currents of a recording in time, the voltages of operating points.
+
+use super::{Channel, Experiment, LANES, seed};
+use crate::dual::Dual;
+use crate::real::Real;
+use crate::simulate::electrical::{self, incremental_inductances};
+use crate::simulate::quasi_static;
+use nalgebra::{DMatrix, DVector};
+
+impl Experiment<'_> {
+    /// The currents' or voltages' rows at `p`.
+    pub(super) fn linearise_electrical(
+        &self,
+        p: &[f64],
+        free: &[usize],
+        residual: &mut DVector<f64>,
+        jacobian: &mut DMatrix<f64>,
+    ) {
+        let reaching: Vec<usize> = (0..free.len()).filter(|c| self.is_electrical(free[*c])).collect();
+        for columns in chunks(&reaching, LANES) {
+            let at = (p, free, columns);
+            match columns.len() {
+                0..=4 => self.electrical_pass::<4>(at, residual, jacobian),
+                _ => self.electrical_pass::<LANES>(at, residual, jacobian),
+            }
+        }
+        self.whiten_residual(p, free, &reaching, residual, jacobian);
+    }
+
+    /// Hands the weighted residual of each row to `put`.
+    pub(super) fn fill_electrical<T: Real>(&self, p: &[T], mut put: impl FnMut(usize, T)) {
+        let p = &p[..self.model.parameter_count()];
+        let pair = |a, b| Some((self.row_of(a)?, self.row_of(b)?));
+        if let (Some(((d, wd), (q, wq))), Some(i)) = (pair(Channel::ID, Channel::IQ), &self.signals.i) {
+            electrical::run(self.model, self.signals, p, |k, now| {
+                put(d + k, (now[0] - i[0][k]) * wd);
+                put(q + k, (now[1] - i[1][k]) * wq);
+            });
+        }
+        let axes = [self.row_of(Channel::VD), self.row_of(Channel::VQ)];
+        if let (true, Some(v)) = (axes.iter().any(Option::is_some), &self.signals.v) {
+            quasi_static::run(self.model, self.signals, p, |k, now| {
+                for (axis, place) in axes.iter().enumerate() {
+                    if let Some((row, weight)) = place {
+                        put(row + k, (now[axis] - v[axis][k]) * *weight);
+                    }
+                }
+            });
+        }
+    }
+
+    /// Passes a residual at `p` and the `columns` of its derivatives with respect to the parameters `free` through the whitening filter
+    /// that belongs to `p`.
+    pub(super) fn whiten_residual(
+        &self,
+        p: &[f64],
+        free: &[usize],
+        columns: &[usize],
+        residual: &mut DVector<f64>,
+        jacobian: &mut DMatrix<f64>,
+    ) {
+        let Some((whitening, _)) = self.whitening else { return };
+        let count = self.model.parameter_count();
+        if !whitening.wanders() {
+            self.on_currents(residual.as_mut_slice(), |d, q| whitening.apply(d, q));
+            for &column in columns {
+                self.on_currents(jacobian.column_mut(column).as_mut_slice(), |d, q| whitening.apply(d, q));
+            }
+            return;
+        }
+        let wanted = incremental_inductances(self.model, self.signals, &p[..count]);
+        let l = whitening.within(wanted);
+        let followed = [0, 1].map(|axis| (l[axis] / wanted[axis] - 1.0).abs() < 1e-9);
+        let filter = whitening.at(self.signals, l, !columns.is_empty());
+        let bend = self.on_currents(residual.as_mut_slice(), |d, q| filter.follow(l, d, q)).flatten();
+        for chunk in columns.chunks(LANES) {
+            let seeded = seed::<LANES>(&p[..count], chunk, free);
+            let along = incremental_inductances(self.model, self.signals, &seeded);
+            for (slot, &column) in chunk.iter().enumerate() {
+                let mut rows = jacobian.column_mut(column);
+                self.on_currents(rows.as_mut_slice(), |d, q| {
+                    filter.apply(d, q);
+                    for (axis, [bend_d, bend_q]) in
+                        bend.iter().flatten().enumerate().filter(|(a, _)| followed[*a])
+                    {
+                        let rate = along[axis].eps[slot] / along[axis].re;
+                        let bends = d.iter_mut().zip(bend_d).chain(q.iter_mut().zip(bend_q));
+                        bends.for_each(|(x, bend)| *x += rate * bend);
+                    }
+                });
+            }
+        }
+    }
+
+    /// Does something to the rows of the currents, in units of A before and of the floors afterwards.
+    fn on_currents<R>(&self, rows: &mut [f64], act: impl FnOnce(&mut [f64], &mut [f64]) -> R) -> Option<R> {
+        let (_, floors) = self.whitening?;
+        let ((d, wd), (q, wq)) = (self.row_of(Channel::ID)?, self.row_of(Channel::IQ)?);
+        let n = self.samples();
+        let (first, second) = rows.split_at_mut(d.max(q));
+        let (d, q) = if d < q {
+            (&mut first[d..d + n], &mut second[..n])
+        } else {
+            (&mut second[..n], &mut first[q..q + n])
+        };
+        d.iter_mut().for_each(|x| *x /= wd);
+        q.iter_mut().for_each(|x| *x /= wq);
+        let out = act(d, q);
+        d.iter_mut().for_each(|x| *x *= floors[0] * wd);
+        q.iter_mut().for_each(|x| *x *= floors[1] * wq);
+        Some(out)
+    }
+
+    /// Electrical residuals and their derivatives for some `columns` of the parameters `free`.
+    fn electrical_pass<const N: usize>(
+        &self,
+        (p, free, columns): (&[f64], &[usize], &[usize]),
+        residual: &mut DVector<f64>,
+        jacobian: &mut DMatrix<f64>,
+    ) {
+        let seeded = seed::<N>(p, columns, free);
+        self.fill_electrical(&seeded, |row, value: Dual<N>| {
+            residual[row] = value.re;
+            for (slot, column) in columns.iter().enumerate() {
+                jacobian[(row, *column)] = value.eps[slot];
+            }
+        });
+    }
+}
+
+/// Groups of at most `size` columns; one empty group if there are none, so that the value is still computed.
+fn chunks(columns: &[usize], size: usize) -> Vec<&[usize]> {
+    if columns.is_empty() { vec![columns] } else { columns.chunks(size).collect() }
+}
