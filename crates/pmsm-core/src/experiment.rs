@@ -9,6 +9,7 @@ mod fitting;
 mod joint;
 mod response;
 mod speed;
+mod transition;
 
 pub use fitting::Fitted;
 pub use joint::{Block, Channels, Joint, split};

@@ -43,6 +43,8 @@ const FAINTER: f64 = 0.1;
 const SINGLES: usize = 10;
 /// Sets from which larger ones are grown.
 const BEAM: usize = 2;
+/// None is grown from a set that leaves this many times what the best one leaves: hardly one more effect makes up for that.
+const HOPELESS: f64 = 30.0;
 /// Effects added to each of them.
 const BRANCHES: usize = 3;
 /// Most effects in one model, unless the recording is too poor for more than one.
@@ -131,6 +133,8 @@ impl Search<'_> {
             let holds = |j: &Judged| smaller.as_ref().is_none_or(|smaller| foothold(j, smaller));
             beam.retain(|j| j.fitted.effects().len() == size - 1 && holds(j));
             beam.truncate(BEAM);
+            let least = beam.first().map_or(0.0, Judged::excess).max(MISMATCH);
+            beam.retain(|j| j.excess() <= HOPELESS * least);
             let mut larger: Vec<Judged> = Vec::new();
             for (rank, parent) in beam.iter().enumerate() {
                 let tried = |e: &EffectId| {

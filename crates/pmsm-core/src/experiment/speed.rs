@@ -52,6 +52,8 @@ impl<'a> Experiment<'a> {
         let mut speed = known.map_or_else(none, |known| Cow::Borrowed(&known.speed));
         let (answering, other): (Vec<usize>, Vec<usize>) =
             (0..free.len()).partition(|c| self.answers_as_speed(free[*c]));
+        let (load, other): (Vec<usize>, Vec<usize>) =
+            other.into_iter().partition(|c| self.passes_on(free[*c]));
         for columns in other.chunks(LANES - 1) {
             let at = (p, free, columns);
             match columns.len() {
@@ -63,6 +65,9 @@ impl<'a> Experiment<'a> {
             speed = Cow::Owned(self.speed_pass(p, torque(), &starts));
         }
         self.respond(p, free, &answering, torque, &speed, jacobian);
+        if !load.is_empty() {
+            self.load_passed_on(p, free, &load, torque(), &starts, jacobian);
+        }
         self.project(&speed.0, &speed.1, residual.as_mut_slice(), jacobian);
     }
 

@@ -87,6 +87,10 @@ pub trait Restart<T> {
     fn speed(&mut self, number: usize, k: usize) -> T;
     /// Lets the caller forget, in a state carried over, what belongs to the window before.
     fn forget(&self, state: &mut T);
+    /// Whether [`Restart::step`] is to be called.
+    const WATCHES: bool = false;
+    /// Shows the caller the states at the beginning of the step over `samples`, to seed them anew; `begins` where they were set there.
+    fn step<const N: usize>(&mut self, _samples: Range<usize>, _begins: bool, _state: &mut [T; N]) {}
 }
 
 /// Simulates the speed and hands to `sink` the window number, the sample number and the electrical speed that the log
@@ -130,7 +134,7 @@ impl<T: Real, R: Restart<T>, S: FnMut(usize, usize, T), const N: usize> Loop<T> 
         let restart = Carried { inner: self.restart, number: PhantomData };
         let load = (self.load.0, &own[..]);
         let (windows, sink) = (self.windows, &mut self.sink);
-        run_sized::<T, W, N>(self.model, self.signals, &p, self.tau_e, load, windows, restart, sink);
+        run_sized::<T, W, _, N>(self.model, self.signals, &p, self.tau_e, load, windows, restart, sink);
     }
 }
 
@@ -149,17 +153,23 @@ impl<T: Real, W: Carries<T>, R: Restart<T>> Restart<W> for Carried<R, T> {
         self.inner.forget(&mut own);
         *state = W::carry(own);
     }
+    const WATCHES: bool = R::WATCHES;
+    fn step<const N: usize>(&mut self, samples: Range<usize>, begins: bool, state: &mut [W; N]) {
+        let mut own = state.map(W::give);
+        self.inner.step(samples, begins, &mut own);
+        *state = own.map(W::carry);
+    }
 }
 
 #[inline(always)]
-fn run_sized<T: Real, W: Carries<T>, const N: usize>(
+fn run_sized<T: Real, W: Carries<T>, R: Restart<W>, const N: usize>(
     model: &Model,
     signals: &Signals,
     p: &[W],
     tau_e: &[T],
     (load, own): (Nuisance, &[W]),
     windows: &[Range<usize>],
-    mut restart: impl Restart<W>,
+    mut restart: R,
     sink: &mut impl FnMut(usize, usize, T),
 ) {
     let base = Base::new(p);
@@ -177,14 +187,11 @@ fn run_sized<T: Real, W: Carries<T>, const N: usize>(
             let h =
                 if k + span < signals.len() { signals.t[k + span] - signals.t[k] } else { signals.period };
             let tau_load = load_over(load, own, signals, k, k + span, h, &mut level);
+            let mut begins = false;
             if k == window.start {
                 let omega_m = restart.speed(number, k) * scale * (1.0 / n_p);
-                if number > 0 && continues(signals, &windows[number - 1], k) {
-                    for x in &mut state[1..] {
-                        restart.forget(x);
-                    }
-                    state[0] = omega_m;
-                } else {
+                begins = number == 0 || !continues(signals, &windows[number - 1], k);
+                if begins {
                     state = model.mechanical_start(p, &base, omega_m, W::carry(tau_e[k]), tau_load, &env);
                     if number == 0 {
                         let deviation = &own[load.parameter_count() - load.initial..];
@@ -192,7 +199,15 @@ fn run_sized<T: Real, W: Carries<T>, const N: usize>(
                             *x += *d;
                         }
                     }
+                } else {
+                    for x in &mut state[1..] {
+                        restart.forget(x);
+                    }
+                    state[0] = omega_m;
                 }
+            }
+            if R::WATCHES {
+                restart.step(k..k + span, begins, &mut state);
             }
             let shown = state[0] * n_p;
             sink(number, k, (if sensed { shown / scale } else { shown }).give());

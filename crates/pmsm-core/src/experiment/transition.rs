@@ -1,0 +1,225 @@
+//! Derivatives of the speed with respect to an unknown load, where the rotor has states of its own.
+//!
+//! Over one step a change δx of all its states becomes A·δx + g·δτ, with the mean change δτ of the load meanwhile. One run, seeded
+//! anew at each step, tells A and g; the columns of all levels and instants follow from them, in place of a run per seven.
+
+use super::{Channel, Experiment};
+use crate::dual::Dual;
+use crate::real::Real;
+use crate::simulate::mechanical::{self, Restart};
+use nalgebra::DMatrix;
+use std::ops::Range;
+
+/// States of the rotor, its speed among them, and the load in the slot behind them.
+const STATES: usize = 3;
+const SLOTS: usize = STATES + 1;
+const LOAD: usize = STATES;
+
+type Seeded = Dual<SLOTS>;
+
+/// The beginning of a step.
+struct Step {
+    /// Its samples.
+    samples: Range<usize>,
+    /// Whether its states are set there, by the speed and the load of the step, and not carried over.
+    begins: bool,
+    /// The states there, differentiated by those at the beginning of the step before and by its load.
+    states: [[f64; SLOTS]; STATES],
+}
+
+impl Experiment<'_> {
+    /// Whether parameter `index` is a level or an instant of the load, on a rotor with states that this module can carry along.
+    pub(super) fn passes_on(&self, index: usize) -> bool {
+        let Some(own) = index.checked_sub(self.model.parameter_count()) else { return false };
+        let states = self.model.mechanical_states();
+        states > 0 && states < STATES && own < self.nuisance.levels + self.nuisance.steps()
+    }
+
+    /// Derivatives of the speed with respect to those `columns` of the parameters `free`, which are levels and instants of the load.
+    pub(super) fn load_passed_on(
+        &self,
+        p: &[f64],
+        free: &[usize],
+        columns: &[usize],
+        torque: &[f64],
+        starts: &[f64],
+        jacobian: &mut DMatrix<f64>,
+    ) {
+        let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
+        let count = self.model.parameter_count();
+        let (levels, rest) = p[count..].split_at(self.nuisance.levels);
+        let instants = &rest[..self.nuisance.steps()];
+        let (steps, speed) = self.steps(p, torque, starts);
+        let place = |index: usize| columns.iter().copied().find(|c| free[*c] == count + index);
+        let of_level: Vec<Option<usize>> = (0..levels.len()).map(place).collect();
+        let of_instant: Vec<Option<usize>> = (0..instants.len()).map(|s| place(levels.len() + s)).collect();
+        let mut responses = vec![[0.0; STATES]; free.len()];
+        // What one of a parameter adds to the load of a step, for those that do: two levels and the instant between them.
+        let mut pushes: [(Option<usize>, f64); 3] = [(None, 0.0); 3];
+        let mut level = 0;
+        for step in &steps {
+            let before = pushes;
+            let (end, h) = (self.time(step.samples.end), self.length(&step.samples));
+            let behind = |level: usize| instants.get(level).map_or(0.0, |instant| (end - instant) / h);
+            while behind(level) > 1.0 {
+                level += 1;
+            }
+            let share = behind(level).max(0.0);
+            pushes = [(of_level[level], 1.0 - share), (None, 0.0), (None, 0.0)];
+            if share > 0.0 {
+                pushes[1] = (of_level[level + 1], share);
+                pushes[2] = (of_instant[level], (levels[level] - levels[level + 1]) / h);
+            }
+            for column in columns {
+                let x = &mut responses[*column];
+                *x = if step.begins { [0.0; STATES] } else { step.states.map(|row| along(&row, x)) };
+            }
+            for (column, push) in if step.begins { pushes } else { before } {
+                let Some(column) = column else { continue };
+                for (x, state) in responses[column].iter_mut().zip(&step.states) {
+                    *x += state[LOAD] * push;
+                }
+            }
+            for k in step.samples.clone() {
+                for column in columns {
+                    jacobian[(row + k, *column)] = along(&speed[k], &responses[*column]) * weight;
+                }
+                for (column, push) in pushes {
+                    let Some(column) = column else { continue };
+                    jacobian[(row + k, column)] += speed[k][LOAD] * push * weight;
+                }
+            }
+        }
+    }
+
+    /// The steps of a run, and how the speed at each sample answers to the states at the beginning of its step and to its load.
+    fn steps(&self, p: &[f64], torque: &[f64], starts: &[f64]) -> (Vec<Step>, Vec<[f64; SLOTS]>) {
+        let count = self.model.parameter_count();
+        let mut seeded: Vec<Seeded> = p.iter().map(|x| Dual::constant(*x)).collect();
+        for level in &mut seeded[count..count + self.nuisance.levels] {
+            *level = Dual::variable(level.re, LOAD);
+        }
+        let torque: Vec<Seeded> = torque.iter().map(|x| Dual::constant(*x)).collect();
+        let (mut steps, mut speed) = (Vec::with_capacity(self.samples()), vec![[0.0; SLOTS]; self.samples()]);
+        let load = (self.nuisance, &seeded[count..]);
+        let anew = Anew { starts, steps: &mut steps };
+        let (model, signals, windows) = (self.model, self.signals, self.windows);
+        mechanical::run(model, signals, &seeded[..count], &torque, load, windows, anew, |_, k, shown| {
+            speed[k] = shown.eps;
+        });
+        (steps, speed)
+    }
+
+    /// Time at sample `k`, s, or one period after the last.
+    fn time(&self, k: usize) -> f64 {
+        let t = &self.signals.t;
+        t.get(k).copied().unwrap_or_else(|| t[t.len() - 1] + self.signals.period)
+    }
+
+    fn length(&self, samples: &Range<usize>) -> f64 {
+        self.time(samples.end) - self.time(samples.start)
+    }
+}
+
+/// A derivative by the states along a change of them.
+fn along(by: &[f64; SLOTS], change: &[f64; STATES]) -> f64 {
+    by.iter().zip(change).map(|(d, x)| d * x).sum()
+}
+
+/// Keeps how the states at the beginning of each step came from those before, and seeds them anew.
+struct Anew<'a> {
+    starts: &'a [f64],
+    steps: &'a mut Vec<Step>,
+}
+
+impl Restart<Seeded> for Anew<'_> {
+    const WATCHES: bool = true;
+
+    fn speed(&mut self, number: usize, _: usize) -> Seeded {
+        Dual::constant(self.starts[number])
+    }
+
+    fn forget(&self, _: &mut Seeded) {}
+
+    fn step<const N: usize>(&mut self, samples: Range<usize>, begins: bool, state: &mut [Seeded; N]) {
+        let mut states = [[0.0; SLOTS]; STATES];
+        for (slot, (x, kept)) in state.iter_mut().zip(&mut states).enumerate() {
+            *kept = x.eps;
+            *x = Dual::variable(x.re, slot);
+        }
+        self.steps.push(Step { samples, begins, states });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::EffectId;
+    use crate::machine::Machine;
+    use crate::model::Model;
+    use crate::recording::{Load, Recording};
+    use crate::signals::Signals;
+    use crate::simulate::mechanical::Nuisance;
+    use std::borrow::Cow;
+
+    /// A rotor that reverses, sampled every `h` seconds, with a gap.
+    fn signals(h: f64) -> Signals {
+        let t: Vec<f64> =
+            (0..(0.8 / h) as usize).map(|k| k as f64 * h).filter(|t| !(0.5..0.52).contains(t)).collect();
+        let column = |f: fn(f64) -> f64| t.iter().map(|t| f(*t)).collect::<Vec<f64>>();
+        let columns = [
+            ("t", column(|t| t)),
+            ("omega_e", column(|t| 400.0 * (9.0 * t).cos())),
+            ("theta_e", column(|t| 400.0 / 9.0 * (9.0 * t).sin())),
+            ("i_d", column(|_| 0.0)),
+            ("i_q", column(|t| 4.0 * (14.0 * t).cos())),
+        ];
+        let columns = columns.map(|(name, x)| (name.to_owned(), x)).to_vec();
+        let recording = Recording::new(columns, Some(Load::UnknownPiecewise)).unwrap();
+        Signals::new(&recording, &Machine::new(4).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn columns_are_those_of_a_run_that_carries_derivatives_along() {
+        // In steps of two samples and of one, divided or not where the shaft rings fast.
+        for (h, f_antires) in [(1e-4, 40.0), (1e-4, 900.0), (4e-4, 40.0)] {
+            let signals = signals(h);
+            let windows = mechanical::windows(&signals);
+            let model = Model::new(signals.context, &[EffectId::TwoMassShaft, EffectId::EncoderEccentricity]);
+            let shaft = [0.4, f_antires, 0.02];
+            let p = [&[0.5, 6e-3, 9e-3, 0.1, 2e-3, 1e-3], &shaft[..], &[0.02, 0.3]].concat();
+            let count = p.len();
+            assert_eq!(count, model.parameter_count());
+            // Of the instants one lies in the gap; then the two states of the shaft.
+            let load = [0.3, -0.2, 0.5, 0.1, 0.0, 0.12, 0.31003, 0.51, 0.7, 0.01, 0.02];
+            let p = [&p[..], &load].concat();
+            let experiment = Experiment {
+                model: &model,
+                signals: &signals,
+                nuisance: Nuisance::unknown(4, 2),
+                windows: &windows,
+                channels: vec![(Channel::OmegaE, 0.1)],
+                torque: None,
+                starts: Some(Cow::Owned(windows.iter().map(|w| signals.omega_e[w.start]).collect())),
+                whitening: None,
+                colour: None,
+                held_out: None,
+                prior: &[],
+            };
+            let free: Vec<usize> = (count..count + 9).collect();
+            assert!(free.iter().all(|k| experiment.passes_on(*k)) && !experiment.passes_on(count + 9));
+            let (torque, starts) = (experiment.torque_at(&p), experiment.starts.clone().unwrap());
+            let columns: Vec<usize> = (0..free.len()).collect();
+            let n = signals.len();
+            let mut passed = DMatrix::zeros(n, free.len());
+            experiment.load_passed_on(&p, &free, &columns, &torque, &starts, &mut passed);
+            for (column, k) in free.into_iter().enumerate() {
+                let (mut speed, mut run) = ((vec![0.0; n], vec![0.0; n]), DMatrix::zeros(n, 1));
+                experiment.mechanical_pass::<4>((&p, &[k], &[0]), || &torque, &starts, &mut speed, &mut run);
+                let off = (passed.column(column) - run.column(0)).norm();
+                assert!(off <= 1e-10 * run.norm(), "{h} {k}: {off} of {}", run.norm());
+                assert_eq!(run.norm() == 0.0, p[k] == 0.51, "{k}");
+            }
+        }
+    }
+}
