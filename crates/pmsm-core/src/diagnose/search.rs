@@ -19,7 +19,7 @@ use crate::experiment::Channel;
 use crate::model::Model;
 use crate::monitor::Monitor;
 use rayon::prelude::*;
-use sets::{explained, foothold, mismatched_by, path, progress, same, sorted, steps};
+use sets::{explained, explains, foothold, mismatched_by, path, progress, same, sorted, steps};
 
 pub use variants::Swap;
 
@@ -35,9 +35,10 @@ const RIVAL: f64 = 0.05;
 /// than that.
 const HIDING: f64 = 1.0 / 3.0;
 const IN_PLACE_OF_STEPS: f64 = 0.1;
-/// A fit that takes away less than this share of what its score promised is tried once more, from this share of the strength: to first
-/// order a strength may come out far too large where shapes matter.
+/// A fit that takes away less than this share of what its score promised, if it promised something, is tried once more, from this share
+/// of the strength: to first order a strength may come out far too large where shapes matter.
 const KEPT_PROMISE: f64 = 0.5;
+const LEAST_PROMISE: f64 = 0.02;
 const FAINTER: f64 = 0.1;
 /// Single effects refitted at most.
 const SINGLES: usize = 10;
@@ -45,6 +46,8 @@ const SINGLES: usize = 10;
 const BEAM: usize = 2;
 /// None is grown from a set that leaves this many times what the best one leaves: hardly one more effect makes up for that.
 const HOPELESS: f64 = 30.0;
+/// Once a larger set has been found that explains the recordings, none is grown from a set that leaves this many times what the best leaves.
+const BEHIND: f64 = 2.0;
 /// Effects added to each of them.
 const BRANCHES: usize = 3;
 /// Most effects in one model, unless the recording is too poor for more than one.
@@ -123,8 +126,7 @@ impl Search<'_> {
         let first = sorted(&seen, &scale).swap_remove(0);
         let mut best = if scale.beats(&first, &base) { first } else { base.clone() };
         for size in 2..=self.most {
-            let explained = best.excess() < MISMATCH && best.unexplained(&base) <= 1.0;
-            if explained || self.monitor.cancelled() {
+            if explains(&best, &base) || self.monitor.cancelled() {
                 break;
             }
             self.monitor.report("combinations of effects", 0.5 + 0.1 * size as f64);
@@ -134,9 +136,12 @@ impl Search<'_> {
             beam.retain(|j| j.fitted.effects().len() == size - 1 && holds(j));
             beam.truncate(BEAM);
             let least = beam.first().map_or(0.0, Judged::excess).max(MISMATCH);
-            beam.retain(|j| j.excess() <= HOPELESS * least);
             let mut larger: Vec<Judged> = Vec::new();
             for (rank, parent) in beam.iter().enumerate() {
+                let done = larger.iter().any(|j| explains(j, &base));
+                if parent.excess() > least * if done { BEHIND } else { HOPELESS } {
+                    continue;
+                }
                 let tried = |e: &EffectId| {
                     let sets = seen.iter().chain(&larger);
                     sets.map(|j| j.fitted.effects()).any(|set| same(&set, &parent.fitted.effects(), *e))
@@ -271,7 +276,8 @@ impl Search<'_> {
         let parameters = prospect.effect.info().parameters;
         let shaped = parameters.iter().any(|p| p.role == Role::Shape);
         let kept = explained(&parent.fitted, &fitted) >= KEPT_PROMISE * prospect.score;
-        if shaped && !kept && parent.excess() > MISMATCH && !self.monitor.cancelled() {
+        let doubtful = !kept && prospect.score > LEAST_PROMISE;
+        if shaped && doubtful && parent.excess() > MISMATCH && !self.monitor.cancelled() {
             let strength = |p: &Parameter| if p.role == Role::Amplitude { FAINTER } else { 1.0 };
             let fainter: Vec<f64> =
                 prospect.start.iter().zip(parameters).map(|(x, p)| x * strength(p)).collect();

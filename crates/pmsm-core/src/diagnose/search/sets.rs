@@ -26,6 +26,11 @@ pub(super) fn explained(smaller: &Hypothesis, larger: &Hypothesis) -> f64 {
     both.map(|((_, before), (_, after))| (before - after) / before.max(1.0)).sum()
 }
 
+/// Whether nothing worth a further effect is left, seen against the bare machine.
+pub(super) fn explains(judged: &Judged, base: &Judged) -> bool {
+    judged.excess() < MISMATCH && judged.unexplained(base) <= 1.0
+}
+
 /// Whether `share` of what the floor's own error may be is left, and more.
 pub(super) fn mismatched_by(judged: &Judged, share: f64) -> bool {
     judged.excess() > share * MISMATCH || judged.held_out_excess() > share * MISMATCH_HELD_OUT
