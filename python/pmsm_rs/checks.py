@@ -15,6 +15,8 @@ from .errors import refuse
 
 _FEW = 32
 _LARGEST_STEP = math.pi / 2
+# rad: a rotor that moves less says nothing of its speed
+_LEAST_TURN = 0.05
 
 
 def angle_against_speed(
@@ -46,6 +48,9 @@ def _ratio(t: NDArray[np.float64], angle: NDArray[np.float64], speed: NDArray[np
     size = np.abs(expected)
     usable = (size < _LARGEST_STEP) & (size > 0.3 * np.max(size, initial=0.0, where=size < _LARGEST_STEP))
     if usable.sum() < _FEW or np.median(size[usable]) < 1e-4:
+        return None
+    # The noise of a rotor that is held adds up to nothing.
+    if np.ptp(np.nancumsum(expected)) < _LEAST_TURN:
         return None
     # Steps of logged angles wrap at 2π; unwrapped ones do not, and for both this gives the short way round.
     step = np.remainder(np.diff(angle)[usable] + math.pi, 2.0 * math.pi) - math.pi

@@ -338,6 +338,15 @@ def test_wrong_pole_pairs_show_in_angle_and_speed(columns: Columns, machine_file
     assert len(pm.load(columns, machine_file)) == 400
 
 
+def test_the_noise_of_a_held_rotor_does_not_contradict_its_angle(
+    columns: Columns, machine_file: Path
+) -> None:
+    period = columns["t"][1] - columns["t"][0]
+    columns["theta_e"] = np.full(400, 1.0)
+    columns["omega_e"] = np.random.default_rng(1).normal(0.0, 5e-4 / period, 400)
+    assert len(pm.load(columns, machine_file)) == 400
+
+
 def test_max_bytes_is_honoured(columns: Columns, tmp_path: Path) -> None:
     (tmp_path / "r.csv").write_text(csv_text(columns))
     np.savez_compressed(tmp_path / "r.npz", **{**columns, "x": np.zeros(100_000)})

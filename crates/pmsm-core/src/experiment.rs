@@ -7,8 +7,11 @@
 mod currents;
 mod fitting;
 mod joint;
+mod load;
 mod response;
 mod speed;
+#[cfg(test)]
+mod testing;
 mod transition;
 
 pub use fitting::Fitted;

@@ -19,7 +19,7 @@ use crate::experiment::Channel;
 use crate::model::Model;
 use crate::monitor::Monitor;
 use rayon::prelude::*;
-use sets::{explained, explains, foothold, mismatched_by, path, progress, same, sorted, steps};
+use sets::{explained, explains, foothold, hopeless, mismatched_by, path, progress, same, sorted, steps};
 
 pub use variants::Swap;
 
@@ -44,10 +44,6 @@ const FAINTER: f64 = 0.1;
 const SINGLES: usize = 10;
 /// Sets from which larger ones are grown.
 const BEAM: usize = 2;
-/// None is grown from a set that leaves this many times what the best one leaves: hardly one more effect makes up for that.
-const HOPELESS: f64 = 30.0;
-/// Once a larger set has been found that explains the recordings, none is grown from a set that leaves this many times what the best leaves.
-const BEHIND: f64 = 2.0;
 /// Effects added to each of them.
 const BRANCHES: usize = 3;
 /// Most effects in one model, unless the recording is too poor for more than one.
@@ -135,11 +131,9 @@ impl Search<'_> {
             let holds = |j: &Judged| smaller.as_ref().is_none_or(|smaller| foothold(j, smaller));
             beam.retain(|j| j.fitted.effects().len() == size - 1 && holds(j));
             beam.truncate(BEAM);
-            let least = beam.first().map_or(0.0, Judged::excess).max(MISMATCH);
             let mut larger: Vec<Judged> = Vec::new();
             for (rank, parent) in beam.iter().enumerate() {
-                let done = larger.iter().any(|j| explains(j, &base));
-                if parent.excess() > least * if done { BEHIND } else { HOPELESS } {
+                if hopeless(parent, &beam[0], larger.iter().any(|j| explains(j, &base))) {
                     continue;
                 }
                 let tried = |e: &EffectId| {

@@ -4,6 +4,7 @@
 //! parameter adds over one step fades from then on as a change of the initial speed does. One run tells how that fades; a parameter
 //! then costs its share of the acceleration at each sample, in place of a run.
 
+use super::load::Profile;
 use super::{Channel, Experiment, LANES, seed};
 use crate::dual::Dual;
 use crate::effect::{Role, Site};
@@ -123,15 +124,9 @@ impl Experiment<'_> {
         jacobian: &mut DMatrix<f64>,
     ) {
         let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
-        let (levels, rest) = p[self.model.parameter_count()..].split_at(self.nuisance.levels);
-        let steps = &rest[..self.nuisance.steps()];
         let per_torque = -self.signals.n_p / p[BaseParameter::J.index()];
-        let place =
-            |index: usize| columns.iter().copied().find(|c| free[*c] == self.model.parameter_count() + index);
-        let of_level: Vec<Option<usize>> = (0..levels.len()).map(place).collect();
-        let of_step: Vec<Option<usize>> = (0..steps.len()).map(|s| place(levels.len() + s)).collect();
+        let mut profile = Profile::new(self, p, free, columns);
         let t = &self.signals.t;
-        let mut level = 0;
         let mut response = vec![0.0; jacobian.ncols()];
         for window in self.windows {
             response.fill(0.0);
@@ -146,22 +141,9 @@ impl Experiment<'_> {
                 for column in columns {
                     response[*column] *= kept;
                 }
-                let h = t[k + 1] - t[k];
-                while level < steps.len() && steps[level] < t[k] {
-                    level += 1;
-                }
-                let gain = per_torque * root(kept);
-                let behind = steps.get(level).map_or(0.0, |step| (t[k + 1] - step).clamp(0.0, h));
-                if let Some(column) = of_level[level] {
-                    response[column] += gain * (h - behind);
-                }
-                if behind > 0.0 {
-                    if let Some(column) = of_level[level + 1] {
-                        response[column] += gain * behind;
-                    }
-                    if let Some(column) = of_step[level] {
-                        response[column] -= gain * (levels[level + 1] - levels[level]);
-                    }
+                let gain = per_torque * root(kept) * (t[k + 1] - t[k]);
+                for (column, push) in profile.pushes(t[k], t[k + 1]).into_iter().flatten() {
+                    response[column] += gain * push;
                 }
             }
         }
@@ -194,36 +176,15 @@ fn added<const N: usize>(
 mod tests {
     use super::*;
     use crate::effects::EffectId;
-    use crate::machine::Machine;
+    use crate::experiment::testing::{of_speed, reversing};
     use crate::model::Model;
-    use crate::recording::{Load, Recording};
-    use crate::signals::Signals;
     use crate::simulate::mechanical::Nuisance;
-    use std::borrow::Cow;
-
-    /// A rotor that reverses, sampled every `h` seconds.
-    fn signals(h: f64) -> Signals {
-        let column =
-            |f: fn(f64) -> f64| (0..(0.8 / h) as usize).map(|k| f(k as f64 * h)).collect::<Vec<f64>>();
-        let columns = [
-            ("t", column(|t| t)),
-            ("omega_e", column(|t| 400.0 * (9.0 * t).cos())),
-            ("theta_e", column(|t| 400.0 / 9.0 * (9.0 * t).sin())),
-            ("v_d", column(|t| -5.0 * (20.0 * t).sin())),
-            ("v_q", column(|t| 40.0 * (9.0 * t).cos())),
-            ("i_d", column(|t| -2.0 + (30.0 * t).sin())),
-            ("i_q", column(|t| 4.0 * (14.0 * t).cos())),
-        ];
-        let columns = columns.map(|(name, x)| (name.to_owned(), x)).to_vec();
-        let recording = Recording::new(columns, Some(Load::UnknownPiecewise)).unwrap();
-        Signals::new(&recording, &Machine::new(4).unwrap()).unwrap()
-    }
 
     #[test]
     fn columns_are_those_of_a_run_that_carries_derivatives_along() {
         // In steps of two samples, and of one.
         for h in [1e-4, 4e-4] {
-            let signals = signals(h);
+            let signals = reversing(h, &(0.0..0.0));
             let windows = mechanical::windows(&signals);
             let effects = [
                 EffectId::AsymmetricFriction,
@@ -239,19 +200,7 @@ mod tests {
             }
             let count = p.len();
             p.extend([0.3, -0.2, 0.41]);
-            let experiment = Experiment {
-                model: &model,
-                signals: &signals,
-                nuisance: Nuisance::unknown(1, 0),
-                windows: &windows,
-                channels: vec![(Channel::OmegaE, 0.1)],
-                torque: None,
-                starts: Some(Cow::Owned(windows.iter().map(|w| signals.omega_e[w.start]).collect())),
-                whitening: None,
-                colour: None,
-                held_out: None,
-                prior: &[],
-            };
+            let experiment = of_speed(&model, &signals, Nuisance::unknown(1, 0), &windows);
             let free: Vec<usize> = (0..p.len()).collect();
             let linear = experiment.linearise(&p, &free);
             let course = experiment.course(&p);

@@ -3,6 +3,7 @@
 //! Over one step a change δx of all its states becomes A·δx + g·δτ, with the mean change δτ of the load meanwhile. One run, seeded
 //! anew at each step, tells A and g; the columns of all levels and instants follow from them, in place of a run per seven.
 
+use super::load::{Profile, Pushes};
 use super::{Channel, Experiment};
 use crate::dual::Dual;
 use crate::real::Real;
@@ -46,36 +47,19 @@ impl Experiment<'_> {
         jacobian: &mut DMatrix<f64>,
     ) {
         let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
-        let count = self.model.parameter_count();
-        let (levels, rest) = p[count..].split_at(self.nuisance.levels);
-        let instants = &rest[..self.nuisance.steps()];
         let (steps, speed) = self.steps(p, torque, starts);
-        let place = |index: usize| columns.iter().copied().find(|c| free[*c] == count + index);
-        let of_level: Vec<Option<usize>> = (0..levels.len()).map(place).collect();
-        let of_instant: Vec<Option<usize>> = (0..instants.len()).map(|s| place(levels.len() + s)).collect();
+        let mut profile = Profile::new(self, p, free, columns);
         let mut responses = vec![[0.0; STATES]; free.len()];
-        // What one of a parameter adds to the load of a step, for those that do: two levels and the instant between them.
-        let mut pushes: [(Option<usize>, f64); 3] = [(None, 0.0); 3];
-        let mut level = 0;
+        let mut pushes: Pushes = [None; 3];
         for step in &steps {
             let before = pushes;
-            let (end, h) = (self.time(step.samples.end), self.length(&step.samples));
-            let behind = |level: usize| instants.get(level).map_or(0.0, |instant| (end - instant) / h);
-            while behind(level) > 1.0 {
-                level += 1;
-            }
-            let share = behind(level).max(0.0);
-            pushes = [(of_level[level], 1.0 - share), (None, 0.0), (None, 0.0)];
-            if share > 0.0 {
-                pushes[1] = (of_level[level + 1], share);
-                pushes[2] = (of_instant[level], (levels[level] - levels[level + 1]) / h);
-            }
+            pushes = profile.pushes(self.time(step.samples.start), self.time(step.samples.end));
             for column in columns {
                 let x = &mut responses[*column];
                 *x = if step.begins { [0.0; STATES] } else { step.states.map(|row| along(&row, x)) };
             }
-            for (column, push) in if step.begins { pushes } else { before } {
-                let Some(column) = column else { continue };
+            let arrived = if step.begins { pushes } else { before };
+            for (column, push) in arrived.into_iter().flatten() {
                 for (x, state) in responses[column].iter_mut().zip(&step.states) {
                     *x += state[LOAD] * push;
                 }
@@ -84,8 +68,7 @@ impl Experiment<'_> {
                 for column in columns {
                     jacobian[(row + k, *column)] = along(&speed[k], &responses[*column]) * weight;
                 }
-                for (column, push) in pushes {
-                    let Some(column) = column else { continue };
+                for (column, push) in pushes.into_iter().flatten() {
                     jacobian[(row + k, column)] += speed[k][LOAD] * push * weight;
                 }
             }
@@ -114,10 +97,6 @@ impl Experiment<'_> {
     fn time(&self, k: usize) -> f64 {
         let t = &self.signals.t;
         t.get(k).copied().unwrap_or_else(|| t[t.len() - 1] + self.signals.period)
-    }
-
-    fn length(&self, samples: &Range<usize>) -> f64 {
-        self.time(samples.end) - self.time(samples.start)
     }
 }
 
@@ -155,35 +134,15 @@ impl Restart<Seeded> for Anew<'_> {
 mod tests {
     use super::*;
     use crate::effects::EffectId;
-    use crate::machine::Machine;
+    use crate::experiment::testing::{of_speed, reversing};
     use crate::model::Model;
-    use crate::recording::{Load, Recording};
-    use crate::signals::Signals;
     use crate::simulate::mechanical::Nuisance;
-    use std::borrow::Cow;
-
-    /// A rotor that reverses, sampled every `h` seconds, with a gap.
-    fn signals(h: f64) -> Signals {
-        let t: Vec<f64> =
-            (0..(0.8 / h) as usize).map(|k| k as f64 * h).filter(|t| !(0.5..0.52).contains(t)).collect();
-        let column = |f: fn(f64) -> f64| t.iter().map(|t| f(*t)).collect::<Vec<f64>>();
-        let columns = [
-            ("t", column(|t| t)),
-            ("omega_e", column(|t| 400.0 * (9.0 * t).cos())),
-            ("theta_e", column(|t| 400.0 / 9.0 * (9.0 * t).sin())),
-            ("i_d", column(|_| 0.0)),
-            ("i_q", column(|t| 4.0 * (14.0 * t).cos())),
-        ];
-        let columns = columns.map(|(name, x)| (name.to_owned(), x)).to_vec();
-        let recording = Recording::new(columns, Some(Load::UnknownPiecewise)).unwrap();
-        Signals::new(&recording, &Machine::new(4).unwrap()).unwrap()
-    }
 
     #[test]
     fn columns_are_those_of_a_run_that_carries_derivatives_along() {
         // In steps of two samples and of one, divided or not where the shaft rings fast.
         for (h, f_antires) in [(1e-4, 40.0), (1e-4, 900.0), (4e-4, 40.0)] {
-            let signals = signals(h);
+            let signals = reversing(h, &(0.5..0.52));
             let windows = mechanical::windows(&signals);
             let model = Model::new(signals.context, &[EffectId::TwoMassShaft, EffectId::EncoderEccentricity]);
             let shaft = [0.4, f_antires, 0.02];
@@ -193,19 +152,7 @@ mod tests {
             // Of the instants one lies in the gap; then the two states of the shaft.
             let load = [0.3, -0.2, 0.5, 0.1, 0.0, 0.12, 0.31003, 0.51, 0.7, 0.01, 0.02];
             let p = [&p[..], &load].concat();
-            let experiment = Experiment {
-                model: &model,
-                signals: &signals,
-                nuisance: Nuisance::unknown(4, 2),
-                windows: &windows,
-                channels: vec![(Channel::OmegaE, 0.1)],
-                torque: None,
-                starts: Some(Cow::Owned(windows.iter().map(|w| signals.omega_e[w.start]).collect())),
-                whitening: None,
-                colour: None,
-                held_out: None,
-                prior: &[],
-            };
+            let experiment = of_speed(&model, &signals, Nuisance::unknown(4, 2), &windows);
             let free: Vec<usize> = (count..count + 9).collect();
             assert!(free.iter().all(|k| experiment.passes_on(*k)) && !experiment.passes_on(count + 9));
             let (torque, starts) = (experiment.torque_at(&p), experiment.starts.clone().unwrap());

@@ -8,6 +8,11 @@ use crate::effects::EffectId;
 /// are missing, one shows without the other.
 const FOOTHOLD: f64 = 0.1;
 
+/// None is grown from a set that leaves this many times what the best of its size leaves: hardly one more effect makes up for that. Less
+/// is enough once a larger set that explains the recordings has been found.
+const HOPELESS: f64 = 30.0;
+const BEHIND: f64 = 2.0;
+
 /// Whether larger sets can be grown from `larger`: it takes away a part of what `smaller`, the best with one effect less, leaves in some
 /// channel of some recording.
 pub(super) fn foothold(larger: &Judged, smaller: &Judged) -> bool {
@@ -17,6 +22,12 @@ pub(super) fn foothold(larger: &Judged, smaller: &Judged) -> bool {
     };
     let mut both = all(smaller).into_iter().zip(all(larger));
     both.any(|(before, after)| before - after >= FOOTHOLD * before.max(1.0))
+}
+
+/// Whether a set leaves so much more than the `best` of its size that none is grown from it; `done` says that one which explains the
+/// recordings has been found.
+pub(super) fn hopeless(judged: &Judged, best: &Judged, done: bool) -> bool {
+    judged.excess() > best.excess().max(MISMATCH) * if done { BEHIND } else { HOPELESS }
 }
 
 /// Mean square that `larger` takes away, in units of what `smaller` leaves in each channel, summed over the channels: what a score
@@ -110,5 +121,24 @@ mod tests {
         // What only wanders within the floor is none.
         assert!(!foothold(&leaving([1.0, 0.95], [1.0, 1.0]), &leaving([1.0, 1.03], [1.0, 1.0])));
         assert!(!foothold(&leaving([f64::NAN, 5.0], [250.0, 7.0]), &smaller));
+    }
+
+    #[test]
+    fn a_set_far_behind_the_best_is_hopeless_sooner_once_another_explains() {
+        let chance = |judged: Judged| {
+            let fitted = Hypothesis { chance: vec![0.0; 2], ..judged.fitted.clone() };
+            Judged { fitted, ..judged }
+        };
+        let best = chance(leaving([5.0, 1.0], [5.0, 1.0]));
+        for (left, hopeless_yet, hopeless_then) in
+            [(5.0, false, false), (8.0, false, false), (12.0, false, true), (130.0, true, true)]
+        {
+            let judged = chance(leaving([left, 1.0], [left, 1.0]));
+            assert_eq!(hopeless(&judged, &best, false), hopeless_yet, "{left}");
+            assert_eq!(hopeless(&judged, &best, true), hopeless_then, "{left}");
+        }
+        // Below a mismatch nothing is far apart.
+        let (little, none) = (leaving([1.5, 1.0], [1.0, 1.0]), leaving([1.0, 1.0], [1.0, 1.0]));
+        assert!(!hopeless(&chance(little), &chance(none), true));
     }
 }
