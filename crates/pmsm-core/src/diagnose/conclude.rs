@@ -119,9 +119,9 @@ pub fn conclude(
     data_quality.extend(contradiction.map(|c| c.finding));
     let others = validation.iter().filter(|_| data.poor && !refuted);
     data_quality.extend(others.filter_map(|(_, _, after)| not_foreseen(after)));
-    // What a model of the rest leaves on the validation run may be its own extrapolation.
+    // What a model of the rest leaves on the validation run may be its own extrapolation, and so may what kept one from being believed.
     let extrapolated = validation.iter().filter(|(_, _, after)| {
-        let more = !settled.effects().is_empty() || settled.model.map().is_some();
+        let more = verdict == Verdict::Unknown || !settled.effects().is_empty();
         !data.poor && more && verdict::largest_excess(after) > verdict::MISMATCH
     });
     data_quality.extend(extrapolated.filter_map(|(judge, ..)| reach::beyond(&data.signals, &judge.signals)));
