@@ -69,7 +69,7 @@ def write_parquet(path: Path, run: Run) -> None:
             table,
             name,
             compression="zstd",
-            compression_level=19,
+            compression_level=9,
             use_dictionary=False,
             use_byte_stream_split=True,
         ),

@@ -25,43 +25,79 @@ from numba import njit
 if TYPE_CHECKING:
     from .parameters import Parameters
 
-GAMMA = 2.0 * math.pi / 3.0
+HALF_SQRT3 = 0.5 * math.sqrt(3.0)
+
+if TYPE_CHECKING:
+    Three = tuple[float, float, float]
+    Angles = tuple[Three, Three, float, float]
 
 
 @njit(cache=True)
-def inductance(x: int, y: int, theta: float, p: Parameters) -> float:
-    """L_xy(θ) in H between phases x and y (0, 1, 2) at the electrical angle theta in rad."""
-    value = (p.l_air + p.l_slot6 * math.cos(6.0 * theta)) * math.cos((x - y) * GAMMA)
-    value += p.l_saliency * math.cos(2.0 * theta - (x + y) * GAMMA)
-    value += p.l_slot4 * math.cos(4.0 * theta - 2.0 * (x + y) * GAMMA)
-    if x == y:
-        value += p.l_leak
-    return value
+def angles(theta: float) -> Angles:
+    """cos θ_x and sin θ_x of the three phases, cos 6θ and sin 6θ, of the electrical angle theta in rad.
+
+    All other angles of the module follow from these by addition theorems.
+    """
+    c, s = math.cos(theta), math.sin(theta)
+    c2, s2 = c * c - s * s, 2.0 * s * c
+    cosines = c, -0.5 * c + HALF_SQRT3 * s, -0.5 * c - HALF_SQRT3 * s
+    sines = s, -0.5 * s - HALF_SQRT3 * c, -0.5 * s + HALF_SQRT3 * c
+    return cosines, sines, c2 * (4.0 * c2 * c2 - 3.0), s2 * (3.0 - 4.0 * s2 * s2)
 
 
 @njit(cache=True)
-def inductance_slope(x: int, y: int, theta: float, p: Parameters) -> float:
+def twice(x: int, y: int, at: Angles) -> tuple[float, float]:
+    """Cosine and sine of 2θ − (x+y)γ, which is 2θ_z for the phase z = 2(x+y) mod 3."""
+    z = 2 * (x + y) % 3
+    c, s = at[0][z], at[1][z]
+    return c * c - s * s, 2.0 * s * c
+
+
+@njit(cache=True)
+def inductance(x: int, y: int, at: Angles, p: Parameters) -> float:
+    """L_xy(θ) in H between phases x and y (0, 1, 2)."""
+    c, s = twice(x, y, at)
+    value = (p.l_air + p.l_slot6 * at[2]) * (1.0 if x == y else -0.5)
+    value += p.l_saliency * c + p.l_slot4 * (c * c - s * s)
+    return value + p.l_leak if x == y else value
+
+
+@njit(cache=True)
+def inductance_slope(x: int, y: int, at: Angles, p: Parameters) -> float:
     """dL_xy/dθ in H/rad."""
-    value = -6.0 * p.l_slot6 * math.sin(6.0 * theta) * math.cos((x - y) * GAMMA)
-    value -= 2.0 * p.l_saliency * math.sin(2.0 * theta - (x + y) * GAMMA)
-    value -= 4.0 * p.l_slot4 * math.sin(4.0 * theta - 2.0 * (x + y) * GAMMA)
-    return value
+    c, s = twice(x, y, at)
+    value = -6.0 * p.l_slot6 * at[3] * (1.0 if x == y else -0.5)
+    return value - 2.0 * p.l_saliency * s - 8.0 * p.l_slot4 * s * c
 
 
 @njit(cache=True)
-def magnet_flux(x: int, theta: float, p: Parameters) -> float:
+def harmonics(x: int, at: Angles, p: Parameters) -> tuple[float, float, float, float]:
+    """Cosine and sine of 5θ_x + φ_5, then of 7θ_x + φ_7: 6θ less and plus θ_x, for 6θ_x = 6θ − 4πx."""
+    c, s = at[0][x], at[1][x]
+    c5, s5 = at[2] * c + at[3] * s, at[3] * c - at[2] * s
+    c7, s7 = at[2] * c - at[3] * s, at[3] * c + at[2] * s
+    p5, q5, p7, q7 = math.cos(p.phase5), math.sin(p.phase5), math.cos(p.phase7), math.sin(p.phase7)
+    return c5 * p5 - s5 * q5, s5 * p5 + c5 * q5, c7 * p7 - s7 * q7, s7 * p7 + c7 * q7
+
+
+@njit(cache=True)
+def magnet_flux(x: int, at: Angles, p: Parameters) -> float:
     """ψ_x(θ) of the cold magnet in V·s."""
-    a = theta - x * GAMMA
-    return p.psi_m * (math.cos(a) + p.h5 * math.cos(5.0 * a + p.phase5) + p.h7 * math.cos(7.0 * a + p.phase7))
+    flux = at[0][x]
+    if p.h5 != 0.0 or p.h7 != 0.0:
+        c5, _s5, c7, _s7 = harmonics(x, at, p)
+        flux += p.h5 * c5 + p.h7 * c7
+    return p.psi_m * flux
 
 
 @njit(cache=True)
-def magnet_flux_slope(x: int, theta: float, p: Parameters) -> float:
+def magnet_flux_slope(x: int, at: Angles, p: Parameters) -> float:
     """dψ_x/dθ of the cold magnet in V·s/rad."""
-    a = theta - x * GAMMA
-    return -p.psi_m * (
-        math.sin(a) + 5.0 * p.h5 * math.sin(5.0 * a + p.phase5) + 7.0 * p.h7 * math.sin(7.0 * a + p.phase7)
-    )
+    slope = at[1][x]
+    if p.h5 != 0.0 or p.h7 != 0.0:
+        _c5, s5, _c7, s7 = harmonics(x, at, p)
+        slope += 5.0 * p.h5 * s5 + 7.0 * p.h7 * s7
+    return -p.psi_m * slope
 
 
 @njit(cache=True)
@@ -88,19 +124,20 @@ def solve_currents(
 
     `i` (3, A) holds the starting guess and is overwritten.  `magnet` scales the magnet's flux (1 when cold).
     """
-    l00, l11, l22 = inductance(0, 0, theta, p), inductance(1, 1, theta, p), inductance(2, 2, theta, p)
-    l01, l02, l12 = inductance(0, 1, theta, p), inductance(0, 2, theta, p), inductance(1, 2, theta, p)
+    at = angles(theta)
+    l00, l11, l22 = inductance(0, 0, at, p), inductance(1, 1, at, p), inductance(2, 2, at, p)
+    l01, l02, l12 = inductance(0, 1, at, p), inductance(0, 2, at, p), inductance(1, 2, at, p)
     m_aa = l00 - 2.0 * l02 + l22
     m_bb = l11 - 2.0 * l12 + l22
     m_ab = l01 - l02 - l12 + l22
-    psi_c = magnet_flux(2, theta, p)
-    psi_ac = magnet * (magnet_flux(0, theta, p) - psi_c)
-    psi_bc = magnet * (magnet_flux(1, theta, p) - psi_c)
+    psi_c = magnet_flux(2, at, p)
+    psi_ac = magnet * (magnet_flux(0, at, p) - psi_c)
+    psi_bc = magnet * (magnet_flux(1, at, p) - psi_c)
     straight = p.knee_d == 0.0 and p.knee_q == 0.0 and p.cross == 0.0
     # magnetomotive force along and across the magnet, and its share of each line coordinate
-    cc, sc = math.cos(theta - 2.0 * GAMMA), math.sin(theta - 2.0 * GAMMA)
-    da, db = (2.0 / 3.0) * (math.cos(theta) - cc), (2.0 / 3.0) * (math.cos(theta - GAMMA) - cc)
-    qa, qb = (-2.0 / 3.0) * (math.sin(theta) - sc), (-2.0 / 3.0) * (math.sin(theta - GAMMA) - sc)
+    c, s = at[0], at[1]
+    da, db = (2.0 / 3.0) * (c[0] - c[2]), (2.0 / 3.0) * (c[1] - c[2])
+    qa, qb = (-2.0 / 3.0) * (s[0] - s[2]), (-2.0 / 3.0) * (s[1] - s[2])
     a, b = i[0], i[1]
     for _ in range(40):
         f_a = m_aa * a + m_ab * b + psi_ac - lam_ac
@@ -132,12 +169,12 @@ def solve_currents(
 @njit(cache=True)
 def torque(i: np.ndarray, theta: float, magnet: float, p: Parameters) -> float:
     """Air-gap torque ∂W'/∂θ_m in N·m of the phase currents i (3, A)."""
-    t = 0.0
+    t, at = 0.0, angles(theta)
     for x in range(3):
-        t += magnet * i[x] * magnet_flux_slope(x, theta, p)
+        t += magnet * i[x] * magnet_flux_slope(x, at, p)
         for y in range(3):
-            t += 0.5 * i[x] * i[y] * inductance_slope(x, y, theta, p)
-    u_d, u_q = axis_currents(i, theta)
+            t += 0.5 * i[x] * i[y] * inductance_slope(x, y, at, p)
+    u_d, u_q = along(i, at)
     s_d, _s, _w = lost_flux(u_d, p.l_d, p.knee_d)
     s_q, _s, _w = lost_flux(u_q, p.l_q, p.knee_q)
     s_d -= p.cross * u_q * u_q
@@ -150,11 +187,16 @@ def torque(i: np.ndarray, theta: float, magnet: float, p: Parameters) -> float:
 @njit(cache=True)
 def axis_currents(i: np.ndarray, theta: float) -> tuple[float, float]:
     """Phase currents (3, A) projected on the magnet's axis and across it, amplitude invariant."""
-    d, q = 0.0, 0.0
-    for x in range(3):
-        d += i[x] * math.cos(theta - x * GAMMA)
-        q -= i[x] * math.sin(theta - x * GAMMA)
-    return 2.0 / 3.0 * d, 2.0 / 3.0 * q
+    return along(i, angles(theta))
+
+
+@njit(cache=True)
+def along(i: np.ndarray, at: Angles) -> tuple[float, float]:
+    """As `axis_currents`, of an angle's cosines and sines."""
+    c, s = at[0], at[1]
+    d = i[0] * c[0] + i[1] * c[1] + i[2] * c[2]
+    q = i[0] * s[0] + i[1] * s[1] + i[2] * s[2]
+    return 2.0 / 3.0 * d, -2.0 / 3.0 * q
 
 
 @njit(cache=True)
@@ -162,12 +204,12 @@ def field_energy(
     i: np.ndarray, lam_ac: float, lam_bc: float, theta: float, magnet: float, p: Parameters
 ) -> float:
     """Energy Σ λ i − W' stored in the field, in J, relative to the machine without current."""
-    w = 0.0
+    w, at = 0.0, angles(theta)
     for x in range(3):
-        w += magnet * i[x] * magnet_flux(x, theta, p)
+        w += magnet * i[x] * magnet_flux(x, at, p)
         for y in range(3):
-            w += 0.5 * i[x] * i[y] * inductance(x, y, theta, p)
-    u_d, u_q = axis_currents(i, theta)
+            w += 0.5 * i[x] * i[y] * inductance(x, y, at, p)
+    u_d, u_q = along(i, at)
     w += 1.5 * (lost_flux(u_d, p.l_d, p.knee_d)[2] + lost_flux(u_q, p.l_q, p.knee_q)[2])
     w -= 1.5 * p.cross * u_d * u_q * u_q
     return lam_ac * i[0] + lam_bc * i[1] - w

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from .coenergy import axis_currents, field_energy, magnet_flux, torque
+from .coenergy import angles, axis_currents, field_energy, magnet_flux, torque
 from .dynamics import N_STATES, advance, scales, terminal_currents
 
 if TYPE_CHECKING:
@@ -133,10 +133,14 @@ def run(
     k = np.zeros((7, N_STATES))
     i_m, i, v = np.zeros(3), np.zeros(3), np.zeros(3)
     integral, command = np.zeros(3), np.zeros(2)
+    if p.j_load > 0.0:
+        # the shaft carries its load from the start: what it shows is not the ringing of a load let go
+        y[4] = tau_load[0] / p.k_shaft
     y[2], y[3], y[5], y[8] = start[0] / p.n_p, start[1], start[1], p.v_dc
     # flux of the magnet alone: no current flows at t = 0
-    psi_c = magnet_flux(2, start[0], p)
-    y[0], y[1] = magnet_flux(0, start[0], p) - psi_c, magnet_flux(1, start[0], p) - psi_c
+    at = angles(start[0])
+    psi_c = magnet_flux(2, at, p)
+    y[0], y[1] = magnet_flux(0, at, p) - psi_c, magnet_flux(1, at, p) - psi_c
     whole = math.floor(p.delay / t_s + 1e-9)
     late = max(p.delay - whole * t_s, 0.0)
     h = t_s

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from .coenergy import GAMMA, solve_currents, torque
+from .coenergy import angles, solve_currents, torque
 
 if TYPE_CHECKING:
     from .parameters import Parameters
@@ -70,13 +70,15 @@ def leg_voltages(
         angle = p.n_p * y[2] + p.angle_offset + p.eccentricity * math.sin(y[2] + p.phase_ecc)
         angle -= p.n_p * y[3] * p.delay
     power = 0.0
+    c, s, _c6, _s6 = angles(angle)
     for x in range(3):
-        a = angle - x * GAMMA
-        v[x] = (v_d * math.cos(a) - v_q * math.sin(a)) * (y[8] / p.v_dc)
+        v[x] = (v_d * c[x] - v_q * s[x]) * (y[8] / p.v_dc)
         if x == 0:
             v[x] *= 1.0 - p.leg_loss
         power += v[x] * i[x]
-        v[x] -= p.v_err * math.tanh(i[x] / p.i_th) + p.r_on * i[x]
+        v[x] -= p.r_on * i[x]
+        if p.v_err != 0.0:
+            v[x] -= p.v_err * math.tanh(i[x] / p.i_th)
     return power
 
 
@@ -86,21 +88,28 @@ def mechanics(t: float, y: np.ndarray, tau_e: float, tau_load: float, p: Paramet
     N·m."""
     th, w = y[2], y[3]
     sign = math.tanh(w / p.w_smooth)
-    friction = p.b * w + (p.tau_c + p.tau_s * math.exp(-((w / p.w_s) ** 2)) + p.mu_load * abs(tau_e)) * sign
-    friction += p.drag * w * abs(w)
+    friction = p.b * w + (p.tau_c + p.mu_load * abs(tau_e)) * sign + p.drag * w * abs(w)
+    if p.tau_s != 0.0:
+        friction += p.tau_s * math.exp(-((w / p.w_s) ** 2)) * sign
     if w > 0.0:
         friction += p.tau_c_pos * sign + p.b_pos * w
     else:
         friction += p.tau_c_neg * sign + p.b_neg * w
-    # distance to the tight spot, the short way round
-    away = th - p.place_rub
-    away -= 2.0 * math.pi * np.rint(away / (2.0 * math.pi))
-    friction += p.tau_rub * math.exp(-((away / p.width_rub) ** 2)) * sign
-    friction += p.tau_hump * math.exp(-(((abs(w) - p.w_hump) / p.width_hump) ** 2)) * sign
-    a = p.order_cog * th + p.phase_cog
-    rotor = tau_e - friction + p.tau_cog * (math.cos(a) + p.second_cog * math.cos(2.0 * a))
-    load = tau_load + p.tau_pul * math.cos(p.order_pul * (th - y[4]) + p.phase_pul)
-    load += p.tau_var * math.sin(2.0 * math.pi * p.f_var * t + p.phase_var)
+    if p.tau_rub != 0.0:
+        # distance to the tight spot, the short way round
+        away = th - p.place_rub
+        away -= 2.0 * math.pi * np.rint(away / (2.0 * math.pi))
+        friction += p.tau_rub * math.exp(-((away / p.width_rub) ** 2)) * sign
+    if p.tau_hump != 0.0:
+        friction += p.tau_hump * math.exp(-(((abs(w) - p.w_hump) / p.width_hump) ** 2)) * sign
+    rotor, load = tau_e - friction, tau_load
+    if p.tau_cog != 0.0:
+        a = p.order_cog * th + p.phase_cog
+        rotor += p.tau_cog * (math.cos(a) + p.second_cog * math.cos(2.0 * a))
+    if p.tau_pul != 0.0:
+        load += p.tau_pul * math.cos(p.order_pul * (th - y[4]) + p.phase_pul)
+    if p.tau_var != 0.0:
+        load += p.tau_var * math.sin(2.0 * math.pi * p.f_var * t + p.phase_var)
     dy[2], dy[4], dy[5] = w, 0.0, 0.0
     if p.locked != 0.0:
         dy[3] = 0.0
@@ -123,7 +132,8 @@ def derivative(
     power = leg_voltages(y, v_d, v_q, hold, p, i, v)
     r = p.r_s * (1.0 + p.rs_rise * y[6])
     r_a, r_b, r_c = r * (1.0 + p.excess_a), r * (1.0 + p.excess_b), r * (1.0 + p.excess_c)
-    r_a += p.r_loose * max(0.0, math.sin(2.0 * math.pi * p.f_loose * t))
+    if p.r_loose != 0.0:
+        r_a += p.r_loose * max(0.0, math.sin(2.0 * math.pi * p.f_loose * t))
     taken_in = v[0] * i[0] + v[1] * i[1] + v[2] * i[2]
     fed = p.short_share * y[11]
     e_a, e_b, e_c = v[0] - r_a * (i[0] - fed), v[1] - r_b * i[1], v[2] - r_c * i[2]
@@ -183,11 +193,11 @@ def advance(
     while t_end - t > 1e-12 * span:
         step = min(h, t_end - t)
         for s in range(1, 7):
-            for n in range(N_STATES):
-                x = 0.0
-                for m in range(s):
-                    x += A[s, m] * k[m, n]
-                trial[n] = y[n] + step * x
+            trial[:] = y
+            for m in range(s):
+                share = step * A[s, m]
+                for n in range(N_STATES):
+                    trial[n] += share * k[m, n]
             derivative(t + C[s] * step, trial, v_d, v_q, hold, tau_load, p, i_m, i, v, k[s])
         worst = 0.0
         for n in range(N_CONTROLLED):

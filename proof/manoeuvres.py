@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TypedDict
 
 import numpy as np
+from numba import njit
 
 from .parameters import Machine
 
@@ -65,11 +66,12 @@ def steps(rng: np.random.Generator, n: int, shortest: int, longest: int) -> list
     return out
 
 
+@njit(cache=True)
 def limit_slope(x: np.ndarray, first: float, per_sample: float) -> np.ndarray:
     """x (n,) followed no faster than per_sample, starting at `first`."""
     out, now = np.empty_like(x), first
-    for k, want in enumerate(x):
-        now += min(per_sample, max(-per_sample, want - now))
+    for k in range(len(x)):
+        now += min(per_sample, max(-per_sample, x[k] - now))
         out[k] = now
     return out
 

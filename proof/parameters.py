@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class Machine:
@@ -136,3 +138,7 @@ class Parameters(NamedTuple):
     angle_offset: float = 0.0
     eccentricity: float = 0.0
     phase_ecc: float = 0.0
+
+    def packed(self) -> np.void:
+        """The same numbers as one record, of which compiled code is given the address, not a copy."""
+        return np.array([tuple(self)], dtype=[(name, float) for name in self._fields])[0]

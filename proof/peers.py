@@ -192,7 +192,7 @@ def simulate_by(
     if manoeuvre.locked or manoeuvre.w_start != 0.0:
         raise ValueError("the other simulators start at rest and turn")
     equations = MADE_BY[simulator](machine, effects)
-    p, gains = build(machine, effects), controller_gains(machine, nameplate or machine)
+    p, gains = build(machine, effects).packed(), controller_gains(machine, nameplate or machine)
     n, t_s = len(manoeuvre.w_ref), 1.0 / machine.f_sample
     streams = [np.random.default_rng([seed, s]) for s in range(4)]
     noise_i = machine.noise_i * streams[0].standard_normal((n, 3))

@@ -77,8 +77,8 @@ def simulate(
     noise_w = on * machine.noise_w * streams[1].standard_normal(n)
     start = np.array([streams[2].uniform(-np.pi, np.pi), manoeuvre.w_start])
     log, truth, done = run(
-        p, start, manoeuvre.w_ref, manoeuvre.i_d_ref, manoeuvre.i_q_add, manoeuvre.locked, manoeuvre.tau_load,
-        noise_i, noise_w, on * machine.lsb_i, on * machine.lsb_theta_e,
+        p.packed(), start, manoeuvre.w_ref, manoeuvre.i_d_ref, manoeuvre.i_q_add, manoeuvre.locked,
+        manoeuvre.tau_load, noise_i, noise_w, on * machine.lsb_i, on * machine.lsb_theta_e,
         controller_gains(machine, nameplate or machine), stator_hold,
     )  # fmt: skip
     if done < n:

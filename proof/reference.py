@@ -11,12 +11,12 @@ and of j ω' = τ_e − b ω − τ_load, in free run within windows of 0.25 s f
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from scipy.optimize import least_squares
-from scipy.signal import lfilter
 
 WINDOW = 0.25
 
@@ -28,35 +28,46 @@ def park(a: np.ndarray, b: np.ndarray, c: np.ndarray, theta: np.ndarray) -> tupl
 
 
 @njit(cache=True)
-def chain(phi: np.ndarray, forced: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """x_k+1 = Φ_k x_k + g_k for Φ (n−1, 2, 2), g (n−1, 2), x_0 (2,); returns x (n, 2)."""
-    x = np.empty((len(phi) + 1, 2))
-    x[0] = first
-    for k in range(len(phi)):
-        x[k + 1, 0] = phi[k, 0, 0] * x[k, 0] + phi[k, 0, 1] * x[k, 1] + forced[k, 0]
-        x[k + 1, 1] = phi[k, 1, 0] * x[k, 0] + phi[k, 1, 1] * x[k, 1] + forced[k, 1]
-    return x
+def chain(
+    r: float, ld: float, lq: float, psi: float, v_d: np.ndarray, v_q: np.ndarray, omega: np.ndarray,
+    t_s: float, first: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """i_d, i_q (n, 2) in A from `first` (2,), driven by voltages (V) and electrical speed (rad/s), each
+    (n,)."""
+    i = np.empty((len(omega), 2))
+    i[0] = first
+    half = -0.5 * (r / ld + r / lq)
+    grow = math.exp(half * t_s)
+    for k in range(len(omega) - 1):
+        w = 0.5 * (omega[k] + omega[k + 1])
+        dd, dq, qd, qq = -r / ld, w * lq / ld, -w * ld / lq, -r / lq
+        det = dd * qq - dq * qd
+        # e^{M T} = even + odd (M − half), by the roots half ± √(half² − det) of M
+        square = half * half - det
+        root = math.sqrt(abs(square))
+        if square > 0.0:
+            even, odd = grow * math.cosh(root * t_s), grow * math.sinh(root * t_s) / root
+        elif square < 0.0:
+            even, odd = grow * math.cos(root * t_s), grow * math.sin(root * t_s) / root
+        else:
+            even, odd = grow, grow * t_s
+        phi_dd, phi_qq = even + odd * (dd - half), even + odd * (qq - half)
+        phi_dq, phi_qd = odd * dq, odd * qd
+        f_d, f_q = v_d[k] / ld, (v_q[k] - w * psi) / lq
+        g_d = (phi_dd - 1.0) * f_d + phi_dq * f_q
+        g_q = phi_qd * f_d + (phi_qq - 1.0) * f_q
+        i[k + 1, 0] = phi_dd * i[k, 0] + phi_dq * i[k, 1] + (qq * g_d - dq * g_q) / det
+        i[k + 1, 1] = phi_qd * i[k, 0] + phi_qq * i[k, 1] + (dd * g_q - qd * g_d) / det
+    return i
 
 
 def currents(base: dict[str, float], log: dict[str, np.ndarray], t_s: float, first: np.ndarray) -> np.ndarray:
     """i_d, i_q (n, 2) in A of the plain machine from the state `first`, driven by logged voltage and
     speed."""
-    r, ld, lq = base["r_s"], base["l_d"], base["l_q"]
-    w = 0.5 * (log["omega_e"][1:] + log["omega_e"][:-1])
-    m = np.empty((len(w), 2, 2))
-    m[:, 0, 0], m[:, 0, 1], m[:, 1, 0], m[:, 1, 1] = -r / ld, w * lq / ld, -w * ld / lq, -r / lq
-    half = 0.5 * (m[:, 0, 0] + m[:, 1, 1])
-    det = m[:, 0, 0] * m[:, 1, 1] - m[:, 0, 1] * m[:, 1, 0]
-    root = np.sqrt((half**2 - det).astype(complex))
-    root[root == 0.0] = 1e-9
-    grow = np.exp(half * t_s)
-    even, odd = (grow * np.cosh(root * t_s)).real, (grow * np.sinh(root * t_s) / root).real
-    phi = odd[:, None, None] * m
-    phi[:, 0, 0] += even - odd * half
-    phi[:, 1, 1] += even - odd * half
-    f = np.stack([log["v_d"][:-1] / ld, (log["v_q"][:-1] - w * base["psi_m"]) / lq], axis=1)
-    forced = np.linalg.solve(m, np.einsum("kij,kj->ki", phi - np.eye(2), f)[:, :, None])[:, :, 0]
-    return chain(phi, forced, first)
+    return chain(
+        base["r_s"], base["l_d"], base["l_q"], base["psi_m"], log["v_d"], log["v_q"], log["omega_e"], t_s,
+        first,
+    )  # fmt: skip
 
 
 def torque_of(base: dict[str, float], i_d: np.ndarray, i_q: np.ndarray) -> np.ndarray:
@@ -71,18 +82,29 @@ def speed_residual(
 
     drive_torque (n,) in N·m is the air-gap torque minus what is known of the load.
     """
-    out = np.empty_like(omega_e)
-    a = np.exp(-base["b"] * t_s / base["j"])
-    gain = n_p * t_s / base["j"] * (1.0 - 0.5 * base["b"] * t_s / base["j"])
-    size = round(WINDOW / t_s)
-    for at in range(0, len(omega_e), size):
-        y = omega_e[at : at + size]
-        u = drive_torque[at : at + size]
-        x = np.zeros_like(y)
-        x[1:] = lfilter([gain], [1.0, -a], 0.5 * (u[1:] + u[:-1]))
-        decay = a ** np.arange(len(y))
-        start = decay @ (y - x) / (decay @ decay)
-        out[at : at + size] = y - x - start * decay
+    fall = base["b"] * t_s / base["j"]
+    gain = n_p * t_s / base["j"] * (1.0 - 0.5 * fall)
+    return windows(math.exp(-fall), gain, drive_torque, omega_e, round(WINDOW / t_s))
+
+
+@njit(cache=True)
+def windows(a: float, gain: float, torque: np.ndarray, omega: np.ndarray, size: int) -> np.ndarray:
+    """ω (n,) less x_k+1 = a x_k + gain (u_k + u_k+1)/2, windows of `size` rows, each from its best start."""
+    out = np.empty_like(omega)
+    for at in range(0, len(omega), size):
+        end = min(at + size, len(omega))
+        x, decay, over, under = 0.0, 1.0, 0.0, 0.0
+        for k in range(at, end):
+            if k > at:
+                x = a * x + gain * 0.5 * (torque[k - 1] + torque[k])
+                decay *= a
+            out[k] = omega[k] - x
+            over += decay * out[k]
+            under += decay * decay
+        start = over / under
+        for k in range(at, end):
+            out[k] -= start
+            start *= a
     return out
 
 

@@ -321,8 +321,8 @@ def test_the_demo_is_what_its_recipe_makes():
         manoeuvre = make(SERVO, "rich", "unknown_constant", duration=2.0, seed=seed)
         run = simulate(SERVO, effects, manoeuvre, seed=seed, nameplate=nameplate)
         for column, values in run.log.items():
-            # another platform's libm may move single samples across an ADC or encoder step
-            same = np.isclose(table[column].to_numpy(), values, rtol=1e-3, atol=1e-3 * np.abs(values).max())
+            # another rounding may move a sample across an ADC or encoder step, which the loop then carries on
+            same = np.isclose(table[column].to_numpy(), values, rtol=1e-3, atol=5e-3 * np.abs(values).max())
             assert same.mean() > 0.99, column
         plain = account(SERVO, effects, manoeuvre, run)["plain_refit"]
         assert 5.0 < max(plain["i_d"], plain["i_q"]) < 8.0
