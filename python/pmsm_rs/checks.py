@@ -17,6 +17,8 @@ _FEW = 32
 _LARGEST_STEP = math.pi / 2
 # rad: a rotor that moves less says nothing of its speed
 _LEAST_TURN = 0.05
+# nor does one that moves no more than noise adds up to, per median step of it and root of their number
+_NOISE_WALK = 8.0
 
 
 def angle_against_speed(
@@ -49,8 +51,9 @@ def _ratio(t: NDArray[np.float64], angle: NDArray[np.float64], speed: NDArray[np
     usable = (size < _LARGEST_STEP) & (size > 0.3 * np.max(size, initial=0.0, where=size < _LARGEST_STEP))
     if usable.sum() < _FEW or np.median(size[usable]) < 1e-4:
         return None
-    # The noise of a rotor that is held adds up to nothing.
-    if np.ptp(np.nancumsum(expected)) < _LEAST_TURN:
+    # The noise of a rotor that is held adds up to no more than a walk at random.
+    noise = float(np.nanmedian(np.abs(np.diff(expected))))
+    if np.ptp(np.nancumsum(expected)) < max(_LEAST_TURN, _NOISE_WALK * noise * math.sqrt(len(expected))):
         return None
     # Steps of logged angles wrap at 2π; unwrapped ones do not, and for both this gives the short way round.
     step = np.remainder(np.diff(angle)[usable] + math.pi, 2.0 * math.pi) - math.pi

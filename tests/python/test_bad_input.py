@@ -338,13 +338,16 @@ def test_wrong_pole_pairs_show_in_angle_and_speed(columns: Columns, machine_file
     assert len(pm.load(columns, machine_file)) == 400
 
 
+@pytest.mark.parametrize("rows", [400, 100_000])
 def test_the_noise_of_a_held_rotor_does_not_contradict_its_angle(
-    columns: Columns, machine_file: Path
+    columns: Columns, machine_file: Path, rows: int
 ) -> None:
     period = columns["t"][1] - columns["t"][0]
-    columns["theta_e"] = np.full(400, 1.0)
-    columns["omega_e"] = np.random.default_rng(1).normal(0.0, 5e-4 / period, 400)
-    assert len(pm.load(columns, machine_file)) == 400
+    columns = {name: np.resize(values, rows) for name, values in columns.items()}
+    columns["t"] = period * np.arange(rows)
+    columns["theta_e"] = np.random.default_rng(2).normal(1.0, 1e-4, rows)
+    columns["omega_e"] = np.random.default_rng(1).normal(0.0, 5e-4 / period, rows)
+    assert len(pm.load(columns, machine_file)) == rows
 
 
 def test_max_bytes_is_honoured(columns: Columns, tmp_path: Path) -> None:
