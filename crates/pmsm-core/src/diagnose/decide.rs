@@ -112,11 +112,13 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
         Verdict::Named
     };
     ranked.sort_by(|a, b| {
-        // What refines another effect of the model comes before it; twice the position leaves room for that.
+        // What refines another effect of the model comes before it, unless it is one of several that might; twice the position leaves
+        // room for that.
         let place = |r: &Ranked| {
             let at = |id: &str| effects.iter().position(|e| e.id() == id);
             let own = at(r.effect.id()).map_or(usize::MAX, |k| 2 * k + 1);
-            r.effect.refines().and_then(at).filter(|_| own != usize::MAX).map_or(own, |k| (2 * k).min(own))
+            let certain = own != usize::MAX && r.equivalent.is_empty();
+            r.effect.refines().and_then(at).filter(|_| certain).map_or(own, |k| (2 * k).min(own))
         };
         place(a).cmp(&place(b)).then(b.probability.total_cmp(&a.probability))
     });
