@@ -65,11 +65,11 @@ pub fn run(kernel: Kernel, blocks: &mut [Block], stretch: Stretch<'_>) {
     }
 }
 
-/// Where the differences between the first half of the blocks and the second go: one row per sample and channel (i_d, i_q,
-/// ω_e), one number per column of a half: (error in the first − `counts`·error in the second)·`scale`.
+/// Where the differences from the last column go: one row per sample and channel (i_d, i_q, ω_e), one number per column:
+/// (its error − `counts`·error of the last column)·`scale`.
 #[derive(Debug)]
 pub struct Differences<'a> {
-    /// How often the second half counts, per column: once or not at all.
+    /// How often the last column counts, per column: once or not at all.
     pub counts: &'a [f64],
     /// Factor per column.
     pub scale: &'a [f64],
@@ -77,7 +77,7 @@ pub struct Differences<'a> {
     pub rows: &'a mut [f64],
 }
 
-/// Takes all blocks through the stretch and writes the differences between their halves.
+/// Takes all blocks through the stretch and writes the differences from their last column.
 pub fn subtract(kernel: Kernel, blocks: &mut [Block], stretch: Stretch<'_>, to: Differences<'_>) {
     let (path, rounding) = (kernel.path, kernel.rounding);
     match (kernel.increments, stretch.has_load) {
@@ -146,30 +146,55 @@ struct Subtract<'a, const FORM: bool, const LOAD: bool, const N: usize> {
 impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Subtract<'_, FORM, LOAD, N> {
     type Output = ();
     #[inline(always)]
-    fn run<V: Lane>(self) {
+    fn run<V: Lane>(mut self) {
+        let width = self.blocks.len() * BLOCK;
+        let vectors = width / V::WIDTH;
+        for first in (0..vectors / 2 * 2).step_by(2) {
+            self.errors::<V, 2>(first);
+        }
+        if vectors % 2 == 1 {
+            self.errors::<V, 1>(vectors - 1);
+        }
+        let Differences { counts, scale, rows } = self.to;
+        for row in rows.chunks_exact_mut(width) {
+            let point = V::constant(row[width - 1]);
+            for at in (0..width).step_by(V::WIDTH) {
+                let own = V::load(&row[at..]);
+                let difference = point.neg_mul_add(V::load(&counts[at..]), own) * V::load(&scale[at..]);
+                difference.store(&mut row[at..]);
+            }
+        }
+    }
+}
+
+impl<const FORM: bool, const LOAD: bool, const N: usize> Subtract<'_, FORM, LOAD, N> {
+    /// Takes `R` vectors, from number `first` on, through the samples and writes their errors.
+    #[inline(always)]
+    fn errors<V: Lane, const R: usize>(&mut self, first: usize) {
         let Self { blocks, stretch, to } = self;
-        let half = blocks.len() * BLOCK / 2;
+        let width = blocks.len() * BLOCK;
+        let mut columns = [Columns::<V>::load(blocks, first); R];
+        for r in 1..R {
+            columns[r] = Columns::load(blocks, first + r);
+        }
         let show_w = V::constant(stretch.show_w);
-        for vector in 0..half / V::WIDTH {
-            let at = vector * V::WIDTH;
-            let (scale, counts) = (V::load(&to.scale[at..]), V::load(&to.counts[at..]));
-            let mut first = Columns::<V>::load(blocks, vector);
-            let mut second = Columns::<V>::load(blocks, vector + half / V::WIDTH);
-            for (k, sample) in stretch.samples.as_chunks::<N>().0.iter().enumerate() {
-                let now = spread(sample);
-                let e = first.with.errors(first.y, &now, show_w);
-                let f = second.with.errors(second.y, &now, show_w);
+        let samples = stretch.samples.as_chunks::<N>().0;
+        for (sample, rows) in samples.iter().zip(to.rows.chunks_exact_mut(3 * width)) {
+            let now = spread(sample);
+            for r in 0..R {
+                let e = columns[r].with.errors(columns[r].y, &now, show_w);
                 for c in 0..3 {
-                    let difference = f[c].neg_mul_add(counts, e[c]) * scale;
-                    difference.store(&mut to.rows[(3 * k + c) * half + at..]);
-                }
-                for _ in 0..stretch.pieces {
-                    first.y = first.with.step::<FORM, LOAD>(first.y, &now);
-                    second.y = second.with.step::<FORM, LOAD>(second.y, &now);
+                    e[c].store(&mut rows[c * width + (first + r) * V::WIDTH..]);
                 }
             }
-            first.store(blocks, vector);
-            second.store(blocks, vector + half / V::WIDTH);
+            for _ in 0..stretch.pieces {
+                for r in 0..R {
+                    columns[r].y = columns[r].with.step::<FORM, LOAD>(columns[r].y, &now);
+                }
+            }
+        }
+        for r in 0..R {
+            columns[r].store(blocks, first + r);
         }
     }
 }
