@@ -25,11 +25,10 @@ from numba import njit
 if TYPE_CHECKING:
     from .parameters import Parameters
 
-HALF_SQRT3 = 0.5 * math.sqrt(3.0)
-
-if TYPE_CHECKING:
     Three = tuple[float, float, float]
     Angles = tuple[Three, Three, float, float]
+
+HALF_SQRT3 = 0.5 * math.sqrt(3.0)
 
 
 @njit(cache=True)

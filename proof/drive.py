@@ -134,8 +134,8 @@ def run(
     i_m, i, v = np.zeros(3), np.zeros(3), np.zeros(3)
     integral, command = np.zeros(3), np.zeros(2)
     if p.j_load > 0.0:
-        # the shaft carries its load from the start: what it shows is not the ringing of a load let go
-        y[4] = tau_load[0] / p.k_shaft
+        # without a current the load drives both masses, the rotor through the shaft: let go, it would ring
+        y[4] = tau_load[0] * (1.0 - p.j_load / p.j) / p.k_shaft
     y[2], y[3], y[5], y[8] = start[0] / p.n_p, start[1], start[1], p.v_dc
     # flux of the magnet alone: no current flows at t = 0
     at = angles(start[0])

@@ -9,7 +9,7 @@ from .parameters import Machine, Parameters
 
 Effects = Mapping[str, Mapping[str, float]]
 
-# effect -> its parameters with their defaults; names of contract section 5 where it fixes them
+# effect -> its parameters with their defaults; names of the package's catalogue where it fixes them
 CATALOGUE: dict[str, dict[str, float]] = {
     "coulomb_friction": {"tau_c": 0.0, "w_smooth": 0.05},
     "stribeck_friction": {"tau_c": 0.0, "tau_s": 0.0, "w_s": 5.0, "w_smooth": 0.05},

@@ -27,7 +27,7 @@ def park(a: np.ndarray, b: np.ndarray, c: np.ndarray, theta: np.ndarray) -> tupl
     return alpha * np.cos(theta) + beta * np.sin(theta), beta * np.cos(theta) - alpha * np.sin(theta)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def chain(
     r: float, ld: float, lq: float, psi: float, v_d: np.ndarray, v_q: np.ndarray, omega: np.ndarray,
     t_s: float, first: np.ndarray,

@@ -18,7 +18,7 @@ poor     constant speed and load, which hides most effects. Right: "ambiguous" w
 *Wrong with confidence*: verdict "named" with a first probability above 0.5 for an effect that is neither
 there nor accepted, in a case of any kind. *Ambiguity is honest*: the set of an ambiguous answer holds an
 effect that is there. *Right equation*: the first of `located` is one in which the effect acts; cases with
-an effect, poor ones left out. *Parameter error*: median over the parameters whose names the contract fixes,
+an effect, poor ones left out. *Parameter error*: median over the parameters whose names answers guarantee,
 of |found − true| over the greatest true value of their family; the effect's own case and first place only.
 *Covered*: share of their 95 % intervals that hold the truth. *Held out*: rms of measured minus the
 trajectory file's model on the validation run over the least that true equations leave there (the noise

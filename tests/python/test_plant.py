@@ -306,12 +306,15 @@ def test_a_lesser_logger_keeps_rows_and_truth_together(kind):
     assert changed or any(not np.array_equal(run.log[k], worse.log[k]) for k in run.log)
 
 
-def test_a_shaft_with_next_to_nothing_behind_it_is_the_stiff_machine_from_the_start():
+@pytest.mark.parametrize(("f_res", "most"), [(60.06, 0.01), (66.0, 0.05)])
+def test_a_shaft_begins_under_its_load(f_res, most):
     m = make(SERVO, "rich", "known_constant", duration=0.2, seed=3)
     stiff = simulate(SERVO, {}, m, seed=3, noise=False).truth["omega_m"]
-    faint = simulate(SERVO, {"two_mass_shaft": {"f_antires": 60.0, "f_res": 60.06}}, m, seed=3, noise=False)
-    # let go under its load it would ring by 1.2 rad/s
-    assert np.abs(faint.truth["omega_m"] - stiff).max() < 0.02
+    shaft = {"two_mass_shaft": {"f_antires": 60.0, "f_res": f_res}}
+    twisting = simulate(SERVO, shaft, m, seed=3, noise=False).truth["omega_m"]
+    # before the currents rise; let go under its load it would ring by 0.65 rad/s
+    early = slice(0, 20)
+    assert np.abs(twisting - stiff)[early].max() < most
 
 
 def test_the_demo_is_what_its_recipe_makes():
