@@ -66,11 +66,9 @@ pub fn run(kernel: Kernel, blocks: &mut [Block], stretch: Stretch<'_>) {
 }
 
 /// Where the differences from the last column go: one row per sample and channel (i_d, i_q, ω_e), one number per column:
-/// (its error − `counts`·error of the last column)·`scale`.
+/// (its error − that of the last column)·`scale`, and in the last column its error.
 #[derive(Debug)]
 pub struct Differences<'a> {
-    /// How often the last column counts, per column: once or not at all.
-    pub counts: &'a [f64],
     /// Factor per column.
     pub scale: &'a [f64],
     /// The rows.
@@ -155,14 +153,14 @@ impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Subtract<'_, FO
         if vectors % 2 == 1 {
             self.errors::<V, 1>(vectors - 1);
         }
-        let Differences { counts, scale, rows } = self.to;
+        let Differences { scale, rows } = self.to;
         for row in rows.chunks_exact_mut(width) {
-            let point = V::constant(row[width - 1]);
+            let point = row[width - 1];
             for at in (0..width).step_by(V::WIDTH) {
-                let own = V::load(&row[at..]);
-                let difference = point.neg_mul_add(V::load(&counts[at..]), own) * V::load(&scale[at..]);
-                difference.store(&mut row[at..]);
+                let difference = V::load(&row[at..]) - V::constant(point);
+                (difference * V::load(&scale[at..])).store(&mut row[at..]);
             }
+            row[width - 1] = point;
         }
     }
 }

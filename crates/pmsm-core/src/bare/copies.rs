@@ -7,9 +7,8 @@ use super::track::Track;
 use super::{Kernel, POINT};
 use crate::lanes::{self, Job, Lane};
 
-/// Relative size of a perturbation: truncation, about as large, and the rounding of a run, about 1e-12 over it, both stay
-/// about 1e-6 of a derivative (1e-5 of what initial values leave of it), which moves a minimum by as small a share of its standard
-/// errors.
+/// Relative size of a perturbation. The error of a derivative is about as large, which moves a minimum by less than a ten-thousandth of its
+/// standard errors; a run in increments rounds little enough for that.
 const NUDGE: f64 = 1e-6;
 /// Samples simulated before their errors are used, while they are in the cache.
 const STRETCH: usize = 64;
@@ -64,8 +63,7 @@ pub fn rows(
     let width = width(around.free.len());
     let mut blocks = Block::room(width);
     let mut again = vec![0.0; if all.is_none() { STRETCH * 3 * width } else { 0 }];
-    let (mut counts, mut scale) = (vec![1.0; width], vec![0.0; width]);
-    (counts[width - 1], scale[width - 1]) = (0.0, 1.0);
+    let mut scale = vec![0.0; width];
     for (number, segment) in track.segments.iter().enumerate() {
         for column in 0..width {
             let (mut p, mut start) = (*around.p, around.starts[number]);
@@ -92,7 +90,7 @@ pub fn rows(
                 }
                 None => &mut again[..count],
             };
-            let differences = Differences { counts: &counts, scale: &scale, rows };
+            let differences = Differences { scale: &scale, rows };
             block::subtract(kernel, &mut blocks, stretch, differences);
             sink(Rows { segment: number, rows });
         }

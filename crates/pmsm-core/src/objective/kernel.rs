@@ -113,17 +113,12 @@ impl Recorded {
         let (residual, jacobian) = (residual.as_mut_slice(), jacobian.as_mut_slice());
         for channel in 0..3 {
             let begin = channel * n + segment.start;
-            let own = || rows.chunks_exact(width).skip(channel).step_by(3);
-            let follow = |row: &[f64], by: &Vector3<f64>| {
+            for (k, row) in rows[channel * width..].chunks(3 * width).enumerate() {
                 let initial = &row[free..][..INITIAL];
-                initial[0] * by[0] + initial[1] * by[1] + initial[2] * by[2]
-            };
-            for (to, row) in residual[begin..].iter_mut().zip(own()) {
-                *to = row[width - 1] - follow(row, error);
-            }
-            for (column, by) in slopes.iter().enumerate() {
-                for (to, row) in jacobian[column * 3 * n + begin..].iter_mut().zip(own()) {
-                    *to = row[column] + follow(row, by);
+                let follow = |by: &Vector3<f64>| initial[0] * by[0] + initial[1] * by[1] + initial[2] * by[2];
+                residual[begin + k] = row[width - 1] - follow(error);
+                for (column, by) in slopes.iter().enumerate() {
+                    jacobian[column * 3 * n + begin + k] = row[column] + follow(by);
                 }
             }
         }
@@ -316,7 +311,7 @@ impl Objective<'_> {
         let empty = || Sums { free: free_count, width, values: vec![0.0; width * width] };
         let mut all: Vec<Sums> = starts.iter().map(|_| empty()).collect();
         let around = Around { p, free, sizes: &sizes, initial_sizes, starts };
-        let kernel = Kernel::default();
+        let kernel = Kernel { increments: true, ..Kernel::default() };
         let done = copies::rows(track, kernel, around, stop, keep, |rows| {
             copies::accumulate(kernel, rows.rows, free_count, &mut all[rows.segment].values);
         });
