@@ -11,6 +11,8 @@ use crate::signals::{Finding, Signals};
 /// most physics: large inductances let noise through slowly.
 const LAGS: [usize; 5] = [1, 2, 4, 8, FAR];
 const FAR: usize = 16;
+/// Share of the samples that must have a difference over a lag: of short pieces between gaps long lags see hardly any.
+const FEWEST: f64 = 0.25;
 /// A longer lag that shows more than this factor of what a shorter one did sees physics.
 const GROWTH: f64 = 1.2;
 /// Relative standard error of the wandering's variance at which no longer lag is asked: longer ones see more physics.
@@ -74,7 +76,10 @@ impl InputNoise {
             let white = 20.0 * sensor[axis] * sensor[axis];
             let mut found: Option<(f64, f64)> = None;
             for (m, variance) in LAGS.iter().zip(&spread) {
-                if *m == FAR && found.is_some_and(|(square, error)| square > SIGNIFICANT * error) {
+                let known = found.is_some_and(|(square, error)| square > SIGNIFICANT * error);
+                if (*m == FAR && known)
+                    || (found.is_some() && differences(signals, *m) < FEWEST * count * count)
+                {
                     break;
                 }
                 let m = *m as f64;
@@ -130,6 +135,11 @@ impl InputNoise {
         }
         out
     }
+}
+
+/// Number of third differences over `lag` samples.
+fn differences(signals: &Signals, lag: usize) -> f64 {
+    signals.segments.iter().map(|s| s.len().saturating_sub(3 * lag)).sum::<usize>() as f64
 }
 
 /// Variance of third differences over `lag` samples, by the median.
@@ -191,7 +201,10 @@ mod tests {
     /// The voltage noise found, relative to the true one, where currents measured with noise of 1 A wander by `step` A per sample and
     /// swing by `swing` A in 64 samples.
     fn found(step: f64, swing: f64) -> f64 {
-        let signals = running();
+        found_in(running(), step, swing)
+    }
+
+    fn found_in(signals: Signals, step: f64, swing: f64) -> f64 {
         let l = signals.period / step.max(1e-3);
         let wandering = |axis: u32| -> Vec<f64> {
             let mut at = 0.0;
@@ -214,6 +227,14 @@ mod tests {
     #[test]
     fn the_farthest_lag_is_not_asked_where_noise_is_certain() {
         assert!((found(0.5, 1.0) - 1.0).abs() < 0.05, "{}", found(0.5, 1.0));
+    }
+
+    #[test]
+    fn pieces_too_short_for_a_lag_do_not_hide_what_shorter_ones_show() {
+        let mut signals = running();
+        signals.segments = (0..COUNT / 40).map(|k| 40 * k..40 * (k + 1)).collect();
+        let found = found_in(signals, 0.18, 0.0);
+        assert!((found - 1.0).abs() < 0.2, "{found}");
     }
 
     #[test]
