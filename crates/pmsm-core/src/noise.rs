@@ -29,6 +29,8 @@ pub struct Floor {
     pub sensor: f64,
     /// Standard deviation that noise on the inputs of the simulation adds.
     pub driven: f64,
+    /// How far the mean square may be off, share of it: two standard errors, where few samples tell of it.
+    pub unsure: f64,
 }
 
 impl Floor {
@@ -37,9 +39,10 @@ impl Floor {
         self.sensor.hypot(self.driven)
     }
 
-    /// Share of the driven noise in the mean square of a speed; currents forget what drove them within a few samples.
+    /// How far a mean square may lie above the floor's by chance, share of it: by what the floor is unsure of, and by the driven noise of a
+    /// speed; currents forget what drove them within a few samples.
     pub fn chance(&self) -> f64 {
-        if self.channel.is_electrical() { 0.0 } else { (self.driven / self.total()).powi(2) }
+        self.unsure + if self.channel.is_electrical() { 0.0 } else { (self.driven / self.total()).powi(2) }
     }
 }
 
@@ -87,15 +90,20 @@ pub fn floors(experiment: &Experiment, p: &[f64]) -> (Vec<Floor>, InputNoise) {
         .iter()
         .enumerate()
         .map(|(at, (channel, _))| {
-            let sensor = match channel {
-                Channel::ID | Channel::IQ => current_noise(signals).unwrap_or_else(|| white_noise(&rest(at))),
-                Channel::OmegaE => white_noise(&signals.omega_e),
-                Channel::VD | Channel::VQ if signals.kind == Kind::OpenCircuit => white_noise(&rest(at)),
+            let (sensor, unsure) = match channel {
+                Channel::ID | Channel::IQ => {
+                    (current_noise(signals).unwrap_or_else(|| white_noise(&rest(at))), 0.0)
+                }
+                Channel::OmegaE => (white_noise(&signals.omega_e), 0.0),
+                Channel::VD | Channel::VQ if signals.kind == Kind::OpenCircuit => {
+                    (white_noise(&rest(at)), 0.0)
+                }
                 Channel::VD | Channel::VQ => neighbour_noise(&rest(at), signals),
             };
             // A noiseless log still has a resolution; nothing can be told below it.
             let scale = experiment.measured(*channel).iter().fold(0.0f64, |m, x| m.max(x.abs()));
-            Floor { channel: *channel, sensor: sensor.max(1e-6 * scale).max(f64::MIN_POSITIVE), driven: 0.0 }
+            let sensor = sensor.max(1e-6 * scale).max(f64::MIN_POSITIVE);
+            Floor { channel: *channel, sensor, driven: 0.0, unsure }
         })
         .collect();
     let input = voltage_noise(experiment, p, &rest, &mut floors);
@@ -195,10 +203,10 @@ fn disturbed(signals: &Signals, floors: &[Floor], input: &InputNoise, random: &m
     noisy
 }
 
-/// Noise of operating points: what rows differ in although they were taken at nearly the same point. Of all nearest
-/// neighbours in speed and currents the closest fifth counts.
-fn neighbour_noise(rest: &[f64], signals: &Signals) -> f64 {
-    let Some([d, q]) = &signals.i else { return 0.0 };
+/// Noise of operating points, and two standard errors of its square, share of it: what rows differ in although they were taken at nearly
+/// the same point. Of all pairs of nearest neighbours in speed and currents the closest fifth counts.
+fn neighbour_noise(rest: &[f64], signals: &Signals) -> (f64, f64) {
+    let Some([d, q]) = &signals.i else { return (0.0, 0.0) };
     let spread = |x: &[f64]| {
         let mean = x.iter().sum::<f64>() / x.len() as f64;
         (x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / x.len() as f64).sqrt().max(1e-12)
@@ -208,19 +216,24 @@ fn neighbour_noise(rest: &[f64], signals: &Signals) -> f64 {
     let distance = |a: usize, b: usize| axes.iter().map(|(x, s)| ((x[a] - x[b]) / s).powi(2)).sum::<f64>();
     let n = rest.len();
     let stride = n.div_ceil(600);
-    let mut pairs: Vec<(f64, f64)> = (0..n)
+    let mut pairs: Vec<(f64, f64, usize)> = (0..n)
         .step_by(stride)
         .filter_map(|a| {
             let near =
                 (0..n).filter(|b| *b != a).min_by(|x, y| distance(a, *x).total_cmp(&distance(a, *y)))?;
-            Some((distance(a, near), (rest[a] - rest[near]).powi(2)))
+            Some((distance(a, near), (rest[a] - rest[near]).powi(2), a.min(near)))
         })
         .collect();
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
     let closest = &mut pairs[..(n.div_ceil(stride) / 5).max(3).min(n.div_ceil(stride) - 1)];
+    let mut first: Vec<usize> = closest.iter().map(|pair| pair.2).collect();
+    first.sort_unstable();
+    // Two that are each other's nearest are one pair.
+    first.dedup();
     closest.sort_by(|a, b| a.1.total_cmp(&b.1));
-    // The median of a squared normal difference is 2·0.455·σ².
-    (closest[closest.len() / 2].1 / (2.0 * 0.4549)).sqrt()
+    // The median of a squared normal difference is 2·0.455·σ², and 1.65 times as uncertain as the mean.
+    let sigma = (closest[closest.len() / 2].1 / (2.0 * 0.4549)).sqrt();
+    (sigma, 2.0 * 1.65 * (2.0 / first.len() as f64).sqrt())
 }
 
 /// Normal deviates in a fixed order, the same on every machine.

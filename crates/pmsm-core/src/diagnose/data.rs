@@ -89,7 +89,7 @@ impl Data {
                     }
                     Channel::VD | Channel::VQ => 0.005 * signals.context.v_max,
                 };
-                Floor { channel, sensor, driven: 0.0 }
+                Floor { channel, sensor, driven: 0.0, unsure: 0.0 }
             })
             .collect();
         let (input, whitening) = (InputNoise::default(), None);
