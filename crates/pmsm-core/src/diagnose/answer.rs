@@ -1,4 +1,4 @@
-//! The answer of a diagnosis, in the shape of the file contract (section 4).
+//! The answer of a diagnosis, schema `pmsm-rs.diagnosis/1`.
 
 use super::locate::Located;
 use super::unmodelled::Unmodelled;

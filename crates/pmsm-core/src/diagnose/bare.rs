@@ -61,7 +61,7 @@ fn is_alive(data: &Data) -> bool {
 pub fn weak_parameters(data: &Data, base: &Hypothesis) -> Vec<String> {
     let experiment = data.whole(base);
     let free: Vec<usize> = base.free.iter().copied().filter(|k| *k < 4).collect();
-    if free.is_empty() {
+    if free.is_empty() || !data.has(true) {
         return Vec::new();
     }
     let linear = experiment.linearise(&base.parameters, &free);

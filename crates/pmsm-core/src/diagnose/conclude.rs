@@ -9,7 +9,7 @@ use super::locate::{self, Located};
 use super::outputs::Outputs;
 use super::search::Outcome;
 use super::ties::Tie;
-use super::{agree, each, power, prescribe, reach, unmodelled, verdict};
+use super::{able, agree, each, power, prescribe, reach, unmodelled, verdict};
 use crate::effect::Site;
 use crate::error::Result;
 use crate::monitor::Monitor;
@@ -56,11 +56,15 @@ pub fn conclude(
         outcome.best = outcome.base.clone();
         outcome.path.truncate(1);
         outcome.swaps.clear();
-        let asked: Vec<_> = outcome.singles.iter().map(|(p, _)| p.effect).collect();
+        let asked = able::able(data).0;
         let worth = outcome.scale.worth();
         outcome.shown = power::survey(data, &outcome.base.fitted, &asked, worth, true, monitor);
     }
     let (mut verdict, mut ranked) = decide::decide(&outcome, data.poor);
+    if monitor.cancelled() && matches!(verdict, Verdict::Unknown | Verdict::NoMismatch) {
+        // What was not tried is neither missing from the catalogue nor absent.
+        verdict = Verdict::Undetermined;
+    }
     let refuted = outcome.best.refuted;
     if refuted {
         // It stays a candidate, but is no model to predict with.
@@ -117,6 +121,12 @@ pub fn conclude(
     let next_experiment = prescribe::next_experiment(data, &ranked, &outcome, verdict, weak, monitor)?;
     let mut data_quality = quality(data, weak, &ties, refuted);
     data_quality.extend(contradiction.map(|c| c.finding));
+    data_quality.extend(monitor.cancelled().then(|| Finding {
+        finding: "the diagnosis was interrupted".into(),
+        consequence: "what had not been tried is neither named nor excluded".into(),
+        fix: "let it run to its end".into(),
+    }));
+    data_quality.extend(judge.and_then(|judge| reach::judges_the_motion_alone(data, judge)));
     let others = validation.iter().filter(|_| data.poor && !refuted);
     data_quality.extend(others.filter_map(|(_, _, after)| not_foreseen(after)));
     // What a model of the rest leaves on the validation run may be its own extrapolation, and so may what kept one from being believed.

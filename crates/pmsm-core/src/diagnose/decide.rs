@@ -111,6 +111,12 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
     } else {
         Verdict::Named
     };
+    order(&mut ranked, &effects);
+    (verdict, ranked)
+}
+
+/// Candidates in the order in which they are told: the `effects` of the model as it took them up, then the others by probability.
+fn order(ranked: &mut [Ranked], effects: &[EffectId]) {
     ranked.sort_by(|a, b| {
         // What refines another effect of the model comes before it, unless it is one of several that might; twice the position leaves
         // room for that.
@@ -122,7 +128,6 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
         };
         place(a).cmp(&place(b)).then(b.probability.total_cmp(&a.probability))
     });
-    (verdict, ranked)
 }
 
 /// The best singles where none was worth being taken into the model.
@@ -148,4 +153,37 @@ fn unlikely(outcome: &Outcome) -> Vec<Ranked> {
 /// Whether `wide` contains `narrow` as a special case, so that fitting as well is no rivalry.
 pub fn generalises(wide: EffectId, narrow: EffectId) -> bool {
     wide.info().contains.contains(&narrow.id())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::hypothesis::Hypothesis;
+    use super::*;
+    use crate::effects::testing::CX;
+    use crate::model::Model;
+
+    #[test]
+    fn a_refinement_comes_first_unless_it_is_in_doubt() {
+        let fitted = Hypothesis::bare(Model::new(CX, &[]), Vec::new());
+        let judged = Judged { fitted, held_out: Vec::new(), refuted: false };
+        let (coulomb, directional, swing) =
+            (EffectId::CoulombFriction, EffectId::AsymmetricFriction, EffectId::TimeVaryingLoad);
+        let told = |equivalent: Vec<EffectId>| {
+            let candidate = |effect, probability, equivalent| Ranked {
+                effect,
+                probability,
+                equivalent,
+                judged: judged.clone(),
+            };
+            let mut ranked = vec![
+                candidate(swing, 0.9, Vec::new()),
+                candidate(coulomb, 0.75, Vec::new()),
+                candidate(directional, 0.46, equivalent),
+            ];
+            order(&mut ranked, &[coulomb, directional]);
+            ranked.iter().map(|r| r.effect).collect::<Vec<_>>()
+        };
+        assert_eq!(told(Vec::new()), [directional, coulomb, swing]);
+        assert_eq!(told(vec![swing]), [coulomb, directional, swing]);
+    }
 }

@@ -41,7 +41,7 @@ pub fn fit(
     let (electrical, rotor, sensors) = free_parameters(data, model);
     let mut parameters = start.to_vec();
     let mut nuisances = vec![Nuisance::known(0); data.runs().len()];
-    let mut free = Vec::new();
+    let mut free: Vec<usize> = reluctance(data).into_iter().collect();
     if data.has(true) {
         let mut wanted = electrical.clone();
         wanted.extend(&sensors);
@@ -138,7 +138,19 @@ pub fn refit(data: &Data, from: &Hypothesis, monitor: &dyn Monitor) -> Result<Hy
 /// Whether the electrical parameters are fitted to the motion, too: a sensor shows in both; and where the voltage is noisy or the
 /// manoeuvre poor, the torque tells more of the flux than the currents do.
 pub fn together(data: &Data, model: &Model) -> bool {
-    data.has(true) && data.has(false) && (model.has_sensor() || data.input.voltage > 0.0 || data.poor)
+    let both = data.has(true) && data.has(false);
+    both && (model.has_sensor() || data.input.voltage > 0.0 || data.poor) || reluctance(data).is_some()
+}
+
+/// What recordings of the motion alone leave open of the torque of their currents beside the flux, whose place inertia and friction
+/// take: l_d − l_q, by way of l_q. A wrong one on the nameplate is no physics that is missing.
+fn reluctance(data: &Data) -> Option<usize> {
+    let saliency_turns = |run: &Data| {
+        let flows = |i: &[Vec<f64>; 2]| i[0].iter().zip(&i[1]).any(|(d, q)| d * q != 0.0);
+        run.signals.tau_e.is_none() && run.signals.i.as_ref().is_some_and(flows)
+    };
+    (!data.has(true) && data.has(false) && data.runs().iter().any(saliency_turns))
+        .then(|| BaseParameter::LQ.index())
 }
 
 /// The final estimate: the mechanical parameters fitted once more with whitened residuals where the speed's residual is
@@ -258,6 +270,24 @@ mod tests {
     use crate::diagnose::testing::{data, setup, speeds};
     use crate::drive::Schedule;
     use crate::monitor::Silent;
+
+    #[test]
+    fn a_wrong_saliency_is_no_physics_that_a_recording_of_the_motion_lacks() {
+        let mut manoeuvre = speeds(1.0, &[(0.1, 90.0), (0.4, -80.0), (0.7, 60.0)]);
+        let steps = (0..10).map(|k| (0.1 * f64::from(k), [-8.0, 4.0][k as usize % 2])).collect();
+        manoeuvre.i_d = Some(Schedule::new(steps, crate::drive::Shape::Steps).unwrap());
+        let setup = setup(manoeuvre, Vec::new());
+        let whole = crate::drive::simulate(&setup, &Silent).unwrap().recording;
+        let names = ["t", "i_a", "i_b", "i_c", "theta_e", "omega_e"];
+        let columns = names.iter().filter_map(|name| Some((name.to_string(), whole.column(name)?.to_vec())));
+        let recording = crate::recording::Recording::new(columns.collect(), None).unwrap();
+        let l_q = setup.machine.get(BaseParameter::LQ).unwrap();
+        let nameplate = setup.machine.with(BaseParameter::LQ, 1.25 * l_q).unwrap();
+        let signals = crate::signals::Signals::new(&recording, &nameplate).unwrap();
+        let mut data = Data::new(signals, &nameplate).unwrap();
+        let base = crate::diagnose::bare::fit(&mut data, &Silent).unwrap();
+        assert!(crate::diagnose::verdict::largest_excess(&base) < MISMATCH, "{:?}", base.squares);
+    }
 
     #[test]
     fn what_the_currents_leave_open_the_torque_may_tell() {

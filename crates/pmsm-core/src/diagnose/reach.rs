@@ -1,5 +1,6 @@
 //! How far a recording takes the machine, and how much further another one does.
 
+use super::data::Data;
 use super::locate::Region;
 use crate::recording::Kind;
 use crate::signals::{Finding, Signals};
@@ -72,6 +73,15 @@ pub fn beyond(recording: &Signals, validation: &Signals) -> Option<Finding> {
         finding: format!("the validation run has {there}, the recording only {here}"),
         consequence: "there the model extrapolates, and what it leaves may come of that".into(),
         fix: "record as far as the model is to hold, or give both recordings to the diagnosis".into(),
+    })
+}
+
+/// A finding if the `validation` run has no voltages, so that it judges less than the recording shows.
+pub fn judges_the_motion_alone(recording: &Data, validation: &Data) -> Option<Finding> {
+    (recording.has(true) && !validation.has(true)).then(|| Finding {
+        finding: "the validation run has no voltages".into(),
+        consequence: "it judges the motion alone; of the voltage equations only the recording tells".into(),
+        fix: "log the voltages of the validation run, too".into(),
     })
 }
 

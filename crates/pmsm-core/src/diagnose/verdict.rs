@@ -11,8 +11,9 @@ use crate::effect::Site;
 use crate::experiment::Channel;
 use crate::simulate::mechanical::Nuisance;
 
-/// Most and fewest independent samples that one channel is worth.
+/// Most independent samples that one channel is worth.
 pub const MOST_WORTH: f64 = 200.0;
+/// Fewest independent samples that one channel is worth.
 const LEAST_WORTH: f64 = 10.0;
 /// Price of one parameter, nats.
 pub const PRICE: f64 = 0.5;
@@ -29,7 +30,7 @@ const ASKED_FOR: f64 = 50.0;
 /// Mean square, in units of the floor's, that the special case must leave more of in some channel for that: the floors are not known
 /// better.
 const FLOOR_ERROR: f64 = 0.015;
-/// And this many on recordings that were not used for fitting.
+/// An effect must also gain this many nats on recordings that were not used for fitting.
 pub const LEAST_HELD_OUT: f64 = 1.5;
 /// A further effect must bring the excess that is left below this share of what it was.
 pub const PROGRESS: f64 = 0.6;
@@ -125,10 +126,26 @@ impl Scale {
         self.loss(narrow) >= self.loss(wide) + least
     }
 
-    /// Whether `a` is worth its parameters over `b`: on all recordings together, and not only on the fitted one.
+    /// Whether `a` is worth its parameters over `b`: on all recordings together, and not only on the fitted one, if others show at all
+    /// what it is worth.
     pub fn beats(&self, a: &Judged, b: &Judged) -> bool {
         self.loss(a) < self.loss(b) - LEAST_GAIN
-            && self.held_out_misfit(a) < self.held_out_misfit(b) - LEAST_HELD_OUT
+            && (self.held_out_misfit(a) < self.held_out_misfit(b) - LEAST_HELD_OUT
+                || !self.shown_elsewhere(a, b))
+    }
+
+    /// Whether the held-out recordings hold the channels in which `a` leaves less than `b` on the fitted one, for the most part.
+    fn shown_elsewhere(&self, a: &Judged, b: &Judged) -> bool {
+        let (mut all, mut shown) = (0.0, 0.0);
+        for (at, (channel, square)) in a.fitted.squares.iter().enumerate() {
+            let nats = |square: f64| 0.5 * self.fitted[at] * log_square(square, a.fitted.chance[at]);
+            let gain = (nats(b.fitted.squares[at].1) - nats(*square)).max(0.0);
+            all += gain;
+            if a.held_out.iter().any(|run| run.squares.iter().any(|(c, _)| c == channel)) {
+                shown += gain;
+            }
+        }
+        a.held_out.is_empty() || shown > 0.5 * all
     }
 }
 
@@ -280,6 +297,20 @@ mod tests {
         let scale = Scale::new([&base, &lucky, &right].into_iter());
         assert!(!scale.beats(&lucky, &base));
         assert!(scale.beats(&right, &base));
+    }
+
+    #[test]
+    fn a_run_without_the_channel_cannot_speak_against_a_gain_in_it() {
+        let of_motion = |d: f64| {
+            let mut judged = judged(d, 1.0, 1.0, 4);
+            judged.held_out[0].squares.remove(0);
+            judged.held_out[0].samples.remove(0);
+            judged.held_out[0].chance.remove(0);
+            judged
+        };
+        let (base, right) = (of_motion(9.0), of_motion(1.0));
+        let scale = Scale::new([&base, &right].into_iter());
+        assert!(scale.beats(&right, &base) && !scale.beats(&base, &right));
     }
 
     #[test]

@@ -9,15 +9,27 @@ use crate::transforms::park;
 /// Columns of the phase currents.
 const PHASES: [&str; 3] = ["i_a", "i_b", "i_c"];
 
+/// Share of the largest current that the other two phases must add up to before a column of zeros counts as one that was not measured.
+const UNBALANCED: f64 = 0.1;
+
+/// The phase currents that were measured: a column of zeros beside two that do not add up to nothing was not.
+fn measured(recording: &Recording) -> [Option<&[f64]>; 3] {
+    let logged = PHASES.map(|name| recording.column(name));
+    let [Some(a), Some(b), Some(c)] = logged else { return logged };
+    let sum = (0..recording.len()).map(|k| (a[k] + b[k] + c[k]).abs()).fold(0.0, f64::max);
+    let most = [a, b, c].into_iter().flatten().fold(0.0f64, |m, x| m.max(x.abs()));
+    logged.map(|x| x.filter(|x| sum <= UNBALANCED * most || x.iter().any(|x| *x != 0.0)))
+}
+
 /// The phase currents, where at least two were logged, and whether all three were.
 pub fn currents(recording: &Recording, findings: &mut Vec<Finding>) -> (Option<[Vec<f64>; 3]>, bool) {
-    let logged = PHASES.map(|name| recording.column(name));
+    let logged = measured(recording);
     if let [Some(a), Some(b), Some(c)] = logged {
         return (Some([a, b, c].map(<[f64]>::to_vec)), true);
     }
     let Some(lost) = completed(recording) else { return (None, false) };
     findings.push(Finding {
-        finding: "only two phase currents are logged".into(),
+        finding: "only two phase currents are measured".into(),
         consequence: "the currents' noise is estimated from the model, and a common offset cannot be seen"
             .into(),
         fix: "log the third phase current".into(),
@@ -30,7 +42,8 @@ pub fn currents(recording: &Recording, findings: &mut Vec<Finding>) -> (Option<[
 
 /// Number of the only phase whose current was not logged.
 pub fn completed(recording: &Recording) -> Option<usize> {
-    let mut lost = (0..3).filter(|k| recording.column(PHASES[*k]).is_none());
+    let measured = measured(recording);
+    let mut lost = (0..3).filter(|k| measured[*k].is_none());
     lost.next().filter(|_| lost.next().is_none())
 }
 
@@ -81,4 +94,29 @@ pub fn held_voltages(
         dq[1].push(q);
     }
     Some(dq)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_column_of_zeros_is_no_measurement_unless_the_others_balance() {
+        let column = |f: fn(f64) -> f64| (0..40).map(|k| f(0.1 * f64::from(k))).collect::<Vec<f64>>();
+        let lost = |b: fn(f64) -> f64, c: fn(f64) -> f64| {
+            let columns = [
+                ("t", column(|t| t)),
+                ("i_a", column(f64::sin)),
+                ("i_b", column(b)),
+                ("i_c", column(c)),
+                ("theta_e", column(|t| 3.0 * t)),
+                ("omega_e", column(|_| 3.0)),
+            ];
+            let recording = Recording::new(columns.map(|(n, x)| (n.to_owned(), x)).to_vec(), None).unwrap();
+            completed(&recording)
+        };
+        assert_eq!(lost(|t| (t - 2.0).sin(), |_| 0.0), Some(2));
+        assert_eq!(lost(|t| -t.sin(), |_| 0.0), None);
+        assert_eq!(lost(|t| (t - 2.0).sin(), |t| (t + 2.0).sin()), None);
+    }
 }

@@ -22,6 +22,8 @@ pub const WINDOW: f64 = 0.25;
 const COARSE: f64 = 0.06;
 /// Largest angle (rad) by which a ringing shaft may turn its phase within one step; longer steps are divided.
 const RINGING: f64 = 0.4;
+/// Most pieces of a step: beyond them a shaft rings faster than the samples tell, and it is enough that its simulation stays stable.
+const PIECES: f64 = 6.0;
 /// A last window shorter than this share of [`WINDOW`] joins the one before.
 const SHORTEST: f64 = 0.2;
 
@@ -225,7 +227,7 @@ fn run_sized<T: Real, W: Carries<T>, R: Restart<W>, const N: usize>(
                 torque: [W::carry(tau_e[k]), torque, W::carry(tau_e[k + span])],
                 env: [env, half, end],
             };
-            let mut pieces = (h * ringing / RINGING).ceil().clamp(1.0, 64.0) as usize;
+            let mut pieces = (h * ringing / RINGING).ceil().clamp(1.0, PIECES) as usize;
             if pieces > 1 {
                 pieces = pieces.next_multiple_of(span);
             }
