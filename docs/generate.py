@@ -58,6 +58,10 @@ def effect_page(entry: dict[str, Any]) -> str:
         for p in entry["parameters"]
     ]
     parameters = table(["parameter", "meaning", "range", "typical", "unit"], rows)
+    results = [[f"`{r['name']}`", r["meaning"], unit(r["unit"]) or "1"] for r in entry["derived"]]
+    derived = (
+        f"\n## Answers also give\n\n{table(['result', 'meaning', 'unit'], results)}\n" if results else ""
+    )
     return f"""# {entry["title"]}
 
 `{entry["id"]}`
@@ -86,7 +90,7 @@ Source
 
 Ranges and typical values are those for one servo motor; in a diagnosis they follow from the machine and
 the recording.
-"""
+{derived}"""
 
 
 def effect_index(catalogue: list[dict[str, Any]]) -> str:

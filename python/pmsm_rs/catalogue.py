@@ -34,6 +34,9 @@ def entry(name: str) -> str:
     if item["parameters"]:
         lines += ["", "Parameters, with ranges for a typical servo motor"]
         lines += [_parameter(parameter) for parameter in item["parameters"]]
+    if item["derived"]:
+        lines += ["", "Answers also give"]
+        lines += [_derived(result) for result in item["derived"]]
     return "\n".join(lines)
 
 
@@ -42,3 +45,8 @@ def _parameter(item: dict[str, Any]) -> str:
     bounds = f"{number(item['low'])} to {number(item['high'])} {sign}".rstrip()
     typical = f"typically {number(item['typical'])} {sign}".rstrip()
     return f"  {item['symbol']}: {item['meaning']}; {bounds}, {typical}"
+
+
+def _derived(item: dict[str, Any]) -> str:
+    sign = unit(item["unit"])
+    return f"  {item['name']}: {item['meaning']}" + (f", in {sign}" if sign else "")

@@ -202,8 +202,9 @@ def _file(recording: Recording) -> str | None:
 
 
 def effects() -> list[dict[str, Any]]:
-    """The catalogue: per effect id, title, sentence, equation, acts_in, source, parameters, look_alikes,
-    fingerprint.
+    """The catalogue: per effect id, title, sentence, equation, acts_in, source, parameters, derived,
+    look_alikes, fingerprint. `derived` are results that an answer gives beside or in place of parameters:
+    name, unit, meaning.
     """
     catalogue: list[dict[str, Any]] = json.loads(_core.effects())
     return catalogue

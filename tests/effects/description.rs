@@ -73,6 +73,24 @@ fn identifiers_and_result_names_are_those_of_the_contract() {
 }
 
 #[test]
+fn every_result_is_explained() {
+    let cx = run(false).context;
+    for effect in ALL {
+        let parameters = effect.info().parameters;
+        let own: Vec<f64> = parameters.iter().map(|p| (p.typical)(&cx)).collect();
+        let results = effect.outputs(&own, &Base::new(&MACHINE), &cx);
+        for (name, unit, _) in &results {
+            let parameter = parameters.iter().find(|p| p.name == *name).map(|p| p.unit);
+            let derived = effect.derived().iter().find(|d| d.0 == *name).map(|d| d.1);
+            assert_eq!(parameter.xor(derived), Some(*unit), "{}.{name}", effect.id());
+        }
+        for (name, _, meaning) in effect.derived() {
+            assert!(results.iter().any(|r| r.0 == *name) && !meaning.is_empty(), "{}.{name}", effect.id());
+        }
+    }
+}
+
+#[test]
 fn descriptions_are_complete_and_point_to_effects_that_exist() {
     let mut ids: Vec<&str> = ALL.iter().map(|e| e.id()).collect();
     ids.sort_unstable();

@@ -81,7 +81,7 @@ pub enum Need {
 /// The description of an effect, from which Python, command line and documentation are generated.
 #[derive(Debug, Clone, Copy)]
 pub struct Info {
-    /// Identifier of the contract.
+    /// Identifier in files and answers; it never changes its meaning.
     pub id: &'static str,
     /// Short title.
     pub title: &'static str,
@@ -264,8 +264,11 @@ pub struct Sensor<T> {
     pub angle_slope: T,
 }
 
-/// A derived result of an effect: name, unit, value.
+/// A result of an effect: name, unit, value.
 pub type Output<T> = (&'static str, &'static str, T);
+
+/// A result that is no parameter: name, unit, meaning.
+pub type Derived = (&'static str, &'static str, &'static str);
 
 /// An omitted effect. See the module's documentation for the meaning of the hooks.
 pub trait Effect {
@@ -275,6 +278,8 @@ pub trait Effect {
     const ELECTRICAL_STATES: usize = 0;
     /// Number of its own mechanical states.
     const MECHANICAL_STATES: usize = 0;
+    /// Results that are none of its parameters.
+    const DERIVED: &'static [Derived] = &[];
     /// The effect of which this one is the finer part: where both are found, this one is the news.
     const REFINES: Option<&'static str> = None;
     /// Share of its strength by which its parameters scatter against plants that have the same physics in another form, such as

@@ -2,8 +2,8 @@
 
 use crate::base::Base;
 use crate::effect::{
-    Context, Drift, Effect, Electrical, Env, Field, FieldPoint, Info, Magnet, Mechanical, Output, Rotor,
-    Sensor,
+    Context, Derived, Drift, Effect, Electrical, Env, Field, FieldPoint, Info, Magnet, Mechanical, Output,
+    Rotor, Sensor,
 };
 use crate::error::{Error, Result};
 use crate::real::Real;
@@ -33,6 +33,10 @@ macro_rules! catalogue {
             /// Number of its own mechanical states.
             pub fn mechanical_state_count(self) -> usize {
                 match self { $(Self::$name => <$module::$name as Effect>::MECHANICAL_STATES),+ }
+            }
+            /// Results that are none of its parameters.
+            pub fn derived(self) -> &'static [Derived] {
+                match self { $(Self::$name => <$module::$name as Effect>::DERIVED),+ }
             }
             /// The effect of which this one is the finer part.
             pub fn refines(self) -> Option<&'static str> {
@@ -129,7 +133,7 @@ catalogue! {
 }
 
 impl EffectId {
-    /// Identifier of the contract.
+    /// Identifier in files and answers; it never changes its meaning.
     pub fn id(self) -> &'static str {
         self.info().id
     }

@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-/// Canonical column names with their SI units, as in the file contract.
+/// Canonical column names with their SI units.
 pub const COLUMNS: [(&str, &str); 20] = [
     ("t", "s"),
     ("v_d", "V"),

@@ -45,9 +45,14 @@ pub fn effects() -> PyResult<String> {
                     })
                 })
                 .collect();
+            let derived: Vec<_> = effect
+                .derived()
+                .iter()
+                .map(|(name, unit, meaning)| json!({ "name": name, "unit": unit, "meaning": meaning }))
+                .collect();
             json!({
                 "id": info.id, "title": info.title, "sentence": info.sentence, "equation": info.equation,
-                "acts_in": info.site, "source": info.source, "parameters": parameters,
+                "acts_in": info.site, "source": info.source, "parameters": parameters, "derived": derived,
                 "look_alikes": info.look_alikes, "fingerprint": info.fingerprint,
             })
         })

@@ -12,7 +12,7 @@ use pyo3::types::PyDict;
 use serde_json::json;
 use std::sync::Arc;
 
-/// Diagnoses recordings of one machine: the answer of the contract as JSON text, and the traces of the recordings, end to end,
+/// Diagnoses recordings of one machine: the answer as JSON text, and the traces of the recordings, end to end,
 /// and of the validation run as dicts of arrays of shape (samples,).
 #[pyfunction]
 #[pyo3(signature = (recordings, machine, validation, *, seed, threads, progress))]

@@ -6,7 +6,7 @@
 //! The nth harmonic induces n times its share of the flux: e_n,rel = n·√(a_n² + b_n²). Source: Park transform of
 //! ψ_a = ψ_m Σ_n h_n cos(nθ + φ_n); Krause, Analysis of Electric Machinery, 3rd ed. (2013), chapter 4.
 
-use crate::effect::{Context, Effect, Env, Info, Magnet, Need, Output, Parameter, Role, Site};
+use crate::effect::{Context, Derived, Effect, Env, Info, Magnet, Need, Output, Parameter, Role, Site};
 use crate::base::Base;
 use crate::real::Real;
 
@@ -44,6 +44,10 @@ impl Effect for BackEmfHarmonics {
             part("b_7", "sine part of the 7th flux harmonic, share of psi_m"),
         ],
     };
+    const DERIVED: &'static [Derived] = &[
+        ("e5_rel", "1", "5th harmonic of the back-EMF over its fundamental, five times that of the flux"),
+        ("e7_rel", "1", "7th harmonic of the back-EMF over its fundamental, seven times that of the flux"),
+    ];
 
     #[inline(always)]
     fn magnet<T: Real>(p: &[T], psi_m: T, env: &Env<T>, _: &Context, out: &mut Magnet<T>) {

@@ -3,7 +3,7 @@
 //! N is the number of cogging periods per revolution, the least common multiple of slots and poles, hence a multiple
 //! of the poles. Source: Zhu & Howe, IEEE Trans. Energy Conversion 15 (2000) 407.
 
-use crate::effect::{Context, Effect, Info, Mechanical, Need, Output, Parameter, Role, Rotor, Site};
+use crate::effect::{Context, Derived, Effect, Info, Mechanical, Need, Output, Parameter, Role, Rotor, Site};
 use crate::base::Base;
 use crate::real::Real;
 
@@ -53,6 +53,10 @@ impl Effect for CoggingTorque {
             },
         ],
     };
+    const DERIVED: &'static [Derived] = &[
+        ("tau_cog", "N m", "amplitude at order_mech"),
+        ("tau_cog_2", "N m", "amplitude at twice that order"),
+    ];
 
     fn probes(cx: &Context) -> Vec<Vec<f64>> {
         // The second harmonic must stay below half the sampling frequency at a good part of the speeds.

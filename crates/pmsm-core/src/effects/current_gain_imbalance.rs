@@ -4,7 +4,7 @@
 //!
 //! Source: Chung & Sul, IEEE Trans. Industry Applications 34 (1998) 1122.
 
-use crate::effect::{Context, Effect, Env, Info, Need, Output, Parameter, Role, Sensor, Site};
+use crate::effect::{Context, Derived, Effect, Env, Info, Need, Output, Parameter, Role, Sensor, Site};
 use crate::base::Base;
 use crate::real::Real;
 use crate::transforms::{SQRT3, inverse_clarke};
@@ -41,6 +41,11 @@ impl Effect for CurrentGainImbalance {
             part("g_beta", "gain error across phase a's axis; of two sensors their difference over √3"),
         ],
     };
+    const DERIVED: &'static [Derived] = &[
+        ("g_a", "1", "gain of the sensor of phase a, measured over true current"),
+        ("g_b", "1", "gain of the sensor of phase b, measured over true current"),
+        ("g_c", "1", "gain of the sensor of phase c, measured over true current"),
+    ];
 
     fn fitted(cx: &Context, index: usize) -> bool {
         // What two sensors have in common shows only in a torque that is known otherwise.

@@ -3,7 +3,7 @@
 //!
 //! Source: Chung & Sul, IEEE Trans. Industry Applications 34 (1998) 1122.
 
-use crate::effect::{Context, Effect, Env, Info, Need, Output, Parameter, Role, Sensor, Site};
+use crate::effect::{Context, Derived, Effect, Env, Info, Need, Output, Parameter, Role, Sensor, Site};
 use crate::base::Base;
 use crate::real::Real;
 use crate::transforms::inverse_clarke;
@@ -40,6 +40,11 @@ impl Effect for CurrentOffset {
             part("o_beta", "offset across phase a's axis"),
         ],
     };
+    const DERIVED: &'static [Derived] = &[
+        ("o_a", "A", "offset of the sensor of phase a, measured minus true"),
+        ("o_b", "A", "offset of the sensor of phase b, measured minus true"),
+        ("o_c", "A", "offset of the sensor of phase c, measured minus true"),
+    ];
 
     #[inline(always)]
     fn sensor<T: Real>(p: &[T], _: &Env<T>, _: &Context, out: &mut Sensor<T>) {

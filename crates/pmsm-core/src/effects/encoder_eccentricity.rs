@@ -3,7 +3,7 @@
 //!
 //! Source: Lara, Xu & Chandra, IEEE Trans. Industrial Electronics 63 (2016) 6148.
 
-use crate::effect::{Context, Effect, Env, Info, Need, Output, Parameter, Role, Sensor, Site};
+use crate::effect::{Context, Derived, Effect, Env, Info, Need, Output, Parameter, Role, Sensor, Site};
 use crate::base::Base;
 use crate::real::Real;
 
@@ -39,6 +39,9 @@ impl Effect for EncoderEccentricity {
             part("b", "sine part, electrical radians"),
         ],
     };
+    const DERIVED: &'static [Derived] = &[
+        ("amplitude_el_rad", "rad", "amplitude of the angle's error, electrical"),
+    ];
 
     #[inline(always)]
     fn sensor<T: Real>(p: &[T], env: &Env<T>, cx: &Context, out: &mut Sensor<T>) {

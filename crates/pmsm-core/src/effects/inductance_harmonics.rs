@@ -7,7 +7,7 @@
 //! and adds to the field energy ½·(ψ − ψ_m)ᵀ·((L + ΔL)⁻¹ − L⁻¹)·(ψ − ψ_m). Source: Park transform of
 //! L_aa = L_0 + L_2 cos 2θ + Σ L_k cos(kθ + φ_k); Krause, Analysis of Electric Machinery (2013), chapter 1.
 
-use crate::effect::{Context, Effect, Field, FieldPoint, Info, Need, Output, Parameter, Role, Site};
+use crate::effect::{Context, Derived, Effect, Field, FieldPoint, Info, Need, Output, Parameter, Role, Site};
 use crate::base::Base;
 use crate::real::Real;
 
@@ -48,6 +48,9 @@ impl Effect for InductanceHarmonics {
         ],
     };
     const MAGNETIC: bool = true;
+    const DERIVED: &'static [Derived] = &[
+        ("l6_rel", "1", "amplitude of the ripple at six times the electrical angle, share of the mean inductance, root mean square over both axes"),
+    ];
 
     #[inline(always)]
     fn field<T: Real>(p: &[T], at: &FieldPoint<T>, base: &Base<T>, _: &Context, out: &mut Field<T>) {

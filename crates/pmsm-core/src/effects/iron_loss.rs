@@ -5,7 +5,7 @@
 //!
 //! Source: Urasaki, Senjyu & Uezato, IEEE Trans. Energy Conversion 18 (2003) 41.
 
-use crate::effect::{Context, Effect, Electrical, Info, Need, Output, Parameter, Role, Site};
+use crate::effect::{Context, Derived, Effect, Electrical, Info, Need, Output, Parameter, Role, Site};
 use crate::base::Base;
 use crate::real::Real;
 
@@ -57,6 +57,9 @@ impl Effect for IronLoss {
     const FORM: f64 = 0.02;
     const MAGNETIC: bool = true;
     const ELECTRICAL_STATES: usize = 2;
+    const DERIVED: &'static [Derived] = &[
+        ("r_c", "ohm", "resistance of the iron branch"),
+    ];
 
     fn probes(cx: &Context) -> Vec<Vec<f64>> {
         vec![vec![0.0, cx.period, 0.0]]

@@ -3,7 +3,7 @@
 //!
 //! Source: Holtz & Springob, IEEE Trans. Industrial Electronics 43 (1996) 330.
 
-use crate::effect::{Context, Effect, Info, Mechanical, Need, Output, Parameter, Role, Rotor, Site};
+use crate::effect::{Context, Derived, Effect, Info, Mechanical, Need, Output, Parameter, Role, Rotor, Site};
 use crate::base::Base;
 use crate::real::Real;
 
@@ -48,6 +48,9 @@ impl Effect for LoadTorquePulsation {
             },
         ],
     };
+    const DERIVED: &'static [Derived] = &[
+        ("tau_pul", "N m", "amplitude of the pulsation"),
+    ];
 
     fn probes(_: &Context) -> Vec<Vec<f64>> {
         [1.0, 2.0, 3.0, 4.0].map(|order| vec![0.0, 0.0, order]).to_vec()

@@ -3,7 +3,7 @@
 //!
 //! Source: Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083, with Gaussian Stribeck curve.
 
-use crate::effect::{Context, Effect, Info, Mechanical, Output, Parameter, Role, Rotor, Site};
+use crate::effect::{Context, Derived, Effect, Info, Mechanical, Output, Parameter, Role, Rotor, Site};
 use crate::terms::SMOOTHING;
 use crate::base::Base;
 use crate::real::Real;
@@ -63,6 +63,9 @@ impl Effect for StribeckFriction {
         ],
     };
     const JUMPS: bool = true;
+    const DERIVED: &'static [Derived] = &[
+        ("tau_s", "N m", "friction torque at standstill"),
+    ];
 
     fn probes(cx: &Context) -> Vec<Vec<f64>> {
         let top = cx.omega_m_max();

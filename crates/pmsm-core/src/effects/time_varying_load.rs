@@ -3,7 +3,7 @@
 //! Source: first terms of any slowly varying load; Ljung, System Identification, 2nd ed. (1999), section 14.4 (trends and
 //! periodic disturbances).
 
-use crate::effect::{Context, Effect, Info, Mechanical, Need, Output, Parameter, Role, Rotor, Site};
+use crate::effect::{Context, Derived, Effect, Info, Mechanical, Need, Output, Parameter, Role, Rotor, Site};
 use crate::base::Base;
 use crate::real::Real;
 use std::f64::consts::TAU;
@@ -59,6 +59,9 @@ impl Effect for TimeVaryingLoad {
             },
         ],
     };
+    const DERIVED: &'static [Derived] = &[
+        ("amplitude", "N m", "amplitude of the swing"),
+    ];
 
     fn probes(cx: &Context) -> Vec<Vec<f64>> {
         let step = 0.5 / cx.duration;

@@ -6,7 +6,7 @@
 //! x_1 being the spring torque and x_2 = κ·(ω_m − ω_load). At κ = 0 and a constant load this is the rigid machine.
 //! f_ar = √(k/J_L)/2π, f_r = f_ar/√(1−κ). Source: Ellis & Lorenz, IEEE IAS (2000), "Resonant load control methods".
 
-use crate::effect::{Context, Effect, Info, Mechanical, Need, Output, Parameter, Role, Rotor, Site};
+use crate::effect::{Context, Derived, Effect, Info, Mechanical, Need, Output, Parameter, Role, Rotor, Site};
 use crate::base::Base;
 use crate::real::Real;
 use std::f64::consts::TAU;
@@ -47,8 +47,8 @@ impl Effect for TwoMassShaft {
                 meaning: "antiresonance: the load swinging on a held rotor",
                 role: Role::Shape,
                 low: |cx| 2.0 / cx.duration,
-                high: |cx| 0.1 / cx.period,
-                typical: |cx| 60f64.min(0.1 / cx.period).max(2.0 / cx.duration),
+                high: |cx| 0.06 / cx.period,
+                typical: |cx| 60f64.min(0.06 / cx.period).max(2.0 / cx.duration),
             },
             Parameter {
                 name: "zeta",
@@ -64,6 +64,10 @@ impl Effect for TwoMassShaft {
     const MECHANICAL_STATES: usize = 2;
     // A light load on a shaft shakes the rotor at another frequency than a heavy one.
     const FIRST_ORDER: bool = false;
+    const DERIVED: &'static [Derived] = &[
+        ("f_res", "Hz", "resonance: rotor and load swinging against each other"),
+        ("k_shaft", "N m/rad", "stiffness of the shaft"),
+    ];
 
     fn probes(cx: &Context) -> Vec<Vec<f64>> {
         let high = 600f64.min(0.04 / cx.period);

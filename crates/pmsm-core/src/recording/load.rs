@@ -22,7 +22,7 @@ pub enum Load {
 }
 
 impl Load {
-    /// From the contract's `kind` and `value`.
+    /// From `kind` and `value` of a machine file.
     ///
     /// # Errors
     /// [`Error::Unknown`] for an unknown kind, [`Error::Unusable`] for a `known_constant` without a finite value.
@@ -53,7 +53,7 @@ impl Load {
         })
     }
 
-    /// The contract's name of this kind.
+    /// The name of this kind in a machine file.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::None => "none",
