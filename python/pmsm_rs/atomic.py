@@ -2,35 +2,60 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from ._core import UsageError
 from .errors import refuse
 
 
+def expect(path: str | os.PathLike[str]) -> None:
+    """Raises UsageError where `path` cannot be written, before anything is computed for it."""
+    mode = _mode(path)
+    if mode is not None and stat.S_ISDIR(mode):
+        raise _no_place(path, os.strerror(errno.EISDIR))
+    if mode is not None and not stat.S_ISREG(mode):
+        return
+    folder = Path(os.path.realpath(path)).parent
+    if not folder.is_dir():
+        raise _no_place(path, os.strerror(errno.ENOENT))
+    if not os.access(folder, os.W_OK):
+        raise _no_place(path, os.strerror(errno.EACCES))
+
+
+def apart(outputs: Iterable[str | None], inputs: Iterable[str | None]) -> None:
+    """Raises UsageError where an output is one of the inputs."""
+    read = {os.path.realpath(path) for path in inputs if path is not None}
+    for path in outputs:
+        if path is not None and os.path.realpath(path) in read:
+            raise refuse(UsageError, "it would be written over", file=str(path), fix="name another file")
+
+
 def write(path: str | os.PathLike[str], fill: Callable[[Path], None]) -> None:
     """Lets `fill` write a temporary neighbour of `path`, then renames it into place.
 
-    A crash or an error leaves `path` as it was. Raises UsageError where the folder does not exist or refuses
-    the file.
+    A crash or an error leaves `path` as it was. What is no file, such as a pipe or a device, is written to,
+    and so is what a link leads to. Raises UsageError where the folder does not exist or refuses the file.
     """
-    target = Path(path)
+    mode = _mode(path)
+    through = mode is not None and not stat.S_ISREG(mode) and not stat.S_ISDIR(mode)
+    target = Path(path) if through else Path(os.path.realpath(path))
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
+        handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=None if through else target.parent)
     except OSError as error:
-        raise refuse(
-            UsageError,
-            f"cannot write there ({error.strerror})",
-            file=str(target),
-            fix="name a folder that exists and may be written to",
-        ) from error
+        raise _no_place(path, error.strerror) from error
     os.close(handle)
     draft = Path(name)
     try:
         fill(draft)
+        if through:
+            with target.open("wb") as pipe:
+                pipe.write(draft.read_bytes())
+            return
         # mkstemp makes files private; an answer should have the rights any new file has.
         mask = os.umask(0)
         os.umask(mask)
@@ -42,7 +67,7 @@ def write(path: str | os.PathLike[str], fill: Callable[[Path], None]) -> None:
         raise refuse(
             UsageError,
             f"cannot be written ({error.strerror})",
-            file=str(target),
+            file=str(path),
             fix="name a file that may be written to, on a disk with room",
         ) from error
     finally:
@@ -56,3 +81,20 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
         draft.write_bytes(text.encode())
 
     write(path, fill)
+
+
+def _mode(path: str | os.PathLike[str]) -> int | None:
+    """What stands at `path`, behind links; None where nothing does."""
+    try:
+        return os.stat(path).st_mode
+    except OSError:
+        return None
+
+
+def _no_place(path: str | os.PathLike[str], why: str | None) -> UsageError:
+    return refuse(
+        UsageError,
+        f"cannot write there ({why})",
+        file=str(path),
+        fix="name a folder that exists and may be written to",
+    )

@@ -19,6 +19,11 @@ _LARGEST_STEP = math.pi / 2
 _LEAST_TURN = 0.05
 # nor does one that moves no more than noise adds up to, per median step of it and root of their number
 _NOISE_WALK = 8.0
+# share of the logged d and q values that may not follow from the phases before nothing is said of them
+_FOREIGN = 0.1
+# logarithm of the size and turn (rad) from which it is another convention and no error of a sensor
+_OTHER_SIZE = 0.15
+_OTHER_TURN = 0.5
 
 
 def angle_against_speed(
@@ -42,6 +47,62 @@ def angle_against_speed(
                 raise _explain(angle, speed, ratio, n_p, file)
 
 
+def rotor_frame_against_phases(columns: Mapping[str, NDArray[np.float64]], file: str | None) -> None:
+    """Raises DataError where logged d and q values are those of the logged phases in another convention.
+
+    Both are compared at the logged electrical angle: √(3/2) is the power-invariant transformation, 1/√2 root
+    mean squares, −1 a turned sign. What is filtered or sampled otherwise, so that neither follows from the
+    other, decides nothing, and neither does the turn of voltages, which some drives log at the angle of
+    another instant.
+    """
+    for sign, turns in (("i", True), ("v", False)):
+        names = [f"{sign}_{axis}" for axis in "dqab"]
+        if "theta_e" not in columns or any(name not in columns for name in names):
+            continue
+        d, q, a, b = (columns[name] for name in names)
+        c = columns.get(f"{sign}_c", -a - b)
+        if not len(d) == len(q) == len(a) == len(b) == len(c) == len(columns["theta_e"]):
+            continue
+        phases = ((2.0 * a - b - c) / 3.0 + 1j * (b - c) / math.sqrt(3.0)) * np.exp(-1j * columns["theta_e"])
+        logged = d + 1j * q
+        known = np.isfinite(phases) & np.isfinite(logged)
+        phases, logged = phases[known], logged[known]
+        power = float(np.vdot(phases, phases).real)
+        if power == 0.0 or not np.any(logged):
+            continue
+        gain = complex(np.vdot(phases, logged)) / power
+        rest = np.abs(logged - gain * phases)
+        if float(rest @ rest) > _FOREIGN * float(np.vdot(logged, logged).real):
+            continue
+        if abs(math.log(abs(gain))) > _OTHER_SIZE or (turns and abs(np.angle(gain)) > _OTHER_TURN):
+            raise _other_convention(sign, gain, file)
+
+
+def _other_convention(sign: str, gain: complex, file: str | None) -> DataError:
+    known = (
+        (math.sqrt(1.5), "power-invariant"),
+        (math.sqrt(0.5), "root mean square"),
+        (math.sqrt(2.0), "peak values beside root mean square ones"),
+        (1.0 / math.sqrt(1.5), "amplitude-invariant beside power-invariant ones"),
+    )
+    words = next((f", as if {word}" for size, word in known if abs(abs(gain) / size - 1.0) < 0.03), "")
+    turn = math.degrees(np.angle(gain))
+    turned = f" and turned by {turn:.0f}°" if abs(turn) > math.degrees(_OTHER_TURN) else ""
+    fix = (
+        f"give {sign}_d and {sign}_q scale = {1.0 / abs(gain):.4g} in [columns]"
+        if not turned
+        else f"correct theta_e, or leave {sign}_d and {sign}_q out by false in [columns]"
+    )
+    return refuse(
+        DataError,
+        f"{sign}_d and {sign}_q are {abs(gain):.4g} times what {sign}_a, {sign}_b and theta_e say"
+        f"{turned}{words}",
+        file=file,
+        column=f"{sign}_d",
+        fix=fix,
+    )
+
+
 def _ratio(t: NDArray[np.float64], angle: NDArray[np.float64], speed: NDArray[np.float64]) -> float | None:
     """Median of measured over expected angle step, over the samples that turn fast enough to tell."""
     if not len(t) == len(angle) == len(speed):
@@ -52,8 +113,9 @@ def _ratio(t: NDArray[np.float64], angle: NDArray[np.float64], speed: NDArray[np
     if usable.sum() < _FEW or np.median(size[usable]) < 1e-4:
         return None
     # The noise of a rotor that is held adds up to no more than a walk at random.
-    noise = float(np.nanmedian(np.abs(np.diff(expected))))
-    if np.ptp(np.nancumsum(expected)) < max(_LEAST_TURN, _NOISE_WALK * noise * math.sqrt(len(expected))):
+    known = expected[np.isfinite(expected)]
+    noise = float(np.median(np.abs(np.diff(known))))
+    if np.ptp(np.cumsum(known)) < max(_LEAST_TURN, _NOISE_WALK * noise * math.sqrt(len(known))):
         return None
     # Steps of logged angles wrap at 2π; unwrapped ones do not, and for both this gives the short way round.
     step = np.remainder(np.diff(angle)[usable] + math.pi, 2.0 * math.pi) - math.pi

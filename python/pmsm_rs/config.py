@@ -77,6 +77,8 @@ class _Column(Table):
     def _one_origin(self) -> _Column:
         if [self.source, self.period, self.value].count(None) != 2:
             raise ValueError("say one of from = '...', value = ..., and, for t only, period = ... in s")
+        if self.period is not None and (self.unit, self.scale, self.offset) != (None, 1.0, 0.0):
+            raise ValueError("period is in s; unit, scale and offset do not go with it")
         if self.file is not None and self.source is None:
             raise ValueError("file goes with from = '...', the column in that file")
         if self.scale == 0.0:
@@ -130,7 +132,7 @@ def read_toml(name: str, role: str = "machine file", kind: type[PmsmError] = Mac
             raise refuse(kind, f"it is far too large for a {role}", file=name, fix="name the TOML file")
         content = file.read_bytes()
     try:
-        return tomllib.loads(content.decode("utf-8"))
+        return tomllib.loads(content.decode("utf-8-sig"))
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         what = (
             "it is no UTF-8 text"

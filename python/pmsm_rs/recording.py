@@ -46,6 +46,12 @@ class Recording(_core.Recording):
     ) -> Self:
         """Checks the columns and takes a copy of them."""
         given = {**(columns or {}), **arrays}
+        if not given:
+            raise refuse(DataError, "there are no columns", fix="give t and what was measured")
+        if load_value is not None and load != "known_constant":
+            raise refuse(
+                DataError, "load_value goes with load='known_constant' only", fix="leave one of the two out"
+            )
         for name in given:
             if name not in CANONICAL:
                 raise refuse(

@@ -93,7 +93,7 @@ _FIRST = ("t", "v_d", "v_q", "i_a", "i_b", "i_c", "theta_e", "omega_e")
 
 
 def ordered(names: list[str]) -> list[str]:
-    """Columns in the order of the contract."""
+    """Columns in the order of the canonical names."""
     return [*(name for name in _FIRST if name in names), *(name for name in names if name not in _FIRST)]
 
 

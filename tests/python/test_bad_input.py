@@ -345,9 +345,65 @@ def test_the_noise_of_a_held_rotor_does_not_contradict_its_angle(
     period = columns["t"][1] - columns["t"][0]
     columns = {name: np.resize(values, rows) for name, values in columns.items()}
     columns["t"] = period * np.arange(rows)
-    columns["theta_e"] = np.random.default_rng(2).normal(1.0, 1e-4, rows)
+    columns["theta_e"] = np.full(rows, 1.0)
     columns["omega_e"] = np.random.default_rng(1).normal(0.0, 5e-4 / period, rows)
     assert len(pm.load(columns, machine_file)) == rows
+
+
+def in_rotor_frame(columns: Columns, factor: complex) -> Columns:
+    """The phase currents at the logged angle as i_d and i_q, in a convention that differs by `factor`."""
+    theta = np.linspace(0.0, 40.0, 400)
+    phase = (3.0 - 2.0j) * np.exp(1j * theta)
+    names = ("i_a", "i_b", "i_c")
+    abc = {name: (phase * np.exp(-2j * np.pi * k / 3.0)).real for k, name in enumerate(names)}
+    dq = (3.0 - 2.0j) * factor * np.ones(400)
+    rest = {name: columns[name] for name in ("t", "v_d", "v_q")}
+    speed = {"theta_e": theta, "omega_e": np.gradient(theta, columns["t"])}
+    return {**rest, **speed, **abc, "i_d": dq.real, "i_q": dq.imag}
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (np.sqrt(1.5), "power-invariant"),
+        (np.sqrt(0.5), "root mean square"),
+        (-1.0, "turned by 180"),
+        (1j, "turned by 90"),
+    ],
+)
+def test_another_convention_of_d_and_q_is_refused(
+    columns: Columns, machine_file: Path, factor: complex, words: str
+) -> None:
+    assert len(pm.load(in_rotor_frame(columns, 1.03), machine_file)) == 400
+    with pytest.raises(pm.DataError, match=words):
+        pm.load(in_rotor_frame(columns, factor), machine_file)
+
+
+def test_a_masked_value_is_no_value(columns: Columns) -> None:
+    mask = np.zeros(400, dtype=bool)
+    mask[7] = True
+    pm.Recording({**columns, "i_d": np.ma.array(columns["i_d"], mask=False)})
+    with pytest.raises(pm.DataError, match="masked"):
+        pm.Recording({**columns, "i_d": np.ma.array(columns["i_d"], mask=mask)})
+
+
+def test_a_period_is_in_seconds(columns: Columns, tmp_path: Path, machine_file: Path) -> None:
+    (tmp_path / "r.csv").write_text(csv_text({k: v for k, v in columns.items() if k != "t"}))
+    machine_file.write_text('[machine]\nn_p = 3\n[columns]\nt = { period = 0.1, unit = "ms" }\n')
+    with pytest.raises(pm.MachineError, match="period is in s"):
+        pm.load(tmp_path / "r.csv", machine_file)
+
+
+def test_a_machine_file_may_begin_with_a_byte_order_mark(columns: Columns, machine_file: Path) -> None:
+    machine_file.write_bytes(b"\xef\xbb\xbf" + machine_file.read_bytes())
+    assert len(pm.load(columns, machine_file)) == 400
+
+
+def test_nothing_is_no_recording(columns: Columns) -> None:
+    with pytest.raises(pm.DataError, match="no columns"):
+        pm.Recording({})
+    with pytest.raises(pm.DataError, match="load_value"):
+        pm.Recording(columns, load="none", load_value=3.0)
 
 
 def test_max_bytes_is_honoured(columns: Columns, tmp_path: Path) -> None:

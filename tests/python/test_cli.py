@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -155,6 +156,35 @@ def test_an_unwritable_answer_is_a_usage_error(machine_file: Path, tmp_path: Pat
     ran = run("identify", recording, "--machine", machine, "--fit", "r_s", "--method", "lm", "--json", out)
     assert ran.code == 2
     assert str(out) in ran.err
+
+
+def test_what_cannot_be_written_is_said_before_anything_is_computed(
+    recording: Path, machine_file: Path, tmp_path: Path, run: Run
+) -> None:
+    for option in ("--json", "--report", "--trajectories"):
+        # the recording does not even exist
+        ran = run("diagnose", "none.csv", "--machine", str(machine_file), option, str(tmp_path / "no" / "x"))
+        assert ran.code == 2
+        assert "cannot write there" in ran.err
+    ran = run("diagnose", str(recording), "--machine", str(machine_file), "--json", str(recording))
+    assert ran.code == 2
+    assert "written over" in ran.err
+    assert recording.read_text() == csv_text(plausible())
+
+
+def test_links_are_followed_and_pipes_written_to(tmp_path: Path) -> None:
+    from pmsm_rs import atomic
+
+    (tmp_path / "target").write_text("old")
+    (tmp_path / "link").symlink_to(tmp_path / "target")
+    atomic.write_text(tmp_path / "link", "new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "target").read_text() == "new"
+    os.mkfifo(tmp_path / "pipe")
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    atomic.write_text(tmp_path / "pipe", "new")
+    assert os.read(reader, 10) == b"new"
+    os.close(reader)
 
 
 def test_a_motor_that_does_nothing_gives_no_confident_answer(

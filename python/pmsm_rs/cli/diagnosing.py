@@ -11,7 +11,7 @@ from . import options, terminal
 @click.option(
     "--report",
     "report_file",
-    type=options.FILE,
+    type=options.OUTPUT,
     default="pmsm-rs-demo.html",
     show_default=True,
     metavar="OUT.html",
@@ -56,11 +56,15 @@ def demo(report_file: str, json_file: str | None, threads: int | None, seed: int
 )
 @options.JSON
 @click.option(
-    "--report", "report_file", type=options.FILE, metavar="OUT.html", help="Write a report as one HTML page."
+    "--report",
+    "report_file",
+    type=options.OUTPUT,
+    metavar="OUT.html",
+    help="Write a report as one HTML page.",
 )
 @click.option(
     "--trajectories",
-    type=options.FILE,
+    type=options.OUTPUT,
     metavar="OUT.parquet",
     help="Write measured and modelled trajectories.",
 )
@@ -82,10 +86,12 @@ def diagnose(
     """
     from pathlib import Path
 
+    from ..atomic import apart
     from ..config import read_machine
     from ..loader import load
     from ..run import diagnose as run
 
+    apart([json_file, report_file, trajectories], [*recordings, machine_file, validation])
     machine = read_machine(machine_file)
     runs = [load(recording, machine) for recording in recordings]
     other = load(validation, machine) if validation is not None else None
@@ -104,7 +110,7 @@ def diagnose(
 @options.MACHINE
 @click.option(
     "--ledger",
-    type=options.FILE,
+    type=options.OUTPUT,
     metavar="FILE",
     help="Append every finished recording to FILE; run again with it, only the rest is computed.",
 )

@@ -30,11 +30,13 @@ def identify(
     seed: int,
 ) -> int:
     """Estimate the parameters of the dq-model from RECORDING."""
+    from ..atomic import apart
     from ..config import read_machine
     from ..loader import load
     from ..run import Swarm
     from ..run import identify as run
 
+    apart([json_file], [recording, machine_file])
     machine = read_machine(machine_file)
     answer = run(
         load(recording, machine),

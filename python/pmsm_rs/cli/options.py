@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -9,7 +10,22 @@ import click
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
+
+class _Output(click.Path):
+    """A file that is written: whether it can be is said before anything is computed."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str | bytes | os.PathLike[str]:
+        from ..atomic import expect
+
+        path = super().convert(value, param, ctx)
+        expect(str(path))
+        return path
+
+
 FILE = click.Path(dir_okay=False)
+OUTPUT = _Output(dir_okay=False)
 MACHINE = click.option(
     "--machine",
     "machine_file",
@@ -18,7 +34,7 @@ MACHINE = click.option(
     metavar="M.toml",
     help="Nameplate, load, column names.",
 )
-JSON = click.option("--json", "json_file", type=FILE, metavar="OUT", help="Write the whole answer as JSON.")
+JSON = click.option("--json", "json_file", type=OUTPUT, metavar="OUT", help="Write the whole answer as JSON.")
 THREADS = click.option(
     "--threads",
     type=click.IntRange(1, 1024),

@@ -12,7 +12,7 @@ from . import options, terminal
 @click.option(
     "-o",
     "--output",
-    type=options.FILE,
+    type=options.OUTPUT,
     required=True,
     metavar="RECORDING.parquet",
     help="Where the recording goes (.parquet or .csv).",
@@ -20,7 +20,7 @@ from . import options, terminal
 @click.option("--truth", is_flag=True, help="Write RECORDING.truth.json and .truth.parquet beside it.")
 @click.option(
     "--machine-file",
-    type=options.FILE,
+    type=options.OUTPUT,
     metavar="M.toml",
     help="Write the machine file that goes with the recording.",
 )

@@ -77,6 +77,11 @@ def numbers(values: object, *, file: str | None, column: str) -> NDArray[np.floa
 
     Raises DataError on text, objects, complex values, other shapes.
     """
+    if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
+        row = int(np.flatnonzero(np.ma.getmaskarray(values).reshape(-1))[0])
+        raise refuse(
+            DataError, "the value is masked", file=file, row=row, column=column, fix="cut the row out"
+        )
     array = np.asarray(values)
     if array.dtype == np.float64 and array.ndim == 1 and array.flags.c_contiguous and array.flags.aligned:
         return array
@@ -135,7 +140,7 @@ def from_arrays(
         out = {}
         for name in names:
             part = Selection(name) if name in known else Selection.of(name)
-            out[name] = numbers(part.pick(np.asarray(arrays[part.name])), file=file, column=name)
+            out[name] = numbers(part.pick(np.asanyarray(arrays[part.name])), file=file, column=name)
         return out
 
     return Source(file, tuple(arrays), read, resolve=resolve)
