@@ -45,7 +45,8 @@ impl<'a> Outputs<'a> {
         let speed = experiment.channels().iter().position(|c| !c.is_electrical());
         let (first, second): (Vec<usize>, Vec<usize>) =
             (0..hypothesis.free.len()).partition(|k| experiment.is_electrical(hypothesis.free[*k]));
-        let together = hypothesis.model.has_sensor() || first.is_empty() || second.is_empty();
+        let alone = first.is_empty() || second.is_empty() || !data.has(true);
+        let together = hypothesis.model.has_sensor() || alone;
         let free: Vec<usize> = first.iter().chain(&second).map(|k| hypothesis.free[*k]).collect();
         let covariance = match speed {
             _ if free.is_empty() => DMatrix::zeros(0, 0),
