@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from . import _core
 from ._core import DataError, Machine, NotIdentifiableError, Recording, UsageError
 from .errors import did_you_mean, fact, refuse
 from .results import Diagnosis, Identification
+
+if TYPE_CHECKING:
+    from .config import MachineFile
+
+    Described = Machine | MachineFile | str | os.PathLike[str]
 
 METHODS = ("pso", "lm", "pso+lm")
 PARAMETERS = ("r_s", "l_d", "l_q", "psi_m", "j", "b", "tau_load")
@@ -95,9 +101,21 @@ _SWARM_NAMES = {
 }
 
 
+def nameplate(machine: Described) -> Machine:
+    """The machine of a machine file, or the machine itself.
+
+    Raises UsageError where there is no such file, and MachineError naming every wrong entry.
+    """
+    if isinstance(machine, Machine):
+        return machine
+    from .config import MachineFile, read_machine
+
+    return machine.machine if isinstance(machine, MachineFile) else read_machine(machine).machine
+
+
 def identify(
     recording: Recording,
-    machine: Machine,
+    machine: Described,
     *,
     fit: Mapping[str, tuple[float, float] | None] | Iterable[str] | None = None,
     method: str = "pso+lm",
@@ -108,20 +126,20 @@ def identify(
 ) -> Identification:
     """Estimates parameters of the dq-model from a recording.
 
-    `fit` names the parameters, with bounds in SI units or None for a wide range around the nameplate; left
-    out, every parameter that the recording can show is fitted. `method` is "pso" (particle swarm), "lm"
-    (Levenberg-Marquardt from the nameplate) or "pso+lm". `threads` None uses every processor; the answer does
-    not depend on it. `progress(stage, fraction)` is called from time to time. On Ctrl-C the best so far is
-    returned, marked `interrupted`.
+    `machine` is the nameplate, or a machine file that holds it. `fit` names the parameters, with bounds in SI
+    units or None for a wide range around the nameplate; left out, every parameter that the recording can show
+    is fitted. `method` is "pso" (particle swarm), "lm" (Levenberg-Marquardt from the nameplate) or "pso+lm".
+    `threads` None uses every processor; the answer does not depend on it. `progress(stage, fraction)` is
+    called from time to time. On Ctrl-C the best so far is returned, marked `interrupted`.
 
-    Raises UsageError for unknown names or bounds, DataError and NotIdentifiableError where the recording
-    cannot give what is asked for.
+    Raises UsageError for unknown names or bounds, MachineError for a wrong machine file, DataError and
+    NotIdentifiableError where the recording cannot give what is asked for.
     """
     if method not in METHODS:
         raise refuse(UsageError, f"there is no method '{method}'", fix=did_you_mean(method, METHODS))
     answer = _core.identify(
         recording,
-        machine,
+        nameplate(machine),
         fit=fit_bounds(fit),
         method=method,
         swarm=(swarm or Swarm()).settings(),
@@ -134,7 +152,7 @@ def identify(
 
 def diagnose(
     recording: Recording | Sequence[Recording],
-    machine: Machine,
+    machine: Described,
     validation: Recording | None = None,
     *,
     seed: int = 1,
@@ -144,20 +162,22 @@ def diagnose(
     """Finds out which physics the dq-model leaves out, from one recording or several of the same machine.
 
     Everything is estimated on `recording`: several are fitted together by one machine with the same effects,
-    each with its own clock, noise, load and initial values. `validation`, another run of the same machine,
-    only judges.
-    `threads` None uses every processor; the answer does not depend on it. On Ctrl-C the best so far is
-    returned, marked `interrupted`.
+    each with its own clock, noise, load and initial values. `machine` is the nameplate, or a machine file
+    that holds it. `validation`, another run of the same machine, only judges. `progress(stage, fraction)` is
+    called from time to time. `threads` None uses every processor; the answer does not depend on it. On Ctrl-C
+    the best so far is returned, marked `interrupted`.
 
-    Raises DataError or NotIdentifiableError where the recordings cannot be used; of several the message names
-    the one, and so do the attributes `recording`, counted from 1, and `file`.
+    Raises UsageError without a recording, MachineError for a wrong machine file, DataError or
+    NotIdentifiableError where the recordings cannot be used; of several the message names the one, and so do
+    the attributes `recording`, counted from 1, and `file`.
     """
     recordings = [recording] if isinstance(recording, Recording) else list(recording)
     if not recordings:
         raise refuse(UsageError, "no recording was given", fix="give at least one")
+    known = nameplate(machine)
     try:
         answer, traces = _core.diagnose(
-            recordings, machine, validation, seed=seed, threads=threads, progress=progress
+            recordings, known, validation, seed=seed, threads=threads, progress=progress
         )
     except (DataError, NotIdentifiableError) as error:
         raise _in_file(error, recordings) from error

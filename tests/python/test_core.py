@@ -162,6 +162,18 @@ def test_a_failing_progress_callback_is_not_swallowed(threads: int | None) -> No
         pm.diagnose(recording, machine, validation, threads=threads, progress=progress)
 
 
+def test_a_machine_file_is_taken_for_its_machine() -> None:
+    file, _, machine_file = recording_files()
+    recording = pm.load(file, machine_file)
+    one, two = (
+        pm.identify(recording, machine, fit=["r_s"], method="lm")
+        for machine in (machine_file, read_machine(machine_file).machine)
+    )
+    assert one.to_json() == two.to_json()
+    with pytest.raises(pm.UsageError, match=r"none\.toml"):
+        pm.identify(recording, "none.toml", fit=["r_s"], method="lm")
+
+
 @pytest.mark.parametrize("threads", [1, None])
 def test_ctrl_c_gives_the_best_so_far(threads: int | None) -> None:
     assert threading.current_thread() is threading.main_thread()
