@@ -158,10 +158,17 @@ class Diagnosis:
     """What the dq-model leaves out; fields are those of the JSON answer, of which `effects` and `base` stand
     under `model` there.
 
+    Channels are i_d, i_q (A), omega_e (rad/s, electrical), of operating points v_d, v_q (V). `noise_floor`
+    is what a perfect model would leave in each, `fit["recording" or "validation"]["before" or "after"]`
+    what is left, both as root mean square in the channel's unit. `data_quality` has finding, consequence
+    and fix; `cannot_see` effect, why, and power, the probability that it would have been found.
+    `data["path"]` is the way to the model, one effect more at each step.
+
     `traces["recording"]` and, where a validation run was given, `traces["validation"]` hold arrays of shape
-    (samples,): `t` in s and per channel `NAME_measured`, `NAME_before`, `NAME_after`. Several recordings lie
-    end to end there, numbered by `recording`; `recordings` says of each its file, samples, duration in s,
-    kind, load, noise_floor and fit, and is empty for a single one.
+    (samples,): `t` in s, per channel `NAME_measured`, `NAME_before`, `NAME_after`, and the operating point
+    `op_omega_e` (rad/s), `op_i_d`, `op_i_q` (A), `op_theta_e`, `op_theta_m` (rad) as far as they are known.
+    Several recordings lie end to end there, numbered by `recording`; `recordings` says of each its file,
+    samples, duration in s, kind, load, noise_floor and fit, and is empty for a single one.
     """
 
     verdict: str
