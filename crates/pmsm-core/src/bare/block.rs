@@ -65,17 +65,19 @@ pub fn run(kernel: Kernel, blocks: &mut [Block], stretch: Stretch<'_>) {
     }
 }
 
-/// Where the differences from the last column go: one row per sample and channel (i_d, i_q, ω_e), one number per column:
-/// (its error − that of the last column)·`scale`, and in the last column its error.
+/// Where the differences between the first half of the blocks and the second go: one row per sample and channel (i_d, i_q,
+/// ω_e), one number per column of a half: (error in the first − `counts`·error in the second)·`scale`.
 #[derive(Debug)]
 pub struct Differences<'a> {
+    /// How often the second half counts, per column: once or not at all.
+    pub counts: &'a [f64],
     /// Factor per column.
     pub scale: &'a [f64],
     /// The rows.
     pub rows: &'a mut [f64],
 }
 
-/// Takes all blocks through the stretch and writes the differences from their last column.
+/// Takes all blocks through the stretch and writes the differences between their halves.
 pub fn subtract(kernel: Kernel, blocks: &mut [Block], stretch: Stretch<'_>, to: Differences<'_>) {
     let (path, rounding) = (kernel.path, kernel.rounding);
     match (kernel.increments, stretch.has_load) {
@@ -144,55 +146,30 @@ struct Subtract<'a, const FORM: bool, const LOAD: bool, const N: usize> {
 impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Subtract<'_, FORM, LOAD, N> {
     type Output = ();
     #[inline(always)]
-    fn run<V: Lane>(mut self) {
-        let width = self.blocks.len() * BLOCK;
-        let vectors = width / V::WIDTH;
-        for first in (0..vectors / 2 * 2).step_by(2) {
-            self.errors::<V, 2>(first);
-        }
-        if vectors % 2 == 1 {
-            self.errors::<V, 1>(vectors - 1);
-        }
-        let Differences { scale, rows } = self.to;
-        for row in rows.chunks_exact_mut(width) {
-            let point = row[width - 1];
-            for at in (0..width).step_by(V::WIDTH) {
-                let difference = V::load(&row[at..]) - V::constant(point);
-                (difference * V::load(&scale[at..])).store(&mut row[at..]);
-            }
-            row[width - 1] = point;
-        }
-    }
-}
-
-impl<const FORM: bool, const LOAD: bool, const N: usize> Subtract<'_, FORM, LOAD, N> {
-    /// Takes `R` vectors, from number `first` on, through the samples and writes their errors.
-    #[inline(always)]
-    fn errors<V: Lane, const R: usize>(&mut self, first: usize) {
+    fn run<V: Lane>(self) {
         let Self { blocks, stretch, to } = self;
-        let width = blocks.len() * BLOCK;
-        let mut columns = [Columns::<V>::load(blocks, first); R];
-        for r in 1..R {
-            columns[r] = Columns::load(blocks, first + r);
-        }
+        let half = blocks.len() * BLOCK / 2;
         let show_w = V::constant(stretch.show_w);
-        let samples = stretch.samples.as_chunks::<N>().0;
-        for (sample, rows) in samples.iter().zip(to.rows.chunks_exact_mut(3 * width)) {
-            let now = spread(sample);
-            for r in 0..R {
-                let e = columns[r].with.errors(columns[r].y, &now, show_w);
+        for vector in 0..half / V::WIDTH {
+            let at = vector * V::WIDTH;
+            let (scale, counts) = (V::load(&to.scale[at..]), V::load(&to.counts[at..]));
+            let mut first = Columns::<V>::load(blocks, vector);
+            let mut second = Columns::<V>::load(blocks, vector + half / V::WIDTH);
+            for (k, sample) in stretch.samples.as_chunks::<N>().0.iter().enumerate() {
+                let now = spread(sample);
+                let e = first.with.errors(first.y, &now, show_w);
+                let f = second.with.errors(second.y, &now, show_w);
                 for c in 0..3 {
-                    e[c].store(&mut rows[c * width + (first + r) * V::WIDTH..]);
+                    let difference = f[c].neg_mul_add(counts, e[c]) * scale;
+                    difference.store(&mut to.rows[(3 * k + c) * half + at..]);
+                }
+                for _ in 0..stretch.pieces {
+                    first.y = first.with.step::<FORM, LOAD>(first.y, &now);
+                    second.y = second.with.step::<FORM, LOAD>(second.y, &now);
                 }
             }
-            for _ in 0..stretch.pieces {
-                for r in 0..R {
-                    columns[r].y = columns[r].with.step::<FORM, LOAD>(columns[r].y, &now);
-                }
-            }
-        }
-        for r in 0..R {
-            columns[r].store(blocks, first + r);
+            first.store(blocks, vector);
+            second.store(blocks, vector + half / V::WIDTH);
         }
     }
 }

@@ -47,8 +47,8 @@ impl Effect for TwoMassShaft {
                 meaning: "antiresonance: the load swinging on a held rotor",
                 role: Role::Shape,
                 low: |cx| 2.0 / cx.duration,
-                high: |cx| 0.06 / cx.period,
-                typical: |cx| 60f64.min(0.06 / cx.period).max(2.0 / cx.duration),
+                high: |cx| 0.1 / cx.period,
+                typical: |cx| 60f64.min(0.1 / cx.period).max(2.0 / cx.duration),
             },
             Parameter {
                 name: "zeta",

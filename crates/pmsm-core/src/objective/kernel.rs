@@ -311,7 +311,7 @@ impl Objective<'_> {
         let empty = || Sums { free: free_count, width, values: vec![0.0; width * width] };
         let mut all: Vec<Sums> = starts.iter().map(|_| empty()).collect();
         let around = Around { p, free, sizes: &sizes, initial_sizes, starts };
-        let kernel = Kernel { increments: true, ..Kernel::default() };
+        let kernel = Kernel::default();
         let done = copies::rows(track, kernel, around, stop, keep, |rows| {
             copies::accumulate(kernel, rows.rows, free_count, &mut all[rows.segment].values);
         });
