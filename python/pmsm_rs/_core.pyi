@@ -23,6 +23,9 @@ class UsageError(PmsmError):
 class NotIdentifiableError(PmsmError):
     """The recording does not determine what is asked for."""
 
+    problem: str
+    fix: str
+
 class InternalError(PmsmError):
     """A fault of this package, not of the data."""
 

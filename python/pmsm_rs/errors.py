@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import operator
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -60,6 +61,19 @@ def opened(name: str, role: str) -> Iterator[Path]:
         raise refuse(
             UsageError, f"cannot be read ({error.strerror})", file=name, fix="check its access rights"
         ) from error
+
+
+def expect_whole(*, seed: object = 0, threads: object = None) -> None:
+    """Raises UsageError unless `seed` is a whole number from 0 on and `threads`, where given, from 1 on."""
+    for what, value, least in (("seed", seed, 0), ("number of threads", threads, 1)):
+        if value is None and least == 1:
+            continue
+        try:
+            fits = least <= operator.index(value) < 2**63  # type: ignore[arg-type]
+        except TypeError:
+            fits = False
+        if not fits:
+            raise refuse(UsageError, f"the {what} is {value!r}", fix=f"give a whole number from {least} on")
 
 
 def fact(error: BaseException, name: str) -> object:

@@ -17,7 +17,7 @@ from . import _core
 from ._core import Machine, UsageError
 from .config import MachineFile, read_machine
 from .crew import INTERRUPTED, Crew, Makes, Run, Task, Told
-from .errors import refuse
+from .errors import expect_whole, refuse
 from .ledger import Ledger
 from .recording import DEFAULT_MAX_BYTES, Recording
 from .results import Diagnosis
@@ -112,6 +112,7 @@ def diagnose_many(
     `interrupted`. Raises UsageError where the arguments do not fit together or the ledger cannot be written,
     and MachineError for a bad machine file.
     """
+    expect_whole(seed=seed, threads=threads)
     tasks = _tasks(recordings, machine, validations, seed, threads, max_bytes)
     keys = [task.key() for task in tasks]
     interrupted = False

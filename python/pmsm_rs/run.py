@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import _core
 from ._core import DataError, Machine, NotIdentifiableError, Recording, UsageError
-from .errors import did_you_mean, fact, refuse
+from .errors import did_you_mean, expect_whole, fact, refuse
 from .results import Diagnosis, Identification
 
 if TYPE_CHECKING:
@@ -137,6 +137,7 @@ def identify(
     """
     if method not in METHODS:
         raise refuse(UsageError, f"there is no method '{method}'", fix=did_you_mean(method, METHODS))
+    expect_whole(seed=seed, threads=threads)
     answer = _core.identify(
         recording,
         nameplate(machine),
@@ -174,6 +175,7 @@ def diagnose(
     recordings = [recording] if isinstance(recording, Recording) else list(recording)
     if not recordings:
         raise refuse(UsageError, "no recording was given", fix="give at least one")
+    expect_whole(seed=seed, threads=threads)
     known = nameplate(machine)
     try:
         answer, traces = _core.diagnose(

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _core
 from ._core import DataError, UsageError
-from .errors import did_you_mean, refuse
+from .errors import did_you_mean, expect_whole, refuse
 from .results import Fit
 from .run import METHODS, Progress, Swarm
 
@@ -97,6 +97,7 @@ def identify_system(
         )
     if substeps < 1:
         raise refuse(UsageError, f"substeps is {substeps}", fix="give at least 1")
+    expect_whole(seed=seed)
     run = _Run(rhs, output, t, inputs, measured, weights, names, list(x0), substeps, linear_inputs)
     answer = _core.identify_system(
         run.errors if vectorised else run.errors_one_by_one,

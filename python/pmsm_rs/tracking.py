@@ -15,7 +15,7 @@ from . import _core
 from ._core import DataError, Machine, UsageError
 from .columns import assemble
 from .config import MachineFile
-from .errors import did_you_mean, refuse
+from .errors import did_you_mean, expect_whole, refuse
 from .frames import frame_source
 from .loader import load_columns
 from .recording import DEFAULT_MAX_BYTES
@@ -133,8 +133,7 @@ class Tracker:
         load_value: float | None = None,
         threads: int | None = None,
     ) -> None:
-        if not 0 <= seed < 2**63:
-            raise refuse(UsageError, f"the seed is {seed}", fix="give a whole number from 0 on")
+        expect_whole(seed=seed, threads=threads)
         if method not in METHODS:
             raise refuse(UsageError, f"there is no method '{method}'", fix=did_you_mean(method, METHODS))
         self._threads = threads
@@ -191,6 +190,7 @@ class Tracker:
                 DataError, "this is no state of a tracker", fix="give what state() returned, unchanged"
             ) from None
         tracker = cls.__new__(cls)
+        expect_whole(threads=threads)
         tracker._threads = threads
         tracker._core = _core.Tracker.restore(text)
         return tracker

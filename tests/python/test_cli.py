@@ -226,3 +226,21 @@ def test_the_machine_file_is_read_for_every_recording(tmp_path: Path, run: Run) 
     ran = run("diagnose", good, "--machine", machine, "--validate", bad)
     assert ran.code == 3
     assert str(bad) in ran.err
+
+
+def test_what_cannot_be_diagnosed_is_answered_all_the_same(tmp_path: Path, run: Run) -> None:
+    columns = plausible()
+    blind = {name: columns[name] for name in columns if "theta" not in name and "omega" not in name}
+    (tmp_path / "r.csv").write_text(csv_text(blind))
+    (tmp_path / "m.toml").write_text(MACHINE)
+    out = tmp_path / "answer.json"
+    ran = run("diagnose", str(tmp_path / "r.csv"), "--machine", str(tmp_path / "m.toml"), "--json", str(out))
+    assert ran.code == 4
+    assert ran.out == ""
+    answer = pm.Diagnosis.from_json(out.read_text())
+    assert answer.verdict == "undetermined"
+    assert (answer.effects, answer.ranking, answer.located) == ((), (), ())
+    [quality] = answer.data_quality
+    assert "neither a speed nor an angle" in quality["finding"]
+    assert quality["fix"] in ran.err
+    assert {entry["effect"] for entry in answer.cannot_see} == {entry["id"] for entry in pm.effects()}

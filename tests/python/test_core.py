@@ -212,3 +212,13 @@ def test_ctrl_c_on_the_command_line_writes_the_best_so_far(tmp_path: Path) -> No
     assert json.loads((tmp_path / "a.json").read_text())["interrupted"] is True
     assert "best so far" in ran.stdout
     assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
+
+
+@pytest.mark.parametrize(("seed", "threads"), [(-1, None), (2**63, None), (1.5, 1), (1, 0), (1, -1)])
+def test_what_is_no_count_is_refused(columns: Columns, seed: int, threads: int | None) -> None:
+    recording, machine = pm.Recording(columns), pm.Machine(n_p=3)
+    for ask in (pm.diagnose, pm.identify):
+        with pytest.raises(pm.UsageError, match="give a whole number from"):
+            ask(recording, machine, seed=seed, threads=threads)  # type: ignore[operator]
+    with pytest.raises(pm.UsageError, match="give a whole number from"):
+        pm.Tracker(machine, seed=seed, threads=threads)

@@ -29,6 +29,7 @@ pub mod shortlist;
 #[cfg(test)]
 mod testing;
 mod ties;
+mod transfer;
 mod turns;
 pub mod unmodelled;
 pub mod verdict;
@@ -42,6 +43,7 @@ use answer::Answer;
 use data::Data;
 use hypothesis::Hypothesis;
 use search::{Outcome, Search};
+use transfer::transfer;
 
 /// Share of the voltages' noise, as the bare machine sees it, below which a better model must bring it to be believed.
 const QUIETER: f64 = 0.93;
@@ -77,7 +79,7 @@ pub fn diagnose(
     let weak = bare::weak_parameters(&whole, &base);
     whole.poor = !weak.is_empty() || reach::stays_at_one_point(&whole.signals);
     for data in &mut others {
-        let transferred = fitting::transfer(data, &base, monitor)?;
+        let transferred = transfer(data, &base, monitor)?;
         data.settle_floors(&transferred);
     }
     if whole.poor && verdict::largest_excess(&base) > verdict::MISMATCH {
@@ -120,7 +122,7 @@ fn search(whole: &Data, others: &[Data], base: &Hypothesis, monitor: &dyn Monito
             .run(base.clone());
     }
     // What a poor recording leaves open a second one must not be held against it, unless it makes nonsense of that one.
-    let bare = |data| Ok((data, fitting::transfer(data, base, monitor)?));
+    let bare = |data| Ok((data, transfer(data, base, monitor)?));
     let refuting = others.iter().map(bare).collect::<Result<Vec<_>>>()?;
     Search { data: whole, held_out: Vec::new(), refuting, most: 1, monitor }.run(base.clone())
 }

@@ -20,7 +20,7 @@ use crate::error::{Error, Result};
 use crate::monitor::Monitor;
 use step::{RIDGE, Step};
 
-pub use information::{WeakDirection, covariance, weak_directions};
+pub use information::{WeakDirection, covariance, scaled_inverse, weak_directions};
 
 /// Damping at which a rejected step has become pure gradient descent of no length: no lower cost will be found.
 const MAX_DAMPING: f64 = 1e16;

@@ -86,6 +86,7 @@ def diagnose(
     """
     from pathlib import Path
 
+    from .. import _core, undecided
     from ..atomic import apart
     from ..config import read_machine
     from ..loader import load
@@ -95,7 +96,12 @@ def diagnose(
     machine = read_machine(machine_file)
     runs = [load(recording, machine) for recording in recordings]
     other = load(validation, machine) if validation is not None else None
-    answer = run(runs, machine.machine, other, seed=seed, threads=threads, progress=terminal.progress())
+    try:
+        answer = run(runs, machine.machine, other, seed=seed, threads=threads, progress=terminal.progress())
+    except _core.NotIdentifiableError as error:
+        refusal = error
+        terminal.finish(json_file, lambda: undecided.answer(refusal, seed))
+        raise
     terminal.finish(json_file, answer.to_json)
     if trajectories:
         answer.trajectories(trajectories)

@@ -9,6 +9,7 @@ use super::locate::{self, Located};
 use super::outputs::Outputs;
 use super::search::Outcome;
 use super::ties::Tie;
+use super::transfer::transfer;
 use super::{able, agree, each, power, prescribe, reach, unmodelled, verdict};
 use crate::effect::Site;
 use crate::error::Result;
@@ -104,11 +105,9 @@ pub fn conclude(
         verdict = Verdict::Ambiguous;
     }
     let validation = match judge {
-        Some(judge) => Some((
-            judge,
-            fitting::transfer(judge, &outcome.base.fitted, monitor)?,
-            fitting::transfer(judge, settled, monitor)?,
-        )),
+        Some(judge) => {
+            Some((judge, transfer(judge, &outcome.base.fitted, monitor)?, transfer(judge, settled, monitor)?))
+        }
         None => None,
     };
     let mut traces = Traces { recording: traces(data, &outcome.base.fitted, settled), ..Traces::default() };

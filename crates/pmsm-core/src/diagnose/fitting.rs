@@ -174,39 +174,6 @@ pub fn efficient(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) ->
     })
 }
 
-/// Estimates on another recording only what a run leaves open: the unknown load, initial values, and the electrical turn in
-/// which the run begins.
-///
-/// # Errors
-/// Those of the least-squares fit.
-pub fn transfer(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
-    let model = &hypothesis.model;
-    let on_run = |own: &[f64]| -> Result<Hypothesis> {
-        let mut parameters = own.to_vec();
-        let mut nuisances = vec![Nuisance::known(0); data.runs().len()];
-        if data.has(false) {
-            let fitted = motion::fit(data, model, &parameters, &[], monitor)?;
-            (parameters, nuisances) = (fitted.parameters, fitted.nuisances);
-        }
-        Ok(Hypothesis::on(data, model.clone(), parameters, Vec::new(), nuisances))
-    };
-    let mut best = on_run(hypothesis.own())?;
-    // Without a logged mechanical angle the run may begin in any electrical turn of the revolution.
-    for turn in 1..data.signals.n_p as usize {
-        let shift = std::f64::consts::TAU * turn as f64 / data.signals.n_p;
-        let Some(turned) = model.turned(hypothesis.own(), shift) else { break };
-        if data.signals.turn_known {
-            break;
-        }
-        let tried = on_run(&turned)?;
-        let total = |h: &Hypothesis| h.squares.iter().map(|(_, s)| s.max(0.9).ln()).sum::<f64>();
-        if total(&tried) < total(&best) {
-            best = tried;
-        }
-    }
-    Ok(best)
-}
-
 /// The fitted `bare` machine under the load that another hypothesis finds on the same recordings, without the steps that only it
 /// needs; its rotor is fitted anew if `anew`.
 ///

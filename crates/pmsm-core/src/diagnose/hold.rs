@@ -3,6 +3,7 @@
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
+use super::transfer::transfer;
 use super::verdict::{UNEXPLAINED, beyond_chance};
 use crate::error::Result;
 use crate::monitor::Monitor;
@@ -32,7 +33,7 @@ pub fn settle(
     let mut theirs = others.to_vec();
     let mut before = vec![found.clone()];
     for other in &mut theirs {
-        let transferred = fitting::transfer(other, found, monitor)?;
+        let transferred = transfer(other, found, monitor)?;
         other.settle_floors(&transferred);
         before.push(transferred.seen_again(other));
     }
@@ -45,7 +46,7 @@ pub fn settle(
     let mut after = vec![held.clone()];
     for other in &mut theirs {
         other.hold_in_stator();
-        after.push(fitting::transfer(other, &held, monitor)?);
+        after.push(transfer(other, &held, monitor)?);
     }
     if !explained(&before, &after) {
         return Ok(None);

@@ -11,6 +11,7 @@ use super::decide::{Ranked, generalises};
 use super::hypothesis::Hypothesis;
 use super::power::times;
 use super::search::Outcome;
+use super::transfer::transfer;
 use super::verdict::INDISTINGUISHABLE;
 use crate::error::{Error, Result};
 use crate::machine::BaseParameter;
@@ -241,7 +242,6 @@ fn pin_down(
 mod tests {
     use super::*;
     use crate::diagnose::testing::{choice, data, fitted, narrow, setup};
-    use crate::diagnose::{Data, fitting};
     use crate::drive::Setup;
     use crate::effects::EffectId;
     use crate::monitor::{Silent, StopFlag};
@@ -275,9 +275,8 @@ mod tests {
         assert!(tried[0].candidate.words.contains("reverse"), "{}", tried[0].candidate.words);
         // On that manoeuvre the rival fails as foretold, and the right one does not.
         let trial = contest.bench.run(&right, tried[0].candidate, &Silent).unwrap().unwrap();
-        let square = |h: &Hypothesis| {
-            fitting::transfer(&trial, h, &Silent).unwrap().square(tried[0].separation.channel)
-        };
+        let square =
+            |h: &Hypothesis| transfer(&trial, h, &Silent).unwrap().square(tried[0].separation.channel);
         assert!(square(&right) < 0.1, "{}", square(&right));
         let left = (1.0 + square(&wrong)).sqrt();
         assert!(left > 0.95 * tried[0].separation.left, "{left} {}", tried[0].separation.left);

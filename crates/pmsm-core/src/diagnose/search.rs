@@ -11,6 +11,7 @@ use super::hypothesis::Hypothesis;
 use super::power::{self, Shown};
 use super::reversals;
 use super::shortlist::{Prospect, Scorer};
+use super::transfer::transfer;
 use super::verdict::{self, Judged, MISMATCH, PROGRESS, Scale};
 use crate::effect::{Parameter, Role, Site};
 use crate::effects::{self, EffectId};
@@ -170,7 +171,7 @@ impl Search<'_> {
 
     /// Transfers a fitted hypothesis to the held-out runs.
     fn judge(&self, fitted: Hypothesis) -> Result<Judged> {
-        let on = |data: &Data| fitting::transfer(data, &fitted, self.monitor);
+        let on = |data: &Data| transfer(data, &fitted, self.monitor);
         let held_out: Result<Vec<Hypothesis>> = self.held_out.iter().map(|data| on(data)).collect();
         let held_out = held_out?;
         let mut refuted = false;

@@ -14,6 +14,7 @@ use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::locate::{self, Located};
+use super::transfer::transfer;
 use super::verdict::{Judged, Scale, UNEXPLAINED};
 use crate::error::Result;
 use crate::map::Map;
@@ -221,7 +222,7 @@ impl Trial<'_> {
     }
 
     fn judged(&self, fitted: Hypothesis, held_out: Option<&Data>) -> Result<Judged> {
-        let transferred = held_out.map(|data| fitting::transfer(data, &fitted, self.monitor)).transpose()?;
+        let transferred = held_out.map(|data| transfer(data, &fitted, self.monitor)).transpose()?;
         Ok(Judged { fitted, held_out: transferred.into_iter().collect(), refuted: false })
     }
 }

@@ -63,6 +63,22 @@ pub fn covariance(jtj: &DMatrix<f64>, meat: Option<&DMatrix<f64>>, free: &[bool]
     result
 }
 
+/// Inverse of an information matrix, dim × dim, after scaling to unit diagonal, by eigenvalues none of which counts as less than 1e-12.
+/// What the data do not show is thereby said to be known very badly, and nothing is infinite.
+pub fn scaled_inverse(jtj: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = jtj.nrows();
+    if n == 0 {
+        return jtj.clone();
+    }
+    let size = |x: f64| if x > 0.0 { x.sqrt() } else { 1.0 };
+    let scale: Vec<f64> = (0..n).map(|k| size(jtj[(k, k)])).collect();
+    let scaled = DMatrix::from_fn(n, n, |r, c| jtj[(r, c)] / (scale[r] * scale[c]));
+    let eigen = scaled.symmetric_eigen();
+    let inverse = eigen.eigenvalues.map(|x| 1.0 / x.max(UNDETERMINED));
+    let full = &eigen.eigenvectors * DMatrix::from_diagonal(&inverse) * eigen.eigenvectors.transpose();
+    DMatrix::from_fn(n, n, |r, c| full[(r, c)] / (scale[r] * scale[c]))
+}
+
 /// A combination of parameters that the data do not determine.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WeakDirection {
@@ -161,6 +177,19 @@ mod tests {
         assert!((covariance(&h, None, &[true, false, true, true])[(0, 0)]).is_finite());
         let unknown = covariance(&DMatrix::from_element(1, 1, f64::NAN), None, &[true]);
         assert_eq!(unknown[(0, 0)], f64::INFINITY);
+    }
+
+    #[test]
+    fn what_the_data_do_not_show_leaves_the_inverse_finite() {
+        let h = DMatrix::from_row_slice(3, 3, &[4e8, 0.0, 1e3, 0.0, 0.0, 0.0, 1e3, 0.0, 9e-2]);
+        let inverse = scaled_inverse(&h);
+        let exact = DMatrix::from_row_slice(2, 2, &[4e8, 1e3, 1e3, 9e-2]).try_inverse().unwrap();
+        for (r, c) in [(0, 0), (0, 1), (1, 1)] {
+            let found = inverse[(2 * r, 2 * c)];
+            assert!((found / exact[(r, c)] - 1.0).abs() < 1e-9, "{inverse}");
+        }
+        assert!(inverse[(1, 1)] > 1e11 && inverse.iter().all(|x| x.is_finite()), "{inverse}");
+        assert_eq!(scaled_inverse(&DMatrix::zeros(0, 0)).len(), 0);
     }
 
     #[test]

@@ -4,6 +4,7 @@ use super::experiment;
 use super::state::State;
 use crate::diagnose::data::Data;
 use crate::experiment::{Channel, Fitted, Joint};
+use crate::least_squares;
 use crate::load_steps;
 use crate::model::Model;
 use crate::simulate::mechanical::Nuisance;
@@ -134,7 +135,7 @@ pub fn worthwhile_steps(experiment: &Joint, fitted: &Fitted, run: usize) -> Vec<
         row
     };
     let levels = DVector::from_iterator(fitted.free.len(), fitted.free.iter().map(|k| fitted.parameters[*k]));
-    let information = scaled_inverse(&fitted.fit.normal.jtj);
+    let information = least_squares::scaled_inverse(&fitted.fit.normal.jtj);
     let mut gone: Vec<usize> = Vec::new();
     let cost = |steps: &[usize]| -> f64 {
         let rows: Vec<_> = steps.iter().map(|s| constraint(*s)).collect();
@@ -161,15 +162,4 @@ pub fn worthwhile_steps(experiment: &Joint, fitted: &Fitted, run: usize) -> Vec<
             _ => return kept,
         }
     }
-}
-
-/// Inverse of an information matrix after scaling to unit diagonal, by eigenvalues with a floor.
-fn scaled_inverse(jtj: &DMatrix<f64>) -> DMatrix<f64> {
-    let n = jtj.nrows();
-    let scale: Vec<f64> = (0..n).map(|k| jtj[(k, k)].max(f64::MIN_POSITIVE).sqrt()).collect();
-    let scaled = DMatrix::from_fn(n, n, |r, c| jtj[(r, c)] / (scale[r] * scale[c]));
-    let eigen = scaled.symmetric_eigen();
-    let inverse = eigen.eigenvalues.map(|x| 1.0 / x.max(1e-12));
-    let full = &eigen.eigenvectors * DMatrix::from_diagonal(&inverse) * eigen.eigenvectors.transpose();
-    DMatrix::from_fn(n, n, |r, c| full[(r, c)] / (scale[r] * scale[c]))
 }
