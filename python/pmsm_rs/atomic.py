@@ -28,11 +28,16 @@ def expect(path: str | os.PathLike[str]) -> None:
 
 
 def apart(outputs: Iterable[str | None], inputs: Iterable[str | None]) -> None:
-    """Raises UsageError where an output is one of the inputs."""
-    read = {os.path.realpath(path) for path in inputs if path is not None}
+    """Raises UsageError where an output is one of the inputs or another output."""
+    taken = {os.path.realpath(path) for path in inputs if path is not None}
     for path in outputs:
-        if path is not None and os.path.realpath(path) in read:
+        if path is None:
+            continue
+        if os.path.realpath(path) in taken:
             raise refuse(UsageError, "it would be written over", file=str(path), fix="name another file")
+        # A device or a pipe takes what it is given, one after the other.
+        if (mode := _mode(path)) is None or stat.S_ISREG(mode):
+            taken.add(os.path.realpath(path))
 
 
 def write(path: str | os.PathLike[str], fill: Callable[[Path], None]) -> None:

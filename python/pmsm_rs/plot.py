@@ -94,7 +94,7 @@ def residual_over(
     """Mean (line) and rms about it (band) of the residual, before and after, in bins of an operating-point
     variable such as `op_i_q`.
     """
-    trace, noise = _trace(source, name), _noise(source, name, noise)
+    trace, noise = _trace(source, name, variable), _noise(source, name, noise)
     ax = _axes(ax)
     symbol, unit = symbol_of(name)
     over, over_unit = symbol_of(variable)
@@ -120,7 +120,7 @@ def residual_map(
 
     Draws its own colour bar.
     """
-    trace = _trace(source, name)
+    trace = _trace(source, name, x, y)
     ax = _axes(ax)
     values = traces.residual(trace, name, when)
     ok = np.isfinite(values) & np.isfinite(trace[x]) & np.isfinite(trace[y])
@@ -147,7 +147,7 @@ def order_spectrum(source: Source, name: str, angle: str = "op_theta_e", *, ax: 
     """Amplitude of the residual, before and after, at whole orders of the electrical (or mechanical)
     angle.
     """
-    trace = _trace(source, name)
+    trace = _trace(source, name, angle)
     ax = _axes(ax)
     symbol, unit = symbol_of(name)
     k = traces.orders()
@@ -229,13 +229,18 @@ def _shown_in_notebooks() -> type[Figure]:
     return Shown
 
 
-def _trace(source: Source, name: str | None = None) -> Trace:
-    """The trace to draw. Raises UsageError where there is none, or none of channel `name`."""
+def _trace(source: Source, name: str | None = None, *over: str) -> Trace:
+    """The trace to draw. Raises UsageError where there is none, none of channel `name`, or no column to draw
+    it `over`.
+    """
     trace = source if isinstance(source, Mapping) else _judged(source)
     if name is not None and f"{name}_measured" not in trace:
         raise refuse(
             UsageError, f"there is no channel '{name}'", fix=did_you_mean(name, traces.channels(trace))
         )
+    for variable in over:
+        if variable not in trace:
+            raise refuse(UsageError, f"there is no column '{variable}'", fix=did_you_mean(variable, trace))
     return trace
 
 

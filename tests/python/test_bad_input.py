@@ -190,6 +190,12 @@ BAD: dict[str, tuple[str, bytes | Callable[[], bytes], list[str], int | None]] =
         ["header has 2 fields", "4"],
         1,
     ),
+    "commas within quotes": (
+        "r.csv",
+        b"t,i_d\n" + b"".join(f'"0,{k}","1,{k}"\n'.encode() for k in range(40)),
+        ["quotes", "decimals or thousands"],
+        None,
+    ),
     "NUL bytes": ("r.csv", edited(30, "i_d", "1.\0"), ["NUL"], 30),
     "binary as csv": ("r.csv", bytes(range(256)) * 40, ["NUL"], None),
     "control characters": ("r.csv", edited(30, "i_d", "\x07"), ["control"], 30),

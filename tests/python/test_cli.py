@@ -166,9 +166,17 @@ def test_what_cannot_be_written_is_said_before_anything_is_computed(
         ran = run("diagnose", "none.csv", "--machine", str(machine_file), option, str(tmp_path / "no" / "x"))
         assert ran.code == 2
         assert "cannot write there" in ran.err
-    ran = run("diagnose", str(recording), "--machine", str(machine_file), "--json", str(recording))
-    assert ran.code == 2
-    assert "written over" in ran.err
+    machine = ("--machine", str(machine_file))
+    one = str(tmp_path / "one")
+    for wrong in (
+        ("diagnose", str(recording), *machine, "--json", str(recording)),
+        ("diagnose", str(recording), *machine, "--json", one, "--report", one),
+        ("fleet", str(recording), *machine, "--ledger", str(machine_file)),
+        ("demo", "--json", one, "--report", one),
+    ):
+        ran = run(*wrong)
+        assert ran.code == 2
+        assert "written over" in ran.err
     assert recording.read_text() == csv_text(plausible())
 
 
@@ -230,9 +238,9 @@ def test_the_machine_file_is_read_for_every_recording(tmp_path: Path, run: Run) 
 
 def test_what_cannot_be_diagnosed_is_answered_all_the_same(tmp_path: Path, run: Run) -> None:
     columns = plausible()
-    blind = {name: columns[name] for name in columns if "theta" not in name and "omega" not in name}
-    (tmp_path / "r.csv").write_text(csv_text(blind))
-    (tmp_path / "m.toml").write_text(MACHINE)
+    unfed = {name: values for name, values in columns.items() if not name.startswith("v_")}
+    (tmp_path / "r.csv").write_text(csv_text(unfed))
+    (tmp_path / "m.toml").write_text("[machine]\nn_p = 3\n")
     out = tmp_path / "answer.json"
     ran = run("diagnose", str(tmp_path / "r.csv"), "--machine", str(tmp_path / "m.toml"), "--json", str(out))
     assert ran.code == 4
@@ -241,6 +249,6 @@ def test_what_cannot_be_diagnosed_is_answered_all_the_same(tmp_path: Path, run: 
     assert answer.verdict == "undetermined"
     assert (answer.effects, answer.ranking, answer.located) == ((), (), ())
     [quality] = answer.data_quality
-    assert "neither a speed nor an angle" in quality["finding"]
+    assert quality["finding"] == "psi_m is not on the nameplate and this recording does not show it"
     assert quality["fix"] in ran.err
     assert {entry["effect"] for entry in answer.cannot_see} == {entry["id"] for entry in pm.effects()}

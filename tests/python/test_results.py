@@ -300,6 +300,15 @@ def test_plots_draw_on_the_axes_they_are_given_and_on_their_own(draw: Callable[.
         draw(diagnosis(), name="id")
 
 
+def test_plots_over_what_was_not_logged_say_so() -> None:
+    with pytest.raises(pm.UsageError, match="no column 'i_q'; did you mean 'op_i_q'"):
+        plot.residual_over(diagnosis(), "i_d", "i_q")
+    with pytest.raises(pm.UsageError, match="no column 'op_w'"):
+        plot.residual_map(diagnosis(), "i_d", x="op_w")
+    with pytest.raises(pm.UsageError, match="no column 'op_theta_x'"):
+        plot.order_spectrum(diagnosis(), "i_d", angle="op_theta_x")
+
+
 def test_the_history_of_a_swarm() -> None:
     from matplotlib import pyplot
 

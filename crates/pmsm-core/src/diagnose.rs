@@ -45,6 +45,8 @@ use hypothesis::Hypothesis;
 use search::{Outcome, Search};
 use transfer::transfer;
 
+/// What shows nearly everything.
+const RICH: &str = "Record a rich manoeuvre: reversals, two levels of i_q, steps of i_d.";
 /// Share of the voltages' noise, as the bare machine sees it, below which a better model must bring it to be believed.
 const QUIETER: f64 = 0.93;
 
@@ -63,9 +65,12 @@ pub fn diagnose(
     monitor.report("bare machine", 0.0);
     let mut whole = join::prepare(recordings, machine)?;
     if let Some(finding) = bare::silent(&whole) {
-        return Ok(conclude::undetermined(&whole, finding));
+        return Ok(conclude::undetermined(&whole, finding, Some(RICH)));
     }
     let mut base = bare::fit(&mut whole, monitor)?;
+    if let Some(finding) = bare::diverged(&base) {
+        return Ok(conclude::undetermined(&whole, finding, None));
+    }
     let mut others = Vec::new();
     if let Some(recording) = validation {
         others.push(Data::new(Signals::new(recording, machine)?, machine)?);
@@ -235,5 +240,29 @@ mod tests {
     fn a_load_that_steps_is_not_taken_for_friction() {
         let answer = stepping(Vec::new());
         assert_eq!(answer.verdict, Verdict::NoMismatch, "{:?}", answer.model);
+    }
+
+    #[test]
+    fn a_machine_that_runs_away_is_no_mismatch() {
+        // What no motor does: the regression for what is not on the nameplate finds inductances below zero.
+        let t: Vec<f64> = (0..400).map(|k| 1e-3 * f64::from(k)).collect();
+        let of = |f: fn(f64) -> f64| t.iter().map(|t| f(*t)).collect::<Vec<_>>();
+        let columns = [
+            ("v_d", of(|t| 1.0 + (9.0 * t).cos())),
+            ("v_q", of(|t| 12.0 + (5.0 * t).sin())),
+            ("i_d", of(|t| (8.0 * t).sin() - 1.0)),
+            ("i_q", of(|t| 2.0 + (7.0 * t).cos())),
+            ("omega_e", of(|t| 60.0 + 20.0 * (6.0 * t).sin())),
+            ("theta_e", of(|t| 60.0 * t + 20.0 / 6.0 * (1.0 - (6.0 * t).cos()))),
+        ];
+        let columns = std::iter::once(("t".to_string(), t.clone()))
+            .chain(columns.into_iter().map(|(name, x)| (name.to_string(), x)));
+        let recording = Recording::new(columns.collect(), None).unwrap();
+        let machine = Machine::new(3).unwrap();
+        let answer = diagnose(&[&recording], &machine, None, &Silent).unwrap();
+        assert_eq!(answer.verdict, Verdict::Undetermined, "{:?}", answer.model);
+        let said = answer.data_quality.last().unwrap();
+        assert!(said.finding.contains("stays finite"), "{}", said.finding);
+        assert_eq!(answer.cannot_see.len(), crate::effects::ALL.len());
     }
 }

@@ -20,12 +20,14 @@ from . import options, terminal
 @options.computing
 def demo(report_file: str, json_file: str | None, threads: int | None, seed: int) -> int:
     """Diagnose a recording that ships with the package, then open the seal on what was put into it."""
+    from ..atomic import apart
     from ..config import read_machine
     from ..demo import compare, recording_files
     from ..loader import load
     from ..run import diagnose as run
 
     recording, validation, machine_file = recording_files()
+    apart([json_file, report_file], [])
     machine = read_machine(machine_file)
     answer = run(
         load(recording, machine),
@@ -140,9 +142,11 @@ def fleet(
     import os
     from concurrent.futures import ThreadPoolExecutor
 
+    from ..atomic import apart
     from ..fleet import diagnose_many
     from ..results import json_text
 
+    apart([json_file, ledger], [*recordings, machine_file])
     with ThreadPoolExecutor(jobs or os.cpu_count() or 1) as executor:
         answers = diagnose_many(
             recordings,

@@ -29,8 +29,10 @@ from . import options, terminal
 )
 def simulate(config: str, output: str, truth: bool, machine_file: str | None, seed: int | None) -> int:
     """Make a recording: a closed-loop drive with any effects, as CONFIG.toml describes it."""
+    from ..atomic import apart
     from ..simulation import simulate as run
 
+    apart([output, machine_file], [config])
     made = run(config, progress=terminal.progress(), **({} if seed is None else {"seed": seed}))
     terminal.clear()
     made.write(output)

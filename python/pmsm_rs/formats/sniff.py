@@ -80,10 +80,24 @@ def sniff(lines: list[str], file: str) -> Layout:
         return best[2]
     if trouble is not None:
         raise trouble
+    if any(_COMMA_NUMBER.match(field) for line in rows.values() for field in _quoted(line)):
+        raise refuse(
+            DataError,
+            "the numbers are in quotes and hold commas, which may part decimals or thousands",
+            file=file,
+            fix="export them with a decimal point and without quotes",
+        )
     problem = "it has a header but no rows" if 0 < len(rows) < 3 else "no table of numbers was found"
     raise refuse(
         DataError, problem, file=file, fix="export it as CSV with one header line and one sample per line"
     )
+
+
+def _quoted(line: str) -> list[str]:
+    try:
+        return [field for field in split(line, ",") if "," in field]
+    except csv.Error:
+        return []
 
 
 def _with_separator(

@@ -45,6 +45,16 @@ pub fn silent(data: &Data) -> Option<Finding> {
     })
 }
 
+/// A finding if the fitted bare machine still runs away: what it leaves is no number.
+pub fn diverged(base: &Hypothesis) -> Option<Finding> {
+    let (channel, _) = base.squares.iter().find(|(_, square)| !square.is_finite())?;
+    Some(Finding {
+        finding: format!("no dq-model was found whose {} stays finite on this recording", channel.name()),
+        consequence: "nothing can be said about the machine".into(),
+        fix: "give r_s, l_d, l_q and psi_m on the nameplate, and check units and signs of voltages, currents, speed and angle".into(),
+    })
+}
+
 fn is_alive(data: &Data) -> bool {
     let spread = |x: &[f64]| {
         let mean = x.iter().sum::<f64>() / x.len() as f64;

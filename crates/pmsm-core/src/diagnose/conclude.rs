@@ -1,6 +1,8 @@
 //! The answer: what was found, where, what else it could be, and what it is worth.
 
-use super::answer::{Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, Step, Traces, Verdict};
+use super::answer::{
+    Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, Step, Traces, Unseen, Verdict,
+};
 use super::data::Data;
 use super::decide::{self, Ranked};
 use super::fitting;
@@ -12,6 +14,7 @@ use super::ties::Tie;
 use super::transfer::transfer;
 use super::{able, agree, each, power, prescribe, reach, unmodelled, verdict};
 use crate::effect::Site;
+use crate::effects::{self, EffectId};
 use crate::error::Result;
 use crate::monitor::Monitor;
 use crate::recording::Kind;
@@ -19,7 +22,10 @@ use crate::signals::{self, Finding};
 use std::collections::BTreeMap;
 
 /// The answer where nothing can be said, and why.
-pub fn undetermined(data: &Data, finding: Finding) -> Answer {
+pub fn undetermined(data: &Data, finding: Finding, next: Option<&str>) -> Answer {
+    let unseen =
+        |effect: &EffectId| Unseen { effect: effect.id().into(), why: finding.finding.clone(), power: 0.0 };
+    let cannot_see = effects::ALL.iter().map(unseen).collect();
     let mut data_quality = data.signals.findings.clone();
     data_quality.push(finding);
     Answer {
@@ -30,8 +36,8 @@ pub fn undetermined(data: &Data, finding: Finding) -> Answer {
         ranking: Vec::new(),
         model: FoundModel { effects: Vec::new(), base: BTreeMap::new(), unmodelled: None },
         path: Vec::new(),
-        cannot_see: Vec::new(),
-        next_experiment: Some("Record a rich manoeuvre: reversals, two levels of i_q, steps of i_d.".into()),
+        cannot_see,
+        next_experiment: next.map(str::to_string),
         noise_floor: floors(data),
         fit: FitTable::default(),
         recording_kind: data.signals.kind,
