@@ -11,7 +11,6 @@ use super::decide::{Ranked, generalises};
 use super::hypothesis::Hypothesis;
 use super::power::times;
 use super::search::Outcome;
-use super::transfer::transfer;
 use super::verdict::INDISTINGUISHABLE;
 use crate::error::{Error, Result};
 use crate::machine::BaseParameter;
@@ -242,6 +241,7 @@ fn pin_down(
 mod tests {
     use super::*;
     use crate::diagnose::testing::{choice, data, fitted, narrow, setup};
+    use crate::diagnose::transfer::transfer;
     use crate::drive::Setup;
     use crate::effects::EffectId;
     use crate::monitor::{Silent, StopFlag};
