@@ -38,7 +38,46 @@ pub fn fit(
     electrical_done: bool,
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
-    let (electrical, rotor, sensors) = free_parameters(data, model);
+    staged(data, model, start, Stage { electrical_done, held: &[], load: None }, monitor)
+}
+
+/// Fits as [`fit`] does, but first with the model parameters `held` kept at their start, and then all of them from where that leads,
+/// loads and initial values included.
+///
+/// # Errors
+/// Those of the least-squares fits.
+pub fn fit_holding_first(
+    held: &[usize],
+    data: &Data,
+    model: &Model,
+    start: &[f64],
+    electrical_done: bool,
+    monitor: &dyn Monitor,
+) -> Result<Hypothesis> {
+    let first = staged(data, model, start, Stage { electrical_done, held, load: None }, monitor)?;
+    let load = (&first.nuisances[..], &first.parameters[model.parameter_count()..]);
+    let stage = Stage { electrical_done, held: &[], load: Some(load) };
+    staged(data, model, first.own(), stage, monitor)
+}
+
+/// What a fit leaves as it is, and the load from which it begins, if one was found before.
+struct Stage<'a> {
+    electrical_done: bool,
+    held: &'a [usize],
+    load: Option<(&'a [Nuisance], &'a [f64])>,
+}
+
+fn staged(
+    data: &Data,
+    model: &Model,
+    start: &[f64],
+    Stage { electrical_done, held, load }: Stage,
+    monitor: &dyn Monitor,
+) -> Result<Hypothesis> {
+    let (mut electrical, mut rotor, mut sensors) = free_parameters(data, model);
+    for free in [&mut electrical, &mut rotor, &mut sensors] {
+        free.retain(|k| !held.contains(k));
+    }
     let mut parameters = start.to_vec();
     let mut nuisances = vec![Nuisance::known(0); data.runs().len()];
     let mut free: Vec<usize> = reluctance(data).into_iter().collect();
@@ -60,7 +99,10 @@ pub fn fit(
         free = wanted;
     }
     if data.has(false) {
-        let fitted = motion::fit(data, model, &parameters, &rotor, monitor)?;
+        let fitted = match load {
+            Some(load) => motion::fit_on(data, model, &parameters, &rotor, load, monitor)?,
+            None => motion::fit(data, model, &parameters, &rotor, monitor)?,
+        };
         (parameters, nuisances) = (fitted.parameters, fitted.nuisances);
         free.extend(fitted.free);
         if together(data, model) {

@@ -54,7 +54,37 @@ pub fn fit(
     let begin =
         |(run, part): (usize, &Data)| State::start(part, model, own, rotor, &torque[data.samples_of(run)]);
     let states = data.runs().iter().enumerate().map(begin).collect();
-    let mut best = settle(data, model, own, states, rotor, &torque, monitor)?;
+    complete(data, model, own, states, rotor, &torque, monitor)
+}
+
+/// The same from a load and initial values that were found before: `load` holds the nuisances and values of each recording.
+///
+/// # Errors
+/// Those of the least-squares fit.
+pub fn fit_on(
+    data: &Data,
+    model: &Model,
+    start: &[f64],
+    rotor: &[usize],
+    (nuisances, load): (&[Nuisance], &[f64]),
+    monitor: &dyn Monitor,
+) -> Result<Motion> {
+    let own = &start[..model.parameter_count()];
+    let states = split(nuisances, load).map(|(nuisance, values)| State::of(values, nuisance));
+    complete(data, model, own, states.collect(), rotor, &data.torque(model, own), monitor)
+}
+
+/// Fits from given states, adding load steps that are missing.
+fn complete(
+    data: &Data,
+    model: &Model,
+    own: &[f64],
+    states: Vec<State>,
+    rotor: &[usize],
+    torque: &[f64],
+    monitor: &dyn Monitor,
+) -> Result<Motion> {
+    let mut best = settle(data, model, own, states, rotor, torque, monitor)?;
     for (run, part) in data.runs().iter().enumerate() {
         if part.signals.load != Load::UnknownPiecewise || !part.has(false) {
             continue;
@@ -68,7 +98,7 @@ pub fn fit(
             let samples = &torque[data.samples_of(run)];
             let Some(state) = with_missing_step(part, model, own, &states[run], samples) else { break };
             states[run] = state;
-            let more = settle(data, model, own, states, rotor, &torque, monitor)?;
+            let more = settle(data, model, own, states, rotor, torque, monitor)?;
             if more.squares[run] > IMPROVEMENT * best.squares[run] {
                 break;
             }

@@ -1,6 +1,7 @@
 //! The search for the set of effects: all singles, then pairs and triples grown from the best, each refitted by
 //! simulation and judged on the recording and on the held-out run.
 
+mod refit;
 mod sets;
 mod variants;
 
@@ -13,14 +14,13 @@ use super::reversals;
 use super::shortlist::{Prospect, Scorer};
 use super::transfer::transfer;
 use super::verdict::{self, Judged, MISMATCH, PROGRESS, Scale};
-use crate::effect::{Parameter, Role, Site};
+use crate::effect::Site;
 use crate::effects::{self, EffectId};
 use crate::error::Result;
 use crate::experiment::Channel;
-use crate::model::Model;
 use crate::monitor::Monitor;
 use rayon::prelude::*;
-use sets::{explained, explains, foothold, hopeless, mismatched_by, path, progress, same, sorted, steps};
+use sets::{explains, foothold, hopeless, mismatched_by, path, progress, same, sorted, steps};
 
 pub use variants::Swap;
 
@@ -36,11 +36,6 @@ const RIVAL: f64 = 0.05;
 /// than that.
 const HIDING: f64 = 1.0 / 3.0;
 const IN_PLACE_OF_STEPS: f64 = 0.1;
-/// A fit that takes away less than this share of what its score promised, if it promised something, is tried once more, from this share
-/// of the strength: to first order a strength may come out far too large where shapes matter.
-const KEPT_PROMISE: f64 = 0.5;
-const LEAST_PROMISE: f64 = 0.02;
-const FAINTER: f64 = 0.1;
 /// Single effects refitted at most.
 const SINGLES: usize = 10;
 /// Sets from which larger ones are grown.
@@ -158,6 +153,7 @@ impl Search<'_> {
         }
         let best = self.pruned(best, &scale, &mut seen)?;
         let mut swaps = self.swaps(&best, &able, &mut seen)?;
+        let best = self.under_wider_load(best, &swaps, &scale)?;
         self.monitor.report("alternatives", 0.92);
         let absent = self.rest(&able, &best);
         let poor = self.most < MOST;
@@ -256,32 +252,6 @@ impl Search<'_> {
             }
         }
         Ok(out)
-    }
-
-    fn refit(&self, parent: &Judged, prospect: &Prospect) -> Result<Judged> {
-        let mut effects = parent.fitted.effects();
-        effects.push(prospect.effect);
-        let model = Model::new(*parent.fitted.model.context(), &effects);
-        let electrical_done = prospect.effect.info().site == Site::Mechanical;
-        let fit = |own: &[f64]| {
-            let start = [parent.fitted.own(), own].concat();
-            fitting::fit(self.data, &model, &start, electrical_done, self.monitor)
-        };
-        let mut fitted = fit(&prospect.start)?;
-        let parameters = prospect.effect.info().parameters;
-        let shaped = parameters.iter().any(|p| p.role == Role::Shape);
-        let kept = explained(&parent.fitted, &fitted) >= KEPT_PROMISE * prospect.score;
-        let doubtful = !kept && prospect.score > LEAST_PROMISE;
-        if shaped && doubtful && parent.excess() > MISMATCH && !self.monitor.cancelled() {
-            let strength = |p: &Parameter| if p.role == Role::Amplitude { FAINTER } else { 1.0 };
-            let fainter: Vec<f64> =
-                prospect.start.iter().zip(parameters).map(|(x, p)| x * strength(p)).collect();
-            let again = fit(&fainter)?;
-            if explained(&parent.fitted, &again) > explained(&parent.fitted, &fitted) {
-                fitted = again;
-            }
-        }
-        self.judge(fitted)
     }
 
     fn rest(&self, able: &[EffectId], parent: &Judged) -> Vec<EffectId> {

@@ -131,7 +131,18 @@ impl Scale {
     pub fn beats(&self, a: &Judged, b: &Judged) -> bool {
         self.loss(a) < self.loss(b) - LEAST_GAIN
             && (self.held_out_misfit(a) < self.held_out_misfit(b) - LEAST_HELD_OUT
-                || !self.shown_elsewhere(a, b))
+                || !self.shown_elsewhere(a, b)
+                || self.silent_elsewhere(a, b))
+    }
+
+    /// Whether the held-out recordings have nothing to say where `a` plainly explains what `b` leaves on the fitted one: `b` leaves no more
+    /// than chance there, steps of an unknown load included, and `a` does no worse.
+    fn silent_elsewhere(&self, a: &Judged, b: &Judged) -> bool {
+        a.excess() < MISMATCH
+            && b.excess() > MISMATCH
+            && b.held_out_excess() < FLOOR_ERROR
+            && self.held_out_misfit(a) <= self.held_out_misfit(b)
+            && misfit(&a.fitted, &self.fitted) < misfit(&b.fitted, &self.fitted) - INDISTINGUISHABLE_POOR
     }
 
     /// Whether the held-out recordings hold the channels in which `a` leaves less than `b` on the fitted one, for the most part.
@@ -297,6 +308,23 @@ mod tests {
         let scale = Scale::new([&base, &lucky, &right].into_iter());
         assert!(!scale.beats(&lucky, &base));
         assert!(scale.beats(&right, &base));
+    }
+
+    #[test]
+    fn a_run_that_needs_no_effect_does_not_speak_against_a_plain_gain() {
+        let with_speed = |on_recording: f64, held_out: f64, free: usize| {
+            let held_out = vec![hypothesis(1.0, held_out, free)];
+            Judged { fitted: hypothesis(1.0, on_recording, free), held_out, refuted: false }
+        };
+        let (base, plain) = (with_speed(1.8, 1.0, 4), with_speed(1.0, 1.0, 5));
+        let scale = Scale::new([&base, &plain].into_iter());
+        assert!(scale.beats(&plain, &base));
+        // Unless the run does need something, or the effect does it harm, or leaves a mismatch itself, or there was none.
+        let more = with_speed(1.8, 1.05, 4);
+        assert!(!scale.beats(&with_speed(1.0, 1.05, 5), &more));
+        assert!(!scale.beats(&with_speed(1.0, 1.2, 5), &base));
+        assert!(!scale.beats(&with_speed(1.4, 1.0, 5), &base));
+        assert!(!scale.beats(&plain, &with_speed(1.25, 1.0, 4)));
     }
 
     #[test]

@@ -156,6 +156,22 @@ impl Search<'_> {
         Ok(out)
     }
 
+    /// The best set, or the same under the load that was found with what contains one of its effects, if that is better: a step found in
+    /// the wrong place must not speak for the wider form of an effect.
+    pub(super) fn under_wider_load(&self, mut best: Judged, swaps: &[Swap], scale: &Scale) -> Result<Judged> {
+        for swap in swaps {
+            let wider = swap.by.is_some_and(|by| special_cases(by).any(|e| e == swap.replaced));
+            let better = scale.loss(&swap.judged) < scale.loss(&best);
+            if wider && better && steps(&swap.judged) && !self.monitor.cancelled() {
+                let same = self.under_load_of(&swap.judged, &best.fitted, best.refuted)?;
+                if scale.loss(&same) < scale.loss(&best) {
+                    best = same;
+                }
+            }
+        }
+        Ok(best)
+    }
+
     /// Refits what first-order analysis cannot tell from an effect of the best set and was not tried in its place.
     pub(super) fn look_alikes(&self, best: &Judged, shown: &[Shown], swaps: &mut Vec<Swap>) -> Result<()> {
         let mut rest = LOOK_ALIKES;
@@ -199,4 +215,44 @@ fn reduced(hypothesis: &Hypothesis, drop: EffectId) -> (Model, Vec<f64>) {
 /// Whether both hold the same effects.
 fn is_set(a: &[EffectId], b: &[EffectId]) -> bool {
     a.len() == b.len() && a.iter().all(|e| b.contains(e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
+    use crate::drive::{Schedule, Shape};
+    use crate::monitor::Silent;
+
+    #[test]
+    fn a_step_in_the_wrong_place_does_not_speak_for_a_wider_effect() {
+        let mut manoeuvre = speeds(1.2, &[(0.1, 90.0), (0.5, -80.0), (0.9, 60.0)]);
+        let steps = vec![(0.0, 0.5), (0.62, 2.0)];
+        manoeuvre.tau_load = Some(Schedule::new(steps, Shape::Steps).unwrap());
+        manoeuvre.load_kind = Some("unknown_piecewise".into());
+        let (data, base) = data(&setup(manoeuvre, vec![choice("coulomb_friction", "tau_c", 0.3)]));
+        let judged = |fitted| Judged { fitted, held_out: Vec::new(), refuted: false };
+        let [narrow, wide] =
+            [EffectId::CoulombFriction, EffectId::StribeckFriction].map(|e| judged(fitted(&data, &base, e)));
+        assert!(narrow.excess() < 0.1 && narrow.fitted.nuisances[0].steps() == 1);
+        // Levels, instants and initial values follow the model's own parameters.
+        let mut astray = narrow.fitted.clone();
+        astray.parameters[narrow.fitted.own().len() + 2] += 0.02;
+        let Hypothesis { model, parameters, free, nuisances, .. } = astray;
+        let astray = judged(Hypothesis::on(&data, model, parameters, free, nuisances));
+        assert!(astray.excess() > 1.0);
+
+        let search =
+            Search { data: &data, held_out: Vec::new(), refuting: Vec::new(), most: 3, monitor: &Silent };
+        let scale = Scale::new([&narrow, &wide, &astray].into_iter());
+        let replaced = EffectId::CoulombFriction;
+        let by = |rival| Swap { replaced, by: Some(rival), judged: wide.clone() };
+        let found =
+            search.under_wider_load(astray.clone(), &[by(EffectId::StribeckFriction)], &scale).unwrap();
+        assert_eq!(found.fitted.effects(), [replaced]);
+        assert!(found.excess() < 0.1 && scale.loss(&found) < scale.loss(&wide) + LEAST_GAIN);
+        // Another effect's load is that effect's own.
+        let same = search.under_wider_load(astray.clone(), &[by(EffectId::QuadraticDrag)], &scale).unwrap();
+        assert_eq!(same.fitted.parameters, astray.fitted.parameters);
+    }
 }
