@@ -121,6 +121,7 @@ def diagnose(
     threads: int | None,
     progress: Callable[[str, float], None] | None,
 ) -> tuple[str, dict[str, dict[str, NDArray[np.float64]]]]: ...
+def refusal(problem: str, fix: str, *, seed: int) -> str: ...
 
 @final
 class Tracker:

@@ -188,6 +188,13 @@ def diagnose(
     return Diagnosis.from_json(answer, traces)
 
 
+def refused(error: NotIdentifiableError, *, seed: int = 1) -> Diagnosis:
+    """The refusal of a recording as an answer: its verdict is `undetermined`, every effect stands under
+    `cannot_see`, and `data_quality` holds the reason and its remedy.
+    """
+    return Diagnosis.from_json(_core.refusal(error.problem, error.fix, seed=seed))
+
+
 def _in_file(
     error: DataError | NotIdentifiableError, recordings: Sequence[Recording]
 ) -> DataError | NotIdentifiableError:

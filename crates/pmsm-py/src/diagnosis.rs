@@ -42,10 +42,21 @@ pub fn diagnose<'py>(
         }
         traces.set_item(name, arrays)?;
     }
+    Ok((text(&answer, seed, interrupted)?, traces))
+}
+
+/// The answer, as JSON text, where recordings cannot be diagnosed at all: their problem and what to do about it.
+#[pyfunction]
+#[pyo3(signature = (problem, fix, *, seed))]
+pub fn refusal(problem: String, fix: String, seed: u64) -> PyResult<String> {
+    text(&core::answer::Answer::refusal(problem, fix), seed, false)
+}
+
+fn text(answer: &core::answer::Answer, seed: u64, interrupted: bool) -> PyResult<String> {
     let fault = |error: serde_json::Error| InternalError::new_err(error.to_string());
-    let mut value = serde_json::to_value(&answer).map_err(fault)?;
+    let mut value = serde_json::to_value(answer).map_err(fault)?;
     value["interrupted"] = json!(interrupted);
     value["seed"] = json!(seed);
     value["version"] = json!(env!("CARGO_PKG_VERSION"));
-    Ok((serde_json::to_string(&value).map_err(fault)?, traces))
+    serde_json::to_string(&value).map_err(fault)
 }

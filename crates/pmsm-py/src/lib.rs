@@ -26,7 +26,7 @@ mod _core {
     #[pymodule_export]
     use super::catalogue::effects;
     #[pymodule_export]
-    use super::diagnosis::diagnose;
+    use super::diagnosis::{diagnose, refusal};
     #[pymodule_export]
     use super::errors::{
         DataError, InternalError, MachineError, NotIdentifiableError, PmsmError, UsageError,

@@ -88,11 +88,12 @@ def diagnose(
     """
     from pathlib import Path
 
-    from .. import _core, undecided
+    from .. import _core
     from ..atomic import apart
     from ..config import read_machine
     from ..loader import load
     from ..run import diagnose as run
+    from ..run import refused
 
     apart([json_file, report_file, trajectories], [*recordings, machine_file, validation])
     machine = read_machine(machine_file)
@@ -101,8 +102,7 @@ def diagnose(
     try:
         answer = run(runs, machine.machine, other, seed=seed, threads=threads, progress=terminal.progress())
     except _core.NotIdentifiableError as error:
-        refusal = error
-        terminal.finish(json_file, lambda: undecided.answer(refusal, seed))
+        terminal.finish(json_file, refused(error, seed=seed).to_json)
         raise
     terminal.finish(json_file, answer.to_json)
     if trajectories:

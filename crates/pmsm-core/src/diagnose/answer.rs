@@ -2,6 +2,7 @@
 
 use super::locate::Located;
 use super::unmodelled::Unmodelled;
+use crate::effects;
 use crate::signals::Finding;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -152,14 +153,48 @@ pub struct Answer {
     pub noise_floor: BTreeMap<String, f64>,
     /// Before and after.
     pub fit: FitTable,
-    /// Which questions the recording could answer.
-    pub recording_kind: crate::recording::Kind,
+    /// Which questions the recording could answer; none where it could not be read as one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recording_kind: Option<crate::recording::Kind>,
     /// Each of several recordings by itself, in the order in which they were given; empty for one.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub recordings: Vec<OfRecording>,
     /// Signals and predictions of the recording and of the validation run, by name; not part of the JSON.
     #[serde(skip)]
     pub traces: Traces,
+}
+
+impl Answer {
+    /// Where nothing can be said: nothing is located, ranked or seen, and `why` is all that is known.
+    pub fn undetermined(why: Finding) -> Self {
+        let unseen = |effect: &effects::EffectId| Unseen {
+            effect: effect.id().into(),
+            why: why.finding.clone(),
+            power: 0.0,
+        };
+        Self {
+            schema: "pmsm-rs.diagnosis/1",
+            verdict: Verdict::Undetermined,
+            cannot_see: effects::ALL.iter().map(unseen).collect(),
+            data_quality: vec![why],
+            located: Vec::new(),
+            ranking: Vec::new(),
+            model: FoundModel { effects: Vec::new(), base: BTreeMap::new(), unmodelled: None },
+            path: Vec::new(),
+            next_experiment: None,
+            noise_floor: BTreeMap::new(),
+            fit: FitTable::default(),
+            recording_kind: None,
+            recordings: Vec::new(),
+            traces: Traces::default(),
+        }
+    }
+
+    /// The refusal of recordings that cannot be diagnosed at all, as an answer: the `problem` and what to do about it.
+    pub fn refusal(problem: String, fix: String) -> Self {
+        let consequence = "nothing can be said of the motor from this recording".into();
+        Self::undetermined(Finding { finding: problem, consequence, fix })
+    }
 }
 
 /// Columns of equal length by name.
@@ -172,4 +207,21 @@ pub struct Traces {
     pub recording: Columns,
     /// The validation run; empty without one.
     pub validation: Columns,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refusal_lists_every_effect_as_unseen_and_nothing_else() {
+        let answer = Answer::refusal("it stands still".into(), "let it turn".into());
+        assert_eq!(answer.verdict, Verdict::Undetermined);
+        assert_eq!(answer.cannot_see.len(), effects::ALL.len());
+        assert!(answer.cannot_see.iter().all(|u| u.why == "it stands still" && u.power == 0.0));
+        assert!(answer.ranking.is_empty() && answer.located.is_empty());
+        let text = serde_json::to_value(&answer).unwrap();
+        assert_eq!(text["data_quality"][0]["fix"], "let it turn");
+        assert!(text.get("recording_kind").is_none());
+    }
 }

@@ -1,8 +1,6 @@
 //! The answer: what was found, where, what else it could be, and what it is worth.
 
-use super::answer::{
-    Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, Step, Traces, Unseen, Verdict,
-};
+use super::answer::{Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, Step, Traces, Verdict};
 use super::data::Data;
 use super::decide::{self, Ranked};
 use super::fitting;
@@ -14,36 +12,22 @@ use super::ties::Tie;
 use super::transfer::transfer;
 use super::{able, agree, each, power, prescribe, reach, unmodelled, verdict};
 use crate::effect::Site;
-use crate::effects::{self, EffectId};
 use crate::error::Result;
 use crate::monitor::Monitor;
 use crate::recording::Kind;
 use crate::signals::{self, Finding};
 use std::collections::BTreeMap;
 
-/// The answer where nothing can be said, and why.
+/// The answer where nothing can be said of recordings that were read, and why.
 pub fn undetermined(data: &Data, finding: Finding, next: Option<&str>) -> Answer {
-    let unseen =
-        |effect: &EffectId| Unseen { effect: effect.id().into(), why: finding.finding.clone(), power: 0.0 };
-    let cannot_see = effects::ALL.iter().map(unseen).collect();
-    let mut data_quality = data.signals.findings.clone();
-    data_quality.push(finding);
-    Answer {
-        schema: "pmsm-rs.diagnosis/1",
-        verdict: Verdict::Undetermined,
-        data_quality,
-        located: Vec::new(),
-        ranking: Vec::new(),
-        model: FoundModel { effects: Vec::new(), base: BTreeMap::new(), unmodelled: None },
-        path: Vec::new(),
-        cannot_see,
+    let mut answer = Answer {
         next_experiment: next.map(str::to_string),
         noise_floor: floors(data),
-        fit: FitTable::default(),
-        recording_kind: data.signals.kind,
-        recordings: Vec::new(),
-        traces: Traces::default(),
-    }
+        recording_kind: Some(data.signals.kind),
+        ..Answer::undetermined(finding)
+    };
+    answer.data_quality.splice(0..0, data.signals.findings.iter().cloned());
+    answer
 }
 
 fn floors(data: &Data) -> BTreeMap<String, f64> {
@@ -156,7 +140,7 @@ pub fn conclude(
         next_experiment,
         noise_floor: floors(data),
         fit,
-        recording_kind: data.signals.kind,
+        recording_kind: Some(data.signals.kind),
         recordings: each::recordings(data, &traces.recording),
         traces,
     })

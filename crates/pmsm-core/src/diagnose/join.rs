@@ -287,7 +287,7 @@ mod tests {
         assert_eq!((mechanical.kind(), held.kind()), (Kind::Mechanical, Kind::Electrical));
         let machine = setup(sweep(60.0, 90.0), Vec::new()).nameplate;
         let answer = diagnose(&[&mechanical, &held], &machine, None, &Silent).unwrap();
-        assert_eq!(answer.recording_kind, Kind::Full);
+        assert_eq!(answer.recording_kind, Some(Kind::Full));
         let channels = |k: usize| answer.recordings[k].fit.after.keys().cloned().collect::<Vec<_>>();
         assert_eq!(
             (channels(0), channels(1)),
