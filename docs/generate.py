@@ -11,8 +11,12 @@ import click
 import pmsm_rs
 from pmsm_rs import effects, plot
 from pmsm_rs.cli import cli
+from pmsm_rs.notebook import Page
 from pmsm_rs.quantities import CANONICAL, LOGS
+from pmsm_rs.results import Candidate, Estimate, Location
+from pmsm_rs.tracking import Drift
 from pmsm_rs.units import UNITS
+from pmsm_rs.unmodelled import Term, Unmodelled
 from pmsm_rs.words import EQUATIONS, number, unit
 
 SOURCES = Path(__file__).parents[1] / "crates" / "pmsm-core" / "src"
@@ -147,6 +151,11 @@ def interface() -> str:
             kinds["Errors" if error else "Classes"].append(line)
         elif callable(value):
             kinds["Functions"].append(f".. autofunction:: {name}\n")
+    # They are met in answers and never made by hand: their names are those of their modules.
+    kinds["Parts of answers"] = [
+        f".. autoclass:: {part.__module__}.{part.__qualname__}\n   :members:\n   :undoc-members:\n"
+        for part in (Estimate, Location, Candidate, Unmodelled, Term, Drift, Page)
+    ]
     for heading, lines in kinds.items():
         parts.append(f"{heading}\n{'-' * len(heading)}\n\n" + "\n".join(lines))
     drawn = [

@@ -240,3 +240,30 @@ fn mean_squares(experiment: &Joint, parameters: &[f64]) -> Vec<f64> {
     }
     squares
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::diagnose::testing::{data, setup, speeds};
+    use crate::diagnose::verdict::{MISMATCH, largest_excess};
+    use crate::drive::{Schedule, Shape};
+    use crate::experiment::Channel;
+
+    #[test]
+    fn a_measured_load_that_jumps_between_two_rows_is_no_mismatch() {
+        let mut manoeuvre = speeds(1.0, &[(0.1, 80.0), (0.5, -60.0), (0.9, 90.0)]);
+        // In the middle between two samples, where the trapezoid of the samples is most wrong one way or the other.
+        let steps = vec![(0.0, 0.0), (0.31002, 14.0), (0.62018, -10.0)];
+        manoeuvre.tau_load = Some(Schedule::new(steps, Shape::Steps).unwrap());
+        manoeuvre.load_kind = Some("measured".into());
+        let mut setup = setup(manoeuvre, Vec::new());
+        setup.drive.sensors.noise_tau = 0.01;
+        let (data, base) = data(&setup);
+        assert!(data.windows.len() > 4, "{:?}", data.windows);
+        assert!(largest_excess(&base) < MISMATCH, "{:?}", base.squares);
+        // In windows over the jumps the same model leaves far more than noise.
+        let mut whole = data.clone();
+        whole.windows = vec![0..1250, 1250..2500, 2500..3750, 3750..data.signals.len()];
+        let over = super::super::fitting::refit(&whole, &base, &crate::monitor::Silent).unwrap();
+        assert!(over.square(Channel::OmegaE) > 1.5, "{:?}", over.squares);
+    }
+}
