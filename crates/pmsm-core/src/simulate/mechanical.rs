@@ -41,25 +41,25 @@ pub fn windows(signals: &Signals) -> Vec<Range<usize>> {
     for segment in &signals.segments {
         let first = out.len();
         let mut start = segment.start;
-        // Ends a window before sample k; a short rest joins the window before, unless that ended at a jump.
-        let mut end = |start: usize, k: usize, fresh: bool| {
+        // Ends a window before sample k; a short rest may join the window before, unless that ended at a jump.
+        let mut end = |start: usize, k: usize, joins: bool| {
             let short = signals.t[k - 1] - signals.t[start] < SHORTEST * WINDOW;
-            if short && !fresh && out.len() > first {
-                out.last_mut().expect("a window was pushed").end = k;
-            } else {
-                out.push(start..k);
+            match out[first..].last_mut().filter(|_| joins && short) {
+                Some(before) => before.end = k,
+                None => out.push(start..k),
             }
         };
         let mut fresh = false;
         for k in segment.clone() {
             let room = k >= start + FEWEST && k + FEWEST <= segment.end;
             let jumps = room && jumps.binary_search(&k).is_ok();
-            if jumps || signals.t[k] - signals.t[start] >= WINDOW - 0.5 * signals.period {
-                end(start, k, fresh);
+            let full = k > start && signals.t[k] - signals.t[start] >= WINDOW - 0.5 * signals.period;
+            if jumps || full {
+                end(start, k, !full && !fresh);
                 (start, fresh) = (k, jumps);
             }
         }
-        end(start, segment.end, fresh);
+        end(start, segment.end, !fresh);
     }
     out
 }
@@ -462,5 +462,11 @@ mod tests {
         let swing = |k: usize| (0.05 * k as f64).sin() + noise(k);
         assert_eq!(windows(&recorded((0..600).map(swing).collect())), [0..250, 250..500, 500..600]);
         assert!(windows(&recorded(vec![0.3; 600])).len() == 3);
+        // Steady points that lie further apart than a window is long.
+        let mut sparse = recorded(vec![0.3; 16]);
+        sparse.t.iter_mut().for_each(|t| *t *= 1e3);
+        sparse.period *= 1e3;
+        let each: Vec<Range<usize>> = (0..14).map(|k| k..k + 1).chain([14..16]).collect();
+        assert_eq!(windows(&sparse), each);
     }
 }
