@@ -466,7 +466,7 @@ mod tests {
         let mut sparse = recorded(vec![0.3; 16]);
         sparse.t.iter_mut().for_each(|t| *t *= 1e3);
         sparse.period *= 1e3;
-        let each: Vec<Range<usize>> = (0..14).map(|k| k..k + 1).chain([14..16]).collect();
+        let each: Vec<Range<usize>> = (0..14).map(|k| k..k + 1).chain(std::iter::once(14..16)).collect();
         assert_eq!(windows(&sparse), each);
     }
 }
