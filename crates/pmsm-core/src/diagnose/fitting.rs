@@ -99,10 +99,7 @@ fn staged(
         free = wanted;
     }
     if data.has(false) {
-        let fitted = match load {
-            Some(load) => motion::fit_on(data, model, &parameters, &rotor, load, monitor)?,
-            None => motion::fit(data, model, &parameters, &rotor, monitor)?,
-        };
+        let fitted = motion::fit(data, model, &parameters, &rotor, load, monitor)?;
         (parameters, nuisances) = (fitted.parameters, fitted.nuisances);
         free.extend(fitted.free);
         if together(data, model) {

@@ -38,7 +38,8 @@ pub struct Motion {
     squares: Vec<f64>,
 }
 
-/// Fits the mechanical parameters `rotor` of `model`, starting from `start`, and whatever each recording leaves open.
+/// Fits the mechanical parameters `rotor` of `model`, starting from `start`, and whatever each recording leaves open: from the nuisances
+/// and values of each recording in `load` where they were found before.
 ///
 /// # Errors
 /// Those of the least-squares fit.
@@ -47,43 +48,17 @@ pub fn fit(
     model: &Model,
     start: &[f64],
     rotor: &[usize],
+    load: Option<(&[Nuisance], &[f64])>,
     monitor: &dyn Monitor,
 ) -> Result<Motion> {
     let own = &start[..model.parameter_count()];
-    let torque = data.torque(model, own);
+    let torque = &data.torque(model, own);
     let begin =
         |(run, part): (usize, &Data)| State::start(part, model, own, rotor, &torque[data.samples_of(run)]);
-    let states = data.runs().iter().enumerate().map(begin).collect();
-    complete(data, model, own, states, rotor, &torque, monitor)
-}
-
-/// The same from a load and initial values that were found before: `load` holds the nuisances and values of each recording.
-///
-/// # Errors
-/// Those of the least-squares fit.
-pub fn fit_on(
-    data: &Data,
-    model: &Model,
-    start: &[f64],
-    rotor: &[usize],
-    (nuisances, load): (&[Nuisance], &[f64]),
-    monitor: &dyn Monitor,
-) -> Result<Motion> {
-    let own = &start[..model.parameter_count()];
-    let states = split(nuisances, load).map(|(nuisance, values)| State::of(values, nuisance));
-    complete(data, model, own, states.collect(), rotor, &data.torque(model, own), monitor)
-}
-
-/// Fits from given states, adding load steps that are missing.
-fn complete(
-    data: &Data,
-    model: &Model,
-    own: &[f64],
-    states: Vec<State>,
-    rotor: &[usize],
-    torque: &[f64],
-    monitor: &dyn Monitor,
-) -> Result<Motion> {
+    let states = match load {
+        Some((nuisances, load)) => found(nuisances, load),
+        None => data.runs().iter().enumerate().map(begin).collect(),
+    };
     let mut best = settle(data, model, own, states, rotor, torque, monitor)?;
     for (run, part) in data.runs().iter().enumerate() {
         if part.signals.load != Load::UnknownPiecewise || !part.has(false) {
@@ -93,7 +68,7 @@ fn complete(
             if best.squares[run] < 1.0 + MISSING || monitor.cancelled() {
                 break;
             }
-            let mut states = best.states(model.parameter_count());
+            let mut states = found(&best.nuisances, &best.parameters[model.parameter_count()..]);
             let own = &best.parameters[..model.parameter_count()];
             let samples = &torque[data.samples_of(run)];
             let Some(state) = with_missing_step(part, model, own, &states[run], samples) else { break };
@@ -122,17 +97,14 @@ pub fn fit_under(
     monitor: &dyn Monitor,
 ) -> Result<Motion> {
     let own = &start[..model.parameter_count()];
-    let states = split(nuisances, load).map(|(nuisance, values)| State {
-        deviations: vec![0.0; model.mechanical_states()],
-        ..State::of(values, nuisance)
-    });
-    settle(data, model, own, states.collect(), rotor, &data.torque(model, own), monitor)
+    let mut states = found(nuisances, load);
+    states.iter_mut().for_each(|state| state.deviations = vec![0.0; model.mechanical_states()]);
+    settle(data, model, own, states, rotor, &data.torque(model, own), monitor)
 }
 
-impl Motion {
-    fn states(&self, count: usize) -> Vec<State> {
-        split(&self.nuisances, &self.parameters[count..]).map(|(n, own)| State::of(own, n)).collect()
-    }
+/// The states of all recordings from their nuisances and values.
+fn found(nuisances: &[Nuisance], load: &[f64]) -> Vec<State> {
+    split(nuisances, load).map(|(nuisance, own)| State::of(own, nuisance)).collect()
 }
 
 /// Lag-one correlation within windows from which a fitted speed is fitted once more with whitened residuals.
@@ -217,7 +189,7 @@ fn settle(
             return Ok(Motion { parameters, free, nuisances, squares });
         }
         // What is left starts from where it was.
-        let fresh = split(&nuisances, &parameters[count..]).map(|(n, own)| State::of(own, n));
+        let fresh = found(&nuisances, &parameters[count..]).into_iter();
         let fewer = |(run, state): (usize, State)| {
             state.with_steps(&keep[run], data.runs()[run].signals.context.duration)
         };
@@ -243,10 +215,34 @@ fn mean_squares(experiment: &Joint, parameters: &[f64]) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+    use crate::diagnose::fitting;
     use crate::diagnose::testing::{data, setup, speeds};
     use crate::diagnose::verdict::{MISMATCH, largest_excess};
     use crate::drive::{Schedule, Shape};
-    use crate::experiment::Channel;
+    use crate::monitor::Silent;
+
+    struct Stopped;
+
+    impl Monitor for Stopped {
+        fn cancelled(&self) -> bool {
+            true
+        }
+    }
+
+    #[test]
+    fn a_fit_begins_from_the_load_that_was_found() {
+        let mut manoeuvre = speeds(0.8, &[(0.1, 80.0), (0.4, -60.0), (0.7, 90.0)]);
+        manoeuvre.tau_load = Some(Schedule::constant(4.0).unwrap());
+        manoeuvre.load_kind = Some("unknown_constant".into());
+        let (data, base) = data(&setup(manoeuvre, Vec::new()));
+        let count = base.model.parameter_count();
+        let load = (&base.nuisances[..], &base.parameters[count..]);
+        let level =
+            |load| fit(&data, &base.model, base.own(), &[], load, &Stopped).unwrap().parameters[count];
+        assert_eq!(level(Some(load)), base.parameters[count]);
+        assert!((level(None) / base.parameters[count] - 1.0).abs() > 0.01, "{}", level(None));
+    }
 
     #[test]
     fn a_measured_load_that_jumps_between_two_rows_is_no_mismatch() {
@@ -263,7 +259,7 @@ mod tests {
         // In windows over the jumps the same model leaves far more than noise.
         let mut whole = data.clone();
         whole.windows = vec![0..1250, 1250..2500, 2500..3750, 3750..data.signals.len()];
-        let over = super::super::fitting::refit(&whole, &base, &crate::monitor::Silent).unwrap();
+        let over = fitting::refit(&whole, &base, &Silent).unwrap();
         assert!(over.square(Channel::OmegaE) > 1.5, "{:?}", over.squares);
     }
 }

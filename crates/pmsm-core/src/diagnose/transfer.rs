@@ -47,7 +47,7 @@ fn on_run(data: &Data, model: &Model, own: &[f64], monitor: &dyn Monitor) -> Res
     let mut parameters = own.to_vec();
     let mut nuisances = vec![Nuisance::known(0); data.runs().len()];
     if data.has(false) {
-        let fitted = motion::fit(data, model, &parameters, &[], monitor)?;
+        let fitted = motion::fit(data, model, &parameters, &[], None, monitor)?;
         (parameters, nuisances) = (fitted.parameters, fitted.nuisances);
     }
     Ok(Hypothesis::on(data, model.clone(), parameters, Vec::new(), nuisances))
