@@ -74,10 +74,13 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
         };
         let sum = 1.0 + none + rivals.iter().map(|(e, j)| weight(*e, j) * odds(j)).sum::<f64>();
         let share = (1.0 - unknown) / sum;
+        // What is more likely than the effect itself cannot be kept from its name.
+        let likelier = |rival: EffectId, judged: &Judged| weight(rival, judged) * odds(judged) > 1.0;
         let near = if poor { INDISTINGUISHABLE_POOR } else { INDISTINGUISHABLE };
         let mut equivalent: Vec<EffectId> = rivals
             .iter()
-            .filter(|(e, j)| (!generalises(*e, effect) || asked_for(*e, j)) && loss(j) < floor + near)
+            .filter(|(e, j)| !generalises(*e, effect) || asked_for(*e, j) || likelier(*e, j))
+            .filter(|(_, j)| loss(j) < floor + near)
             .map(|(e, _)| *e)
             .collect();
         equivalent.extend(outcome.shown.iter().map(|s| s.effect).filter(|e| hidden(*e).is_some()));
@@ -158,8 +161,12 @@ pub fn generalises(wide: EffectId, narrow: EffectId) -> bool {
 #[cfg(test)]
 mod tests {
     use super::super::hypothesis::Hypothesis;
+    use super::super::power::Shown;
+    use super::super::search::Swap;
+    use super::super::verdict::Scale;
     use super::*;
     use crate::effects::testing::CX;
+    use crate::experiment::Channel;
     use crate::model::Model;
 
     #[test]
@@ -185,5 +192,48 @@ mod tests {
         };
         assert_eq!(told(Vec::new()), [directional, coulomb, swing]);
         assert_eq!(told(vec![swing]), [coulomb, directional, swing]);
+    }
+
+    #[test]
+    fn a_wider_effect_that_is_more_likely_than_the_one_found_is_listed_with_it() {
+        let (coulomb, stribeck) = (EffectId::CoulombFriction, EffectId::StribeckFriction);
+        let judged = |effects: &[EffectId], square: f64| {
+            let mut fitted = Hypothesis::bare(Model::new(CX, effects), Vec::new());
+            (fitted.squares, fitted.samples) = (vec![(Channel::OmegaE, square)], vec![200.0]);
+            fitted.chance = vec![0.0];
+            Judged { fitted, held_out: Vec::new(), refuted: false }
+        };
+        let verdict = |missed: f64| {
+            let (base, best, wide) = (judged(&[], 3.0), judged(&[coulomb], 1.12), judged(&[stribeck], 1.055));
+            let swap = |by, judged: &Judged| Swap { replaced: coulomb, by, judged: judged.clone() };
+            let shown = Shown {
+                effect: stribeck,
+                power: 1.0 - missed,
+                at_best: 1.0,
+                size: (1.0, 1.0),
+                least: 1.0,
+                channel: Channel::OmegaE,
+                absorbed_by: Vec::new(),
+                likeness: Vec::new(),
+            };
+            let outcome = Outcome {
+                singles: Vec::new(),
+                swaps: vec![swap(None, &base), swap(Some(stribeck), &wide)],
+                unfit: Vec::new(),
+                shown: vec![shown],
+                scale: Scale::new([&base, &best, &wide].into_iter()),
+                path: vec![base.clone(), best.clone()],
+                base,
+                best,
+            };
+            let (verdict, ranked) = decide(&outcome, false);
+            (verdict, ranked[0].equivalent.clone(), ranked[0].probability)
+        };
+        let (said, equivalent, probability) = verdict(0.5);
+        assert_eq!((said, equivalent), (Verdict::Ambiguous, vec![stribeck]));
+        assert!(probability < 0.1, "{probability}");
+        let (said, equivalent, probability) = verdict(1e-3);
+        assert_eq!((said, equivalent), (Verdict::Named, Vec::new()));
+        assert!(probability > 0.5, "{probability}");
     }
 }
