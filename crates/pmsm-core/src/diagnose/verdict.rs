@@ -18,7 +18,7 @@ const LEAST_WORTH: f64 = 10.0;
 /// Price of one parameter, nats.
 pub const PRICE: f64 = 0.5;
 /// Price of one step of an unknown load on any recording: its instant and height, and that it may come whenever it likes.
-const STEP_PRICE: f64 = 3.0;
+const STEP_PRICE: f64 = 4.0;
 /// An effect must gain this many nats beyond its price.
 pub const LEAST_GAIN: f64 = 3.0;
 /// An effect that contains a simpler one as a special case must gain this many over it: its further parameters bend to whatever
