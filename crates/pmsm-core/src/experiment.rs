@@ -27,6 +27,7 @@ use crate::model::Model;
 use crate::real::Real;
 use crate::signals::Signals;
 use crate::simulate::mechanical::Nuisance;
+use crate::wander::Wander;
 use crate::whitening::Whitening;
 use nalgebra::{DMatrix, DVector};
 use std::borrow::Cow;
@@ -67,6 +68,8 @@ impl Channel {
 
 /// Fewest blocks whose mean square is still sharp enough to be looked at.
 const LEAST_BLOCKS: usize = 500;
+/// The same of a speed that wanders: of a torque that is missing its filter leaves what is slow.
+const LEAST_SWINGS: usize = 40;
 /// Derivatives carried in one pass.
 const LANES: usize = 8;
 
@@ -90,6 +93,9 @@ pub struct Experiment<'a> {
     pub starts: Option<Cow<'a, [f64]>>,
     /// Filter that whitens the currents' residual, and the floors (A) of i_d and i_q to which it refers; none leaves it as it is.
     pub whitening: Option<(&'a Whitening, [f64; 2])>,
+    /// How noise makes the speed wander, which is taken out of its residual within each window, and the floor (rad/s) to which that refers;
+    /// none leaves it as it is.
+    pub wander: Option<(Wander, f64)>,
     /// Colour by which the speed's residual is whitened within each window; none leaves it as it is.
     pub colour: Option<Colour>,
     /// Samples that do not count (held out), if any.
@@ -240,7 +246,11 @@ impl<'a> Experiment<'a> {
         let plain = self.relative_rms(residual);
         let wanders = self.whitening.is_some_and(|(filter, _)| filter.wanders());
         let at = |c: usize| {
-            let slow = wanders && matches!(self.channels[c].0, Channel::ID | Channel::IQ);
+            let slow = match self.channels[c].0 {
+                Channel::ID | Channel::IQ => wanders,
+                Channel::OmegaE => self.wander.is_some(),
+                Channel::VD | Channel::VQ => false,
+            };
             if slow { self.loudest(residual, c, plain[c]) } else { (plain[c] * plain[c], 1) }
         };
         (0..self.channels.len()).map(at).collect()
@@ -258,11 +268,14 @@ impl<'a> Experiment<'a> {
     fn loudest(&self, residual: &DVector<f64>, c: usize, plain: f64) -> (f64, usize) {
         let n = self.samples();
         let rows = &residual.as_slice()[c * n..(c + 1) * n];
+        let counted = self.counted();
         let mut best = (plain * plain, 1);
         let mut size = 2;
-        while n / size >= LEAST_BLOCKS {
+        let speed = self.channels[c].0 == Channel::OmegaE && self.wander.is_some();
+        let least = if speed { LEAST_SWINGS } else { LEAST_BLOCKS };
+        while counted / size >= least {
             // Of two standard errors nothing is known for certain.
-            let certain = 1.0 - 2.0 * (2.0 * size as f64 / n as f64).sqrt();
+            let certain = 1.0 - 2.0 * (2.0 * size as f64 / counted as f64).sqrt();
             let mean = self.block_square(rows, size) * certain;
             if mean > best.0 {
                 best = (mean, size);
@@ -283,10 +296,15 @@ impl<'a> Experiment<'a> {
         blocks.iter().map(sum).sum::<f64>() / blocks.len().max(1) as f64
     }
 
+    /// Number of samples that count.
+    fn counted(&self) -> usize {
+        self.held_out.map_or(self.samples(), |h| h.iter().filter(|x| !**x).count())
+    }
+
     /// Root mean square of the weighted residual in each channel, over the samples that count.
     pub fn relative_rms(&self, residual: &DVector<f64>) -> Vec<f64> {
         let n = self.samples();
-        let counted = self.held_out.map_or(n, |h| h.iter().filter(|x| !**x).count()).max(1);
+        let counted = self.counted().max(1);
         (0..self.channels.len())
             .map(|c| (residual.rows(c * n, n).norm_squared() / counted as f64).sqrt())
             .collect()

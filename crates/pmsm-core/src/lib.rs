@@ -11,7 +11,7 @@
 //!   plus effects), [`map`] (missing voltage or torque without a name).
 //! - [`signals`] (a recording as it drives a model), [`simulate`] (free runs), [`start`] (first values).
 //! - [`drive`] (a closed-loop drive that makes recordings).
-//! - [`noise`], [`input_noise`], [`colour`] and [`whitening`] (what a log can tell), [`load_steps`].
+//! - [`noise`], [`input_noise`], [`colour`] and [`whitening`] (what a log can tell), [`wander`], [`load_steps`].
 //! - [`experiment`] (one recording seen through one model), [`bare`] (kernels), [`objective`].
 //! - [`identify`]: which parameters. [`track`]: the same, window by window. [`system`]: the same for a user's own
 //!   equations. [`diagnose`]: what is left out.
@@ -55,4 +55,5 @@ pub mod terms;
 pub mod track;
 pub mod transforms;
 pub mod uncertainty;
+pub mod wander;
 pub mod whitening;

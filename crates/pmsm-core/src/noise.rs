@@ -9,11 +9,19 @@ use crate::recording::Kind;
 use crate::signals::Signals;
 use crate::simulate::electrical::incremental_inductances;
 use crate::transforms::{inverse_clarke, rotate};
+use crate::wander::Wander;
 
 /// Samples of a stretch over which noise is compared, and how much louder than the median stretch the whole may be for nothing but
 /// noise.
 const STRETCH: usize = 64;
 const LOUD: f64 = 1.2;
+
+/// Share of driven noise in the square of a speed's floor from which its residual is whitened.
+const WANDERS: f64 = 0.05;
+/// Standard errors by which whitening may misjudge an inertia; where it would by more the residual is left as it is.
+const HARMLESS: f64 = 0.3;
+/// Samples over which the steps of a wandering speed are taken.
+const LAG: usize = 8;
 
 /// Runs over which the effect of noisy inputs is averaged.
 const DRAWS: usize = 4;
@@ -31,6 +39,8 @@ pub struct Floor {
     pub driven: f64,
     /// How far the mean square may be off, share of it: two standard errors, where few samples tell of it.
     pub unsure: f64,
+    /// How the driven part makes a speed wander, where it is a good part of the whole: what is left is then judged by its innovations.
+    pub wander: Option<Wander>,
 }
 
 impl Floor {
@@ -40,9 +50,15 @@ impl Floor {
     }
 
     /// How far a mean square may lie above the floor's by chance, share of it: by what the floor is unsure of, and by the driven noise of a
-    /// speed; currents forget what drove them within a few samples.
+    /// speed where that is not taken out; currents forget what drove them within a few samples.
     pub fn chance(&self) -> f64 {
-        self.unsure + if self.channel.is_electrical() { 0.0 } else { (self.driven / self.total()).powi(2) }
+        let forgets = self.channel.is_electrical() || self.wander.is_some();
+        self.unsure + if forgets { 0.0 } else { self.share() }
+    }
+
+    /// Share of the driven noise in the square of both parts.
+    fn share(&self) -> f64 {
+        (self.driven / self.total()).powi(2)
     }
 }
 
@@ -103,7 +119,7 @@ pub fn floors(experiment: &Experiment, p: &[f64]) -> (Vec<Floor>, InputNoise) {
             // A noiseless log still has a resolution; nothing can be told below it.
             let scale = experiment.measured(*channel).iter().fold(0.0f64, |m, x| m.max(x.abs()));
             let sensor = sensor.max(1e-6 * scale).max(f64::MIN_POSITIVE);
-            Floor { channel: *channel, sensor, driven: 0.0, unsure }
+            Floor { channel: *channel, sensor, driven: 0.0, unsure, wander: None }
         })
         .collect();
     let input = voltage_noise(experiment, p, &rest, &mut floors);
@@ -135,7 +151,7 @@ fn voltage_noise(
 }
 
 /// Runs the model on inputs with as much noise again, a few times over, and takes the mean square of the difference: noise that adds
-/// up differs much from one draw to the next.
+/// up differs much from one draw to the next. How far a speed wanders from one sample to the next hardly does.
 fn add_driven(
     experiment: &Experiment,
     p: &[f64],
@@ -145,6 +161,8 @@ fn add_driven(
 ) {
     let mut random = Gaussian::new();
     let mut squares = vec![0.0; floors.len()];
+    let speed = floors.iter().position(|f| f.channel == Channel::OmegaE);
+    let mut steps = (0.0, 0);
     for _ in 0..DRAWS {
         let noisy = disturbed(experiment.signals, floors, input, &mut random);
         // Only the inputs are noisy: the initial currents and speeds come from the clean log.
@@ -153,10 +171,22 @@ fn add_driven(
             let difference = clean[at].iter().zip(&again[at]).map(|(a, b)| (a - b).powi(2));
             *square += difference.sum::<f64>() / (clean[at].len() * DRAWS) as f64;
         }
+        if let Some(at) = speed {
+            let off = |k: usize| again[at][k] - clean[at][k];
+            for k in experiment.windows.iter().flat_map(|w| w.clone().take(w.len().saturating_sub(LAG))) {
+                steps = (steps.0 + (off(k + LAG) - off(k)).powi(2), steps.1 + LAG);
+            }
+        }
     }
     for (floor, square) in floors.iter_mut().zip(squares) {
         // In the speed the fitted initial value answers to the added sensor noise, too; that part is small.
         floor.driven = if square.is_finite() { square.sqrt() } else { 0.0 };
+    }
+    let step = (steps.0 / steps.1.max(1) as f64).sqrt();
+    if let Some(floor) = speed.map(|at| &mut floors[at]).filter(|f| step.is_finite() && f.share() > WANDERS) {
+        let wander = Wander::new(floor.sensor, step);
+        let bias = wander.bias(&experiment.signals.omega_e, experiment.windows);
+        floor.wander = Some(wander).filter(|_| bias < HARMLESS);
     }
 }
 

@@ -133,6 +133,7 @@ impl<'a> Objective<'a> {
             torque: None,
             starts: None,
             whitening: None,
+            wander: None,
             colour: None,
         };
         Self { drive, experiment, prepared }

@@ -171,6 +171,33 @@ mod tests {
     }
 
     #[test]
+    fn a_speed_that_noisy_currents_let_wander_is_no_mismatch_but_weak_friction_under_it_is() {
+        let fitted = |effects| {
+            let path: Vec<(f64, f64)> =
+                (0..8).map(|k| (0.1 + 0.25 * f64::from(k), [90.0, -70.0][k as usize % 2])).collect();
+            let mut setup = setup(speeds(2.0, &path), effects);
+            setup.drive.sensors.noise_i = 0.3;
+            let recording = simulate(&setup, &Silent).unwrap().recording;
+            let signals = Signals::new(&recording, &setup.nameplate).unwrap();
+            let mut data = Data::new(signals, &setup.nameplate).unwrap();
+            let base = fit(&mut data, &Silent).unwrap();
+            (data, base)
+        };
+        let (data, base) = fitted(Vec::new());
+        let speed = data.floors.iter().find(|f| f.channel == Channel::OmegaE).unwrap();
+        assert!(speed.wander.is_some() && speed.chance() == 0.0, "{speed:?}");
+        let square = base.square(Channel::OmegaE);
+        assert!((square - 1.0).abs() < 0.5 * verdict::MISMATCH, "{square}");
+
+        let (data, base) = fitted(vec![choice("coulomb_friction", "tau_c", 0.08)]);
+        assert!(verdict::largest_excess(&base) > verdict::MISMATCH, "{:?}", base.squares);
+        // What is told of the residual is how large it is, not what the filter leaves of it.
+        let experiment = data.whole(&base).plain();
+        let plain = experiment.relative_rms(&experiment.residual(&base.parameters));
+        assert!(plain[2] > 1.3 && plain[2].powi(2) != base.square(Channel::OmegaE), "{plain:?}");
+    }
+
+    #[test]
     fn derivatives_follow_the_filter_that_whitens() {
         let setup = setup(speeds(0.6, &[(0.1, 80.0), (0.5, -60.0)]), Vec::new());
         let (mut data, base) = testing::data(&setup);

@@ -157,13 +157,15 @@ fn step(data: &Data, hypothesis: &Hypothesis) -> Step {
     }
 }
 
-/// Root mean square of the residual by channel, over all recordings that hold it.
+/// Root mean square of model minus measurement by channel, over all recordings that hold it.
 fn residual_rms(data: &Data, hypothesis: &Hypothesis) -> BTreeMap<String, f64> {
     let mut sums: BTreeMap<String, Vec<(f64, usize)>> = BTreeMap::new();
     let floors = data.runs().iter().flat_map(|run| run.floors.iter().map(|f| (f, run.signals.len())));
-    for ((floor, samples), (channel, square)) in floors.zip(&hypothesis.squares) {
-        let rms = square.sqrt() * floor.total();
-        sums.entry(channel.name().to_string()).or_default().push((rms, samples));
+    let experiment = data.whole(hypothesis).plain();
+    let relative = experiment.relative_rms(&experiment.residual(&hypothesis.parameters));
+    for ((floor, samples), relative) in floors.zip(relative) {
+        let rms = relative * floor.total();
+        sums.entry(floor.channel.name().to_string()).or_default().push((rms, samples));
     }
     let root = |parts: Vec<(f64, usize)>| match parts[..] {
         [(rms, _)] => rms,

@@ -15,6 +15,7 @@ use crate::recording::Kind;
 use crate::signals::Signals;
 use crate::simulate::mechanical::{self, Nuisance};
 use crate::start;
+use crate::wander::Wander;
 use crate::whitening::Whitening;
 use std::ops::Range;
 
@@ -89,7 +90,7 @@ impl Data {
                     }
                     Channel::VD | Channel::VQ => 0.005 * signals.context.v_max,
                 };
-                Floor { channel, sensor, driven: 0.0, unsure: 0.0 }
+                Floor { channel, sensor, driven: 0.0, unsure: 0.0, wander: None }
             })
             .collect();
         let (input, whitening) = (InputNoise::default(), None);
@@ -165,6 +166,7 @@ impl Data {
             torque: None,
             starts: None,
             whitening: part.whitening.as_ref().zip(part.current_floors()),
+            wander: part.wander(),
             colour: None,
             held_out: part.held_out.as_deref(),
             prior: &self.prior,
@@ -172,6 +174,11 @@ impl Data {
         Joint::new(
             self.runs().iter().zip(&channels).enumerate().map(|(k, (part, c))| see(k, part, c)).collect(),
         )
+    }
+
+    /// How noise makes the speed wander, where it does, and the floor of the speed, rad/s.
+    pub fn wander(&self) -> Option<(Wander, f64)> {
+        self.floors.iter().find_map(|f| Some((f.wander?, f.total())))
     }
 
     /// Floors of i_d and i_q, A.

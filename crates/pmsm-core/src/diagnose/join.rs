@@ -157,7 +157,7 @@ impl Data {
                         (sum.sensor, sum.driven) = (sum.sensor + sensor, sum.driven + driven);
                         *count += n;
                     }
-                    None => pooled.push((Floor { sensor, driven, ..*floor }, n)),
+                    None => pooled.push((Floor { sensor, driven, wander: None, ..*floor }, n)),
                 }
             }
         }

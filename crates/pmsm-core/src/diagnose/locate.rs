@@ -77,6 +77,7 @@ pub struct Located {
 pub fn locate(data: &Data, base: &Hypothesis) -> Vec<Located> {
     let experiment = data.whole(base);
     let residual = experiment.residual(&base.parameters);
+    let plain = experiment.clone().with_plain_speed().residual(&base.parameters);
     let blocks = experiment.blocks();
     let excess: Vec<f64> = base.squares.iter().map(|(_, s)| (s - 1.0).max(0.0)).collect();
     let total: f64 = excess.iter().sum();
@@ -87,7 +88,8 @@ pub fn locate(data: &Data, base: &Hypothesis) -> Vec<Located> {
             let own: Vec<usize> = (0..blocks.len()).filter(|b| blocks[*b].channel == *channel).collect();
             let shown: Vec<usize> = own.iter().copied().filter(|b| excess[*b] > LISTED).collect();
             let most = *shown.iter().rev().max_by(|a, b| excess[**a].total_cmp(&excess[**b]))?;
-            let part = &residual.as_slice()[blocks[most].rows.clone()];
+            let seen = if channel.is_electrical() { &residual } else { &plain };
+            let part = &seen.as_slice()[blocks[most].rows.clone()];
             let share = own.iter().map(|b| excess[*b]).sum::<f64>() / total;
             let runs: Vec<usize> = shown.iter().map(|b| blocks[*b].run + 1).collect();
             let recordings = if shown.len() < own.len() { runs } else { Vec::new() };

@@ -203,11 +203,11 @@ fn experiment<'a>(data: &'a Data, model: &'a Model, nuisances: &[Nuisance], torq
 
 /// Mean square of the speed's residual in each recording; one where it does not show the motion.
 fn mean_squares(experiment: &Joint, parameters: &[f64]) -> Vec<f64> {
-    let rms = experiment.relative_rms(&experiment.residual(parameters));
+    let judged = experiment.mean_squares(&experiment.residual(parameters), |_| 1.0);
     let mut squares = vec![1.0; experiment.runs().len()];
-    for (block, rms) in experiment.blocks().iter().zip(rms) {
+    for (block, (square, _)) in experiment.blocks().iter().zip(judged) {
         if block.channel == Channel::OmegaE {
-            squares[block.run] = rms * rms;
+            squares[block.run] = square;
         }
     }
     squares

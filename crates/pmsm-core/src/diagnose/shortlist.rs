@@ -138,7 +138,7 @@ impl<'a> Scorer<'a> {
     pub fn experiment(&self) -> Joint<'_> {
         let Hypothesis { model, nuisances, .. } = self.hypothesis;
         let experiment = self.data.experiment(model, nuisances, self.whole.channels.clone());
-        experiment.with_starts(self.whole.starts.as_deref())
+        experiment.with_plain_speed().with_starts(self.whole.starts.as_deref())
     }
 
     fn projector(&self, effect: EffectId) -> &Projector {
@@ -179,18 +179,18 @@ impl<'a> Scorer<'a> {
             nuisances.push(Nuisance { initial, ..nuisance });
         }
         let experiment = self.data.experiment(&model, &nuisances, projector.channels.clone());
-        experiment.jacobian(&parameters, &free, &projector.courses)
+        experiment.with_plain_speed().jacobian(&parameters, &free, &projector.courses)
     }
 }
 
 impl Projector {
     fn new(data: &Data, hypothesis: &Hypothesis, rotor_only: bool) -> Self {
-        let left = hypothesis.squares.iter().map(|(_, s)| s.max(1.0).sqrt());
-        let mut channels = rescaled(data.channels(true, true), left);
+        let mut channels = rescaled(data.channels(true, true), left(data, hypothesis));
         for run in &mut channels {
             run.retain(|(c, _)| !(rotor_only && c.is_electrical()));
         }
         let experiment = data.experiment(&hypothesis.model, &hypothesis.nuisances, channels.clone());
+        let experiment = experiment.with_plain_speed();
         let order = experiment.channels().to_vec();
         let fitted: Vec<usize> = hypothesis
             .free
@@ -206,6 +206,21 @@ impl Projector {
         let courses = experiment.courses(&hypothesis.parameters);
         Self { channels, order, courses, starts, basis, residual }
     }
+}
+
+/// What a hypothesis leaves in each channel of each recording, over the floor: of a speed as it is.
+fn left(data: &Data, hypothesis: &Hypothesis) -> Vec<f64> {
+    let mut left: Vec<f64> = hypothesis.squares.iter().map(|(_, s)| s.max(1.0).sqrt()).collect();
+    if data.runs().iter().any(|run| run.wander().is_some()) {
+        let experiment = data.whole(hypothesis).with_plain_speed();
+        let rms = experiment.relative_rms(&experiment.residual(&hypothesis.parameters));
+        for ((left, (channel, _)), rms) in left.iter_mut().zip(&hypothesis.squares).zip(rms) {
+            if !channel.is_electrical() {
+                *left = rms.max(1.0);
+            }
+        }
+    }
+    left
 }
 
 /// Shapes of an effect that one simulation carries: as many as its vectors have room for, of an effect with states of its own one.

@@ -114,6 +114,23 @@ impl<'a> Joint<'a> {
         self
     }
 
+    /// The same with every residual as it is, through no filter.
+    #[must_use]
+    pub fn plain(mut self) -> Self {
+        for run in &mut self.runs {
+            (run.whitening, run.wander, run.colour) = (None, None, None);
+        }
+        self
+    }
+
+    /// The same with the speed's residual as it is: to first order a missing torque is seen by how far it moves the speed, slowly, which
+    /// single samples of innovations hardly show.
+    #[must_use]
+    pub fn with_plain_speed(mut self) -> Self {
+        self.runs.iter_mut().for_each(|run| run.wander = None);
+        self
+    }
+
     /// The same with the speed's residual of each recording whitened by a colour of its own, where `colour` finds one; `None`
     /// if it finds none at all.
     pub fn coloured(
@@ -220,8 +237,7 @@ impl<'a> Joint<'a> {
     pub fn blocks(&self) -> Vec<Block> {
         let of = |run: usize| {
             let experiment = &self.runs[run];
-            let counted =
-                experiment.held_out.map_or(experiment.samples(), |h| h.iter().filter(|x| !**x).count());
+            let counted = experiment.counted();
             experiment.channels.iter().filter_map(move |(channel, _)| {
                 let rows = self.rows(run, *channel)?;
                 Some(Block { run, channel: *channel, rows, counted })

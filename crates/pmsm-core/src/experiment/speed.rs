@@ -181,6 +181,9 @@ impl<'a> Experiment<'a> {
             let rows = row + window.start..row + window.end;
             let mut slope = slope[window.clone()].to_vec();
             let whiten = |x: &mut [f64]| {
+                if let Some((wander, floor)) = &self.wander {
+                    wander.whiten(*floor, x);
+                }
                 if let Some(colour) = &self.colour {
                     colour.whiten(x);
                 }

@@ -43,6 +43,7 @@ pub fn of_speed<'a>(
         torque: None,
         starts: Some(Cow::Owned(windows.iter().map(|w| signals.omega_e[w.start]).collect())),
         whitening: None,
+        wander: None,
         colour: None,
         held_out: None,
         prior: &[],

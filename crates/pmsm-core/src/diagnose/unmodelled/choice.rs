@@ -125,7 +125,7 @@ impl<'a> View<'a> {
     fn experiment<'b>(&'b self, model: &'b crate::model::Model) -> Joint<'b> {
         let electrical = self.side == Side::Electrical;
         let channels = self.data.channels(electrical, !electrical);
-        let experiment = self.data.experiment(model, &self.best.nuisances, channels);
+        let experiment = self.data.experiment(model, &self.best.nuisances, channels).with_plain_speed();
         let experiment = experiment.with_starts(self.starts.as_deref());
         if electrical { experiment } else { experiment.with_torque(self.torque) }
     }
