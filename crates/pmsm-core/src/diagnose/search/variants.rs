@@ -43,7 +43,7 @@ impl Search<'_> {
                 }
             }
             for drop in &effects {
-                let fewer = self.without(&best, *drop, seen)?;
+                let fewer = self.without_from_here(&best, *drop, scale, seen)?;
                 let fewer = self.under_same_load(&best, *drop, fewer, scale, seen)?;
                 if scale.loss(&fewer) < scale.loss(&best) + LEAST_GAIN {
                     best = fewer;
@@ -98,6 +98,31 @@ impl Search<'_> {
         Ok(judged)
     }
 
+    /// The same set without one effect, fitted also from where the set stands if it was tried before and does worse: from afar its shapes
+    /// may have run astray, and what made up for that is no effect.
+    fn without_from_here(
+        &self,
+        best: &Judged,
+        drop: EffectId,
+        scale: &Scale,
+        seen: &mut Vec<Judged>,
+    ) -> Result<Judged> {
+        let tried = seen.len();
+        let fewer = self.without(best, drop, seen)?;
+        let (fresh, effects) = (seen.len() > tried, fewer.fitted.effects());
+        let gone = scale.loss(&fewer) < scale.loss(best) + LEAST_GAIN;
+        if fresh || effects.is_empty() || gone || self.monitor.cancelled() {
+            return Ok(fewer);
+        }
+        let (model, start) = reduced(&best.fitted, drop);
+        let again = self.judge(fitting::fit(self.data, &model, &start, false, self.monitor)?)?;
+        if scale.loss(&again) >= scale.loss(&fewer) {
+            return Ok(fewer);
+        }
+        replace(seen, &again);
+        Ok(again)
+    }
+
     /// The set `fewer` without the effect `drop`, or the same fitted under the load that was found with it if that is better: steps
     /// found without a needless effect may be steps in the wrong places.
     fn under_same_load(
@@ -119,8 +144,7 @@ impl Search<'_> {
         if scale.loss(&same) >= scale.loss(&fewer) {
             return Ok(fewer);
         }
-        let effects = same.fitted.effects();
-        seen.iter_mut().filter(|j| is_set(&j.fitted.effects(), &effects)).for_each(|j| *j = same.clone());
+        replace(seen, &same);
         Ok(same)
     }
 
@@ -212,6 +236,12 @@ fn reduced(hypothesis: &Hypothesis, drop: EffectId) -> (Model, Vec<f64>) {
     (Model::new(*hypothesis.model.context(), &kept), start)
 }
 
+/// Puts a better fit of a set in the place of the one that was tried.
+fn replace(seen: &mut [Judged], better: &Judged) {
+    let effects = better.fitted.effects();
+    seen.iter_mut().filter(|j| is_set(&j.fitted.effects(), &effects)).for_each(|j| *j = better.clone());
+}
+
 /// Whether both hold the same effects.
 fn is_set(a: &[EffectId], b: &[EffectId]) -> bool {
     a.len() == b.len() && a.iter().all(|e| b.contains(e))
@@ -254,5 +284,31 @@ mod tests {
         // Another effect's load is that effect's own.
         let same = search.under_wider_load(astray.clone(), &[by(EffectId::QuadraticDrag)], &scale).unwrap();
         assert_eq!(same.fitted.parameters, astray.fitted.parameters);
+    }
+
+    #[test]
+    fn what_makes_up_for_a_fit_that_ran_astray_is_no_effect() {
+        let manoeuvre = speeds(1.0, &[(0.1, 90.0), (0.3, -80.0), (0.5, 60.0), (0.7, -60.0), (0.9, 80.0)]);
+        let (data, base) = data(&setup(manoeuvre, vec![choice("coulomb_friction", "tau_c", 0.3)]));
+        let judged = |fitted| Judged { fitted, held_out: Vec::new(), refuted: false };
+        let right = judged(fitted(&data, &base, EffectId::CoulombFriction));
+        let both = judged({
+            let model =
+                Model::new(data.signals.context, &[EffectId::CoulombFriction, EffectId::QuadraticDrag]);
+            let start = [right.fitted.own(), &[1e-9, 0.0]].concat();
+            fitting::fit(&data, &model, &start[..model.parameter_count()], false, &Silent).unwrap()
+        });
+        let Hypothesis { model, mut parameters, free, nuisances, .. } = right.fitted.clone();
+        parameters[BASE] *= 1.5;
+        let astray = judged(Hypothesis::on(&data, model, parameters, free, nuisances));
+        assert!(right.excess() < 0.1 && astray.excess() > 1.0);
+
+        let search =
+            Search { data: &data, held_out: Vec::new(), refuting: Vec::new(), most: 3, monitor: &Silent };
+        let scale = Scale::new([&right, &both, &astray].into_iter());
+        let mut seen = vec![judged(base), astray];
+        let found = search.pruned(both, &scale, &mut seen).unwrap();
+        assert_eq!(found.fitted.effects(), [EffectId::CoulombFriction]);
+        assert!(found.excess() < 0.1 && seen[1].excess() < 0.1, "{}", found.excess());
     }
 }
