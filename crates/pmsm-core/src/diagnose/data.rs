@@ -211,6 +211,11 @@ impl Data {
         self.parts.iter_mut().for_each(Data::hold_in_stator);
     }
 
+    /// Number of initial values of a model's mechanical states that this recording leaves open: theirs each time they begin anew.
+    pub fn initial_states(&self, model: &Model) -> usize {
+        model.mechanical_states() * mechanical::beginnings(&self.signals, &self.windows)
+    }
+
     /// Whether an equation of any recording contains the parameter.
     pub fn needs(&self, parameter: BaseParameter) -> bool {
         self.runs().iter().any(|part| start::needed(&part.signals, parameter))

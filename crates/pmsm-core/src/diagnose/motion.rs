@@ -98,7 +98,9 @@ pub fn fit_under(
 ) -> Result<Motion> {
     let own = &start[..model.parameter_count()];
     let mut states = found(nuisances, load);
-    states.iter_mut().for_each(|state| state.deviations = vec![0.0; model.mechanical_states()]);
+    for (state, part) in states.iter_mut().zip(data.runs()) {
+        state.deviations = vec![0.0; if part.has(false) { part.initial_states(model) } else { 0 }];
+    }
     settle(data, model, own, states, rotor, &data.torque(model, own), monitor)
 }
 
@@ -216,11 +218,15 @@ fn mean_squares(experiment: &Joint, parameters: &[f64]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::fitting;
-    use crate::diagnose::testing::{data, setup, speeds};
+    use crate::diagnose::hypothesis::Hypothesis;
+    use crate::diagnose::testing::{data, fitted, setup, speeds};
     use crate::diagnose::verdict::{MISMATCH, largest_excess};
-    use crate::drive::{Schedule, Shape};
+    use crate::diagnose::{bare, fitting};
+    use crate::drive::{Choice, Schedule, Shape, simulate};
+    use crate::effects::EffectId;
     use crate::monitor::Silent;
+    use crate::recording::Recording;
+    use crate::signals::Signals;
 
     struct Stopped;
 
@@ -242,6 +248,35 @@ mod tests {
             |load| fit(&data, &base.model, base.own(), &[], load, &Stopped).unwrap().parameters[count];
         assert_eq!(level(Some(load)), base.parameters[count]);
         assert!((level(None) / base.parameters[count] - 1.0).abs() > 0.01, "{}", level(None));
+    }
+
+    #[test]
+    fn a_shaft_that_twists_on_through_a_gap_is_fitted_behind_it() {
+        let manoeuvre = speeds(1.2, &[(0.1, 90.0), (0.4, -80.0), (0.7, 90.0), (1.0, -60.0)]);
+        let parameters = [("inertia_ratio", 0.4), ("f_antires", 25.0), ("zeta", 0.02)];
+        let parameters = parameters.map(|(name, value)| (name.to_string(), value)).into();
+        let setup = setup(manoeuvre, vec![Choice { effect: "two_mass_shaft".into(), parameters }]);
+        let whole = simulate(&setup, &Silent).unwrap().recording;
+        let in_gap = |t: f64| (0.43..0.47).contains(&t) || (0.75..0.81).contains(&t);
+        let logged = |x: &[f64]| -> Vec<f64> {
+            whole.t().iter().zip(x).filter(|(t, _)| !in_gap(**t)).map(|(_, x)| *x).collect()
+        };
+        let names = ["t", "v_d", "v_q", "i_a", "i_b", "i_c", "theta_e", "omega_e"];
+        let columns = names.iter().filter_map(|name| Some((name.to_string(), logged(whole.column(name)?))));
+        let recording = Recording::new(columns.collect(), None).unwrap();
+        let mut data =
+            Data::new(Signals::new(&recording, &setup.nameplate).unwrap(), &setup.nameplate).unwrap();
+        let base = bare::fit(&mut data, &Silent).unwrap();
+        let shaft = fitted(&data, &base, EffectId::TwoMassShaft);
+        assert_eq!(shaft.nuisances[0].initial, 6);
+        let square = shaft.square(Channel::OmegaE);
+        assert!(base.square(Channel::OmegaE) > 10.0 && (square - 1.0).abs() < 0.1, "{square}");
+        // As if the shaft had settled behind each gap, the same model leaves far more than noise.
+        let count = shaft.own().len();
+        let mut settled = shaft.parameters.clone();
+        settled[count + 2..].fill(0.0);
+        let settled = Hypothesis::on(&data, shaft.model, settled, shaft.free, shaft.nuisances);
+        assert!(settled.square(Channel::OmegaE) > 1.0 + MISMATCH, "{:?}", settled.squares);
     }
 
     #[test]

@@ -169,11 +169,11 @@ impl<'a> Scorer<'a> {
             let weak = |(k, x): (usize, &f64)| if amplitudes.contains(&k) { 0.0 } else { *x };
             parameters.extend(shape.iter().enumerate().map(weak));
         }
-        let initial = model.mechanical_states();
         let mut nuisances = Vec::with_capacity(hypothesis.nuisances.len());
         for (nuisance, left_open) in split(&hypothesis.nuisances, &hypothesis.parameters[own.len()..]) {
             // A recording that does not show the motion leaves none of it open.
-            let initial = if self.data.runs()[nuisances.len()].has(false) { initial } else { 0 };
+            let run = &self.data.runs()[nuisances.len()];
+            let initial = if run.has(false) { run.initial_states(&model) } else { 0 };
             parameters.extend(left_open);
             parameters.extend(std::iter::repeat_n(0.0, initial - nuisance.initial));
             nuisances.push(Nuisance { initial, ..nuisance });

@@ -28,12 +28,13 @@ const PIECES: f64 = 6.0;
 /// What a run leaves open beside the model's parameters: an unknown load torque, constant between instants that are
 /// themselves parameters, and the initial values of the mechanical extra states. Its parameters are the load levels
 /// (N·m), the instants at which they change (s from the first sample, ascending), and the deviation of each extra
-/// state from its quasi-static start. What the recording tells of the load comes on top.
+/// state from its quasi-static start, where the recording begins and behind each gap. What the recording tells of the load comes on top.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Nuisance {
     /// Number of unknown levels; zero if the load is known.
     pub levels: usize,
-    /// Number of mechanical extra states of the model.
+    /// Number of initial values of the model's mechanical extra states: theirs where the recording begins, and as many for each later
+    /// [beginning](beginnings); where they are fewer the later ones are quasi-static.
     pub initial: usize,
 }
 
@@ -156,7 +157,7 @@ fn run_sized<T: Real, W: Carries<T>, R: Restart<W>, const N: usize>(
     let coarse = steps_are_coarse(signals);
     let ringing = model.ringing(p);
     let mut state = [W::zero(); N];
-    let mut level = 0;
+    let (mut level, mut begun) = (0, 0);
     for (number, window) in windows.iter().enumerate() {
         let mut k = window.start;
         while k < window.end {
@@ -171,12 +172,11 @@ fn run_sized<T: Real, W: Carries<T>, R: Restart<W>, const N: usize>(
                 begins = number == 0 || !continues(signals, &windows[number - 1], k);
                 if begins {
                     state = model.mechanical_start(p, &base, omega_m, W::carry(tau_e[k]), tau_load, &env);
-                    if number == 0 {
-                        let deviation = &own[load.parameter_count() - load.initial..];
-                        for (x, d) in state[1..].iter_mut().zip(deviation) {
-                            *x += *d;
-                        }
+                    let deviations = &own[load.parameter_count() - load.initial..];
+                    for (x, d) in state[1..].iter_mut().zip(deviations.iter().skip(begun)) {
+                        *x += *d;
                     }
+                    begun += model.mechanical_states();
                 } else {
                     for x in &mut state[1..] {
                         restart.forget(x);
@@ -306,6 +306,13 @@ fn mix<T: Real>(c: f64, a: (T, Env<T>), b: (T, Env<T>)) -> (T, Env<T>) {
 #[inline(always)]
 fn between<T: Real>(x: T, y: T, c: f64) -> T {
     x * (1.0 - c) + y * c
+}
+
+/// Number of times the rotor's states begin anew: with the recording and behind each gap.
+pub fn beginnings(signals: &Signals, windows: &[Range<usize>]) -> usize {
+    let anew =
+        |number: &usize| *number == 0 || !continues(signals, &windows[number - 1], windows[*number].start);
+    (0..windows.len()).filter(anew).count()
 }
 
 /// Whether a window that begins at sample `k` goes on where the one `before` it ended, without a gap.

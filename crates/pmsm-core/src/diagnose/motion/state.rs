@@ -29,7 +29,7 @@ impl State {
         Self {
             levels: vec![level; if unknown { steps.len() + 1 } else { 0 }],
             steps,
-            deviations: vec![0.0; model.mechanical_states()],
+            deviations: vec![0.0; data.initial_states(model)],
         }
     }
 
