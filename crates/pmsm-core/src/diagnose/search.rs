@@ -23,6 +23,7 @@ use rayon::prelude::*;
 use sets::{explains, foothold, hopeless, mismatched_by, path, progress, same, sorted, steps};
 
 pub use variants::Swap;
+use variants::preferred;
 
 /// Effects whose first-order score (mean square in units of what is left) is below this are not refitted.
 const LEAST_SCORE: f64 = 0.002;
@@ -44,6 +45,8 @@ const BEAM: usize = 2;
 const BRANCHES: usize = 3;
 /// Most effects in one model, unless the recording is too poor for more than one.
 pub const MOST: usize = 3;
+/// Times that a rival which the recordings prefer becomes the best set.
+const PREFERRED: usize = 2;
 
 /// The recording, the held-out run, and what was tried on them.
 pub struct Search<'a> {
@@ -151,8 +154,13 @@ impl Search<'_> {
                 _ => break,
             }
         }
-        let best = self.pruned(best, &scale, &mut seen)?;
+        let mut best = self.pruned(best, &scale, &mut seen)?;
         let mut swaps = self.swaps(&best, &able, &mut seen)?;
+        for _ in 0..PREFERRED {
+            let Some(better) = preferred(&best, &swaps, &scale) else { break };
+            best = self.pruned(better, &scale, &mut seen)?;
+            swaps = self.swaps(&best, &able, &mut seen)?;
+        }
         let best = self.under_wider_load(best, &swaps, &scale)?;
         self.monitor.report("alternatives", 0.92);
         let absent = self.rest(&able, &best);
