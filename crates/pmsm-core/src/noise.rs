@@ -20,6 +20,9 @@ const LOUD: f64 = 1.2;
 const WANDERS: f64 = 0.05;
 /// Standard errors by which whitening may misjudge an inertia; where it would by more the residual is left as it is.
 const HARMLESS: f64 = 0.3;
+/// Mean square, over the floor's, beyond which it is left as it is, too: a model that is far from right errs slowly, which innovations hardly
+/// show, and its parameters would be those that err least in what is fast.
+const NEAR: f64 = 50.0;
 /// Samples over which the steps of a wandering speed are taken.
 const LAG: usize = 8;
 
@@ -183,10 +186,14 @@ fn add_driven(
         floor.driven = if square.is_finite() { square.sqrt() } else { 0.0 };
     }
     let step = (steps.0 / steps.1.max(1) as f64).sqrt();
-    if let Some(floor) = speed.map(|at| &mut floors[at]).filter(|f| step.is_finite() && f.share() > WANDERS) {
+    if let Some(at) = speed.filter(|at| step.is_finite() && floors[*at].share() > WANDERS) {
+        let floor = &mut floors[at];
         let wander = Wander::new(floor.sensor, step);
-        let bias = wander.bias(&experiment.signals.omega_e, experiment.windows);
-        floor.wander = Some(wander).filter(|_| bias < HARMLESS);
+        let signals = experiment.signals;
+        let bias = wander.bias(&signals.omega_e, experiment.windows);
+        let off = signals.omega_e.iter().zip(&clean[at]).map(|(m, x)| (m - x).powi(2));
+        let square = off.sum::<f64>() / signals.len() as f64 / floor.total().powi(2);
+        floor.wander = Some(wander).filter(|_| bias < HARMLESS && square < NEAR);
     }
 }
 
