@@ -174,7 +174,7 @@ fn on_whole(data: &Data, found: Outcome, base: &Hypothesis, monitor: &dyn Monito
     // What only generalises an effect is compared with it closely, sample for sample.
     let mut swaps = found.swaps;
     for swap in &mut swaps {
-        if swap.by.is_some_and(|wide| decide::generalises(wide, swap.replaced)) {
+        if swap.by.is_some_and(|wide| wide.contains(swap.replaced)) {
             swap.judged.fitted = fitting::refit(data, &swap.judged.fitted, monitor)?;
         }
     }

@@ -38,6 +38,10 @@ macro_rules! catalogue {
             pub fn derived(self) -> &'static [Derived] {
                 match self { $(Self::$name => <$module::$name as Effect>::DERIVED),+ }
             }
+            /// Whether it has `narrow` as a special case, so that fitting as well is no rivalry.
+            pub fn contains(self, narrow: Self) -> bool {
+                self.info().contains.contains(&narrow.id())
+            }
             /// The effect of which this one is the finer part.
             pub fn refines(self) -> Option<&'static str> {
                 match self { $(Self::$name => <$module::$name as Effect>::REFINES),+ }

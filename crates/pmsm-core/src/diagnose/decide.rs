@@ -58,18 +58,18 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
         let hidden = |wide: EffectId| {
             let earned = rivals.iter().any(|(e, j)| *e == wide && loss(j) < floor);
             let at_best = shown(wide).map(|s| s.at_best);
-            at_best.filter(|power| to_the_noise && generalises(wide, effect) && !earned && *power < EVEN)
+            at_best.filter(|power| to_the_noise && wide.contains(effect) && !earned && *power < EVEN)
         };
         // Or unless the recording asks for that freedom, only not by enough to be sure of what it stands for.
         let asked_for = |wide: EffectId, judged: &Judged| {
-            to_the_noise && generalises(wide, effect) && verdict::asks_for(judged, &outcome.best)
+            to_the_noise && wide.contains(effect) && verdict::asks_for(judged, &outcome.best)
         };
         // That freedom may be there all the same, as far as the recording would have missed it.
         let missed = |wide: EffectId| shown(wide).map_or(0.0, |s| 1.0 - s.power);
         let weight = |rival: EffectId, judged: &Judged| match hidden(rival) {
             Some(power) => 1.0 - power,
             None if asked_for(rival, judged) => 1.0,
-            None if generalises(rival, effect) => missed(rival).max((-NESTED_GAIN).exp()),
+            None if rival.contains(effect) => missed(rival).max((-NESTED_GAIN).exp()),
             None => 1.0,
         };
         let sum = 1.0 + none + rivals.iter().map(|(e, j)| weight(*e, j) * odds(j)).sum::<f64>();
@@ -79,7 +79,7 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
         let near = if poor { INDISTINGUISHABLE_POOR } else { INDISTINGUISHABLE };
         let mut equivalent: Vec<EffectId> = rivals
             .iter()
-            .filter(|(e, j)| !generalises(*e, effect) || asked_for(*e, j) || likelier(*e, j))
+            .filter(|(e, j)| !e.contains(effect) || asked_for(*e, j) || likelier(*e, j))
             .filter(|(_, j)| loss(j) < floor + near)
             .map(|(e, _)| *e)
             .collect();
@@ -151,11 +151,6 @@ fn unlikely(outcome: &Outcome) -> Vec<Ranked> {
             })
         })
         .collect()
-}
-
-/// Whether `wide` contains `narrow` as a special case, so that fitting as well is no rivalry.
-pub fn generalises(wide: EffectId, narrow: EffectId) -> bool {
-    wide.info().contains.contains(&narrow.id())
 }
 
 #[cfg(test)]

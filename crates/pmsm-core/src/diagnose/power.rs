@@ -140,7 +140,7 @@ impl Survey<'_> {
         let context = self.best.model.context();
         let parameters = effect.info().parameters;
         let amplitudes = self.scorer.amplitudes(effect);
-        let special = self.found.iter().filter(|f| effect.info().contains.contains(&f.effect.id()));
+        let special = self.found.iter().filter(|f| effect.contains(f.effect));
         let share = special.map(|f| f.size).fold(1.0, f64::min);
         let typical = DVector::from_iterator(
             amplitudes.len(),

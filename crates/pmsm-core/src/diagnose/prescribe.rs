@@ -7,7 +7,7 @@ mod rivalry;
 
 use super::answer::Verdict;
 use super::data::Data;
-use super::decide::{Ranked, generalises};
+use super::decide::Ranked;
 use super::hypothesis::Hypothesis;
 use super::power::times;
 use super::search::Outcome;
@@ -94,7 +94,7 @@ fn rivals<'a>(
             let asked = if verdict == Verdict::Ambiguous {
                 first.equivalent.contains(&by)
             } else {
-                loss(&s.judged) < floor + CLOSE && !generalises(by, first.effect)
+                loss(&s.judged) < floor + CLOSE && !by.contains(first.effect)
             };
             asked.then(|| (by.id(), &s.judged.fitted))
         });

@@ -1,8 +1,10 @@
 //! The search for the set of effects: all singles, then pairs and triples grown from the best, each refitted by
 //! simulation and judged on the recording and on the held-out run.
 
+mod again;
 mod refit;
 mod sets;
+mod smaller;
 mod variants;
 
 use super::able;

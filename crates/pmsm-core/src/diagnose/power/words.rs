@@ -27,7 +27,7 @@ impl Shown {
     pub(super) fn why(&self, found: &[EffectId]) -> String {
         let (before, after) = self.size;
         let channel = self.channel.name();
-        let contained = found.iter().find(|e| self.effect.info().contains.contains(&e.id()));
+        let contained = found.iter().find(|e| self.effect.contains(**e));
         if let Some(special) = contained {
             return format!(
                 "{} is a special case of it and fits as well: what it has beyond that, if of the same size, would add up to {} times the \

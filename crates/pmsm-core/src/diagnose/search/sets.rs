@@ -93,6 +93,17 @@ pub(super) fn same(set: &[EffectId], parent: &[EffectId], added: EffectId) -> bo
     set.len() == parent.len() + 1 && set.contains(&added) && parent.iter().all(|e| set.contains(e))
 }
 
+/// Whether both hold the same effects.
+pub(super) fn is_set(a: &[EffectId], b: &[EffectId]) -> bool {
+    a.len() == b.len() && a.iter().all(|e| b.contains(e))
+}
+
+/// Puts a better fit of a set in the place of the one that was tried.
+pub(super) fn replace(seen: &mut [Judged], better: &Judged) {
+    let effects = better.fitted.effects();
+    seen.iter_mut().filter(|j| is_set(&j.fitted.effects(), &effects)).for_each(|j| *j = better.clone());
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
