@@ -238,11 +238,13 @@ fn an_interruption_returns_the_best_so_far() {
     assert!(cut.interrupted && !cut.converged && !whole.interrupted);
     assert_eq!(cut.history, whole.history[..7]);
     assert_eq!(cut.cost, whole.history[6]);
-    for method in [Method::Swarm, Method::LeastSquares, Method::Both] {
+    // The nameplate, or a regression, is the best so far.
+    for (method, off) in [(Method::Swarm, 0.0), (Method::LeastSquares, 0.01), (Method::Both, 0.0)] {
         let request = Request { method, ..paper_request(3) };
         let at_once = identify(&recording, &machine, &request, &After(0, AtomicUsize::new(0))).unwrap();
         assert!(at_once.interrupted && at_once.cost.is_finite());
-        assert_eq!(at_once.get("r_s").unwrap().value, Some(plant.r_s), "the nameplate is the best so far");
+        let r_s = at_once.get("r_s").unwrap().value.unwrap();
+        assert!((r_s / plant.r_s - 1.0).abs() <= off, "{method:?}: {r_s}");
     }
 }
 

@@ -128,7 +128,7 @@ def identify(
 
     `machine` is the nameplate, or a machine file that holds it. `fit` names the parameters, with bounds in SI
     units or None for a wide range around the nameplate; left out, every parameter that the recording can show
-    is fitted. `method` is "pso" (particle swarm), "lm" (Levenberg-Marquardt from the nameplate) or "pso+lm".
+    is fitted. `method` is "pso" (particle swarm), "lm" (Levenberg-Marquardt from a regression) or "pso+lm".
     `threads` None uses every processor; the answer does not depend on it. `progress(stage, fraction)` is
     called from time to time. On Ctrl-C the best so far is returned, marked `interrupted`.
 

@@ -24,7 +24,6 @@ use crate::pairs;
 use crate::recording::Recording;
 use crate::signals::Signals;
 use crate::simulate::mechanical;
-use crate::start;
 use crate::swarm::SwarmSettings;
 use crate::uncertainty::{Estimate, NotShown};
 pub use fitness::Fitness;
@@ -120,7 +119,7 @@ pub enum Method {
     /// Particle swarm as in the paper.
     #[serde(rename = "pso")]
     Swarm,
-    /// Levenberg–Marquardt from the nameplate, and from a regression where that fails.
+    /// Levenberg–Marquardt from a regression of the equations, and from the nameplate where that fails.
     #[serde(rename = "lm")]
     LeastSquares,
     /// Swarm, then least squares from its best point.
@@ -240,7 +239,8 @@ pub fn identify(
     let found = match request.method {
         Method::Swarm => by_swarm(&objective, &plan, request, false, monitor)?,
         Method::LeastSquares => {
-            from_starts(&objective, &plan, &signals, machine, &search::SETTINGS, monitor)?
+            let starts = [&|| plan.regressed(&signals), &|| plan.first()] as [&dyn Fn() -> Vec<f64>; 2];
+            from_starts(&objective, &plan, starts, &search::SETTINGS, monitor)?
         }
         Method::Both => refined(&objective, &plan, request, monitor)?,
     };
@@ -310,34 +310,25 @@ fn refine(
     })
 }
 
-/// Least squares from the nameplate; where that does not converge, from the regression as well.
+/// Least squares from the first start; where that does not converge within the bounds, from the other as well.
 fn from_starts(
     objective: &Objective,
     plan: &Plan,
-    signals: &Signals,
-    machine: &Machine,
+    starts: [&dyn Fn() -> Vec<f64>; 2],
     settings: &least_squares::Settings,
     monitor: &dyn Monitor,
 ) -> Result<Found> {
-    let regression = || {
-        let blank = Machine { base: [None; 6], ..machine.clone() };
-        let base = start::values(signals, &blank).ok()?;
-        let value = |t: &Target| base.get(t.index()).copied().unwrap_or(0.0);
-        Some(plan.targets.iter().map(value).collect())
-    };
     let mut best: Option<Found> = None;
-    let mut start = Some(plan.first());
-    while let Some(values) = start {
-        let descent = search::descend(objective, plan, &values, settings, monitor)?;
+    for start in starts {
+        let descent = search::descend(objective, plan, &start(), settings, monitor)?;
         let status = descent.fit.status;
-        let before = best.as_ref().map_or(0, |b| b.evaluations);
-        let evaluations = before + descent.evaluations;
-        start = match (status, &best) {
-            (Status::Converged | Status::Interrupted, _) | (_, Some(_)) => None,
-            (_, None) => regression(),
-        };
+        let inside = status == Status::Converged && !descent.fit.at_bound.contains(&true);
+        let evaluations = best.as_ref().map_or(0, |b| b.evaluations) + descent.evaluations;
         match &mut best {
-            Some(b) if !(descent.fit.cost < b.cost || b.cost.is_nan()) => b.evaluations = evaluations,
+            Some(b) if !(descent.fit.cost < b.cost || b.cost.is_nan()) => {
+                b.evaluations = evaluations;
+                b.interrupted |= status == Status::Interrupted;
+            }
             _ => {
                 best = Some(Found {
                     values: descent.fit.parameters,
@@ -351,10 +342,13 @@ fn from_starts(
                 });
             }
         }
+        if inside || status == Status::Interrupted {
+            break;
+        }
     }
     best.filter(|b| b.cost.is_finite()).ok_or_else(|| {
         Error::unusable(
-            "the model cannot be simulated from the nameplate",
+            "the model can be simulated neither from a regression nor from the nameplate",
             "check the nameplate and the units of the recording, or use method pso+lm",
         )
     })

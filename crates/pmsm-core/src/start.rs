@@ -1,5 +1,5 @@
-//! First values of the base parameters: the nameplate's, and for what the nameplate leaves open a linear regression
-//! of the equations integrated over short stretches. First values of a free run: the measured ones, or better.
+//! First values of the base parameters: the nameplate's, or a linear regression of the equations integrated over short
+//! stretches. First values of a free run: the measured ones, or better.
 
 use crate::base::BASE;
 use crate::error::{Error, Result};
@@ -12,8 +12,9 @@ use nalgebra::{DMatrix, DVector};
 
 /// Samples integrated over in the electrical regression.
 const ELECTRICAL_STRETCH: usize = 8;
-/// Stretch of the mechanical regression, s.
+/// Stretch of the mechanical regression, s, and the fewest of them in a segment.
 const MECHANICAL_STRETCH: f64 = 0.02;
+const FEWEST_STRETCHES: usize = 16;
 /// Share of a segment from which its first values are estimated, and the fewest samples worth it.
 const OPENING: f64 = 0.04;
 const FEWEST_OPENING: usize = 6;
@@ -26,16 +27,16 @@ pub fn values(signals: &Signals, machine: &Machine) -> Result<[f64; BASE]> {
     let mut found = [f64::NAN; BASE];
     let unknown = |group: &[BaseParameter]| group.iter().any(|p| machine.get(*p).is_none());
     if unknown(&BaseParameter::ELECTRICAL)
-        && let Some(x) = electrical(signals)
+        && let Some(x) = electrical(signals, [None; 4])
     {
         found[..4].copy_from_slice(&x);
     }
     let mut psi = machine.get(BaseParameter::PsiM);
     psi = psi.or(Some(found[BaseParameter::PsiM.index()]).filter(|x| x.is_finite()));
     if unknown(&BaseParameter::MECHANICAL)
-        && let Some(x) = mechanical(signals, psi)
+        && let Some([j, b, _]) = mechanical(signals, [psi.unwrap_or(0.0), 0.0], [None; 3])
     {
-        found[4..].copy_from_slice(&x);
+        found[4..].copy_from_slice(&[j, b]);
     }
     let mut out = [0.0; BASE];
     for p in BaseParameter::ALL {
@@ -53,6 +54,27 @@ pub fn values(signals: &Signals, machine: &Machine) -> Result<[f64; BASE]> {
         };
     }
     Ok(out)
+}
+
+/// The point `p` (base parameters and load torque on top of what the recording tells of it) with the entries `free` from a regression of
+/// each equation that holds the others; what the regression does not show stays.
+pub fn regressed(signals: &Signals, p: &[f64], free: &[usize]) -> Vec<f64> {
+    let held = |k: usize| (!free.contains(&k)).then_some(p[k]);
+    let mut out = p.to_vec();
+    if free.iter().any(|k| *k < 4) {
+        take(&mut out[..4], electrical(signals, [0, 1, 2, 3].map(held)));
+    }
+    if free.iter().any(|k| *k >= 4) {
+        let flux = [out[BaseParameter::PsiM.index()], out[1] - out[2]];
+        take(&mut out[4..], mechanical(signals, flux, [4, 5, 6].map(held)));
+    }
+    out
+}
+
+/// Takes over what was found.
+fn take<const N: usize>(out: &mut [f64], found: Option<[f64; N]>) {
+    let shown = out.iter_mut().zip(found.into_iter().flatten()).filter(|(_, x)| x.is_finite());
+    shown.for_each(|(out, x)| *out = x);
 }
 
 /// Whether the recording's equations contain the parameter at all.
@@ -85,8 +107,8 @@ fn stand_in(parameter: BaseParameter) -> f64 {
     [1.0, 1e-3, 1e-3, 0.1, 1e-3, 0.0][parameter.index()]
 }
 
-/// r_s, l_d, l_q, psi_m from ∫v dt = r_s∫i dt + ΔΛ + rotation, per stretch.
-fn electrical(signals: &Signals) -> Option<[f64; 4]> {
+/// r_s, l_d, l_q, psi_m from ∫v dt = r_s∫i dt + ΔΛ + rotation, per stretch; those that are `held` as they are.
+fn electrical(signals: &Signals, held: [Option<f64>; 4]) -> Option<[f64; 4]> {
     let (v, i) = (signals.v.as_ref()?, signals.i.as_ref()?);
     let steady = matches!(signals.kind, Kind::OperatingPoints | Kind::OpenCircuit);
     let mut rows: Vec<([f64; 4], f64)> = Vec::new();
@@ -115,35 +137,39 @@ fn electrical(signals: &Signals) -> Option<[f64; 4]> {
             k += stretch;
         }
     }
-    solve(&rows)
+    solve(&rows, held)
 }
 
-/// j and b from ∫τ_e dt = J·Δω_m + b·∫ω_m dt + level, per stretch.
-fn mechanical(signals: &Signals, psi: Option<f64>) -> Option<[f64; 2]> {
+/// j, b and a constant torque from ∫τ_e dt = J·Δω_m + b·∫ω_m dt + level, per stretch; those that are `held` as they are. `flux` is that of
+/// the magnet and l_d − l_q.
+fn mechanical(signals: &Signals, [psi_m, saliency]: [f64; 2], held: [Option<f64>; 3]) -> Option<[f64; 3]> {
     let n_p = signals.n_p;
     let torque: Vec<f64> = match (&signals.tau_e, &signals.i) {
         (Some(tau), _) => tau.clone(),
-        (None, Some(i)) => i[1].iter().map(|q| 1.5 * n_p * psi.unwrap_or(0.0) * q).collect(),
+        (None, Some([d, q])) => {
+            d.iter().zip(q).map(|(d, q)| 1.5 * n_p * (psi_m + saliency * d) * q).collect()
+        }
         _ => return None,
     };
-    let stretch = ((MECHANICAL_STRETCH / signals.period) as usize).max(1);
+    let longest = ((MECHANICAL_STRETCH / signals.period) as usize).max(1);
     let mut rows: Vec<([f64; 3], f64)> = Vec::new();
     for segment in &signals.segments {
+        let stretch = longest.min(segment.len() / FEWEST_STRETCHES).max(1);
         let mut k = segment.start;
         while k + stretch < segment.end {
             let (mut tau, mut turned) = (0.0, 0.0);
             for m in k..k + stretch {
                 let h = signals.t[m + 1] - signals.t[m];
-                tau += 0.5 * (torque[m] + torque[m + 1]) * h;
-                turned += 0.5 * (signals.omega_e[m] + signals.omega_e[m + 1]) / n_p * h;
+                let mean = |x: &[f64]| 0.5 * (x[m] + x[m + 1]);
+                tau += (mean(&torque) - signals.tau_m.as_deref().map_or(0.0, mean)) * h;
+                turned += mean(&signals.omega_e) / n_p * h;
             }
             let change = (signals.omega_e[k + stretch] - signals.omega_e[k]) / n_p;
-            let load = signals.tau_m.as_ref().map_or(0.0, |x| x[k] * stretch as f64 * signals.period);
-            rows.push(([change, turned, signals.t[k + stretch] - signals.t[k]], tau - load));
+            rows.push(([change, turned, signals.t[k + stretch] - signals.t[k]], tau));
             k += stretch;
         }
     }
-    solve(&rows).map(|[j, b, _]| [j, b])
+    solve(&rows, held)
 }
 
 /// Replaces the first currents and speed of each gap-free segment by an estimate with less noise: a free run of the
@@ -177,20 +203,72 @@ pub fn settle(signals: &mut Signals, model: &Model, p: &[f64]) {
     }
 }
 
-fn solve<const N: usize>(rows: &[([f64; N], f64)]) -> Option<[f64; N]> {
-    if rows.len() < 2 * N {
+/// Least squares for the unknowns that are not `held`; NaN where nothing depends on one.
+fn solve<const N: usize>(rows: &[([f64; N], f64)], held: [Option<f64>; N]) -> Option<[f64; N]> {
+    let open: Vec<usize> = (0..N).filter(|c| held[*c].is_none()).collect();
+    if open.is_empty() || rows.len() < 2 * open.len() {
         return None;
     }
-    let matrix = DMatrix::from_fn(rows.len(), N, |r, c| rows[r].0[c]);
-    let rhs = DVector::from_fn(rows.len(), |r, _| rows[r].1);
+    let matrix = DMatrix::from_fn(rows.len(), open.len(), |r, c| rows[r].0[open[c]]);
+    let known =
+        |row: &[f64; N]| row.iter().zip(held).map(|(x, held)| held.map_or(0.0, |h| x * h)).sum::<f64>();
+    let rhs = DVector::from_fn(rows.len(), |r, _| rows[r].1 - known(&rows[r].0));
     let scale: Vec<f64> = matrix.column_iter().map(|c| c.norm()).collect();
-    let scaled = DMatrix::from_fn(rows.len(), N, |r, c| matrix[(r, c)] / scale[c].max(f64::MIN_POSITIVE));
+    let scaled =
+        DMatrix::from_fn(rows.len(), open.len(), |r, c| matrix[(r, c)] / scale[c].max(f64::MIN_POSITIVE));
     let solution = scaled.svd(true, true).solve(&rhs, 1e-9).ok()?;
-    let mut out = [f64::NAN; N];
-    for c in 0..N {
-        if scale[c] > 0.0 {
-            out[c] = solution[c] / scale[c];
+    let mut out = held.map(|h| h.unwrap_or(f64::NAN));
+    for (k, c) in open.into_iter().enumerate() {
+        if scale[k] > 0.0 {
+            out[c] = solution[k] / scale[k];
         }
     }
     Some(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::drive::{Manoeuvre, Schedule, Setup, Shape, simulate};
+    use crate::monitor::Silent;
+
+    #[test]
+    fn a_regression_of_what_is_asked_for_holds_the_rest() {
+        let mut manoeuvre = Manoeuvre::new(1.0);
+        let speeds = vec![(0.1, 90.0), (0.3, -80.0), (0.5, 60.0), (0.7, -60.0), (0.9, 80.0)];
+        manoeuvre.omega_m = Some(Schedule::new(speeds, Shape::Linear).unwrap());
+        manoeuvre.tau_load = Some(Schedule::constant(2.0).unwrap());
+        manoeuvre.load_kind = Some("unknown_constant".into());
+        let machine = Machine::liu_2008().with_drive(Some(560.0), Some(20.0), Some(5e3)).unwrap();
+        let mut setup = Setup::new(machine, manoeuvre);
+        (setup.drive.sensors.noise_i, setup.drive.sensors.noise_omega_e) = (0.05, 0.3);
+        let recording = simulate(&setup, &Silent).unwrap().recording;
+        let signals = Signals::new(&recording, &setup.nameplate).unwrap();
+        let truth = [values(&signals, &setup.machine).unwrap().as_slice(), &[2.0]].concat();
+
+        let off: Vec<f64> = truth.iter().map(|x| 1.5 * x).collect();
+        assert_eq!(regressed(&signals, &off, &[]), off);
+        for free in [vec![0, 6], vec![3, 4], vec![0, 2, 3, 4, 6]] {
+            // What is held is held at its true value.
+            let start: Vec<f64> = (0..7).map(|k| if free.contains(&k) { off[k] } else { truth[k] }).collect();
+            let found = regressed(&signals, &start, &free);
+            for k in 0..7 {
+                let close = (found[k] / truth[k] - 1.0).abs() < if free.contains(&k) { 0.1 } else { 1e-15 };
+                assert!(close, "{free:?}: {k} at {}, truly {}", found[k], truth[k]);
+            }
+        }
+    }
+
+    #[test]
+    fn what_nothing_depends_on_stays() {
+        let rows: Vec<([f64; 2], f64)> = (0..9).map(|k| ([f64::from(k), 0.0], 3.0 * f64::from(k))).collect();
+        let found = solve(&rows, [None, None]).unwrap();
+        assert!((found[0] - 3.0).abs() < 1e-12 && found[1].is_nan());
+        assert_eq!(solve(&rows, [Some(1.0), None]).unwrap()[0], 1.0);
+        assert!(solve(&rows, [Some(1.0), Some(2.0)]).is_none());
+        let mut out = [7.0, 8.0];
+        take(&mut out, Some(found));
+        assert_eq!(out[1], 8.0);
+        assert!(solve(&rows[..3], [None, None]).is_none());
+    }
 }

@@ -69,7 +69,7 @@ pub fn spread(jacobian: &DMatrix<f64>, residual: &DVector<f64>, rows_per_channel
             }
         }
     }
-    let gradient = scores.row_sum().transpose();
+    let gradient = DVector::from_iterator(dim, columns(&scores, n).map(|own| own.iter().sum()));
     let mut covariance = naive.clone();
     if shown.is_empty() {
         return Spread { covariance, blocks: 0, settled: false, information, naive, gradient };
@@ -90,8 +90,8 @@ pub fn spread(jacobian: &DMatrix<f64>, residual: &DVector<f64>, rows_per_channel
         for first in (0..rows).step_by(n) {
             tall::add_gram(jacobian, first + start..first + start + count, &mut share);
         }
-        for (score, own) in score.iter_mut().zip(scores.column_iter()) {
-            *score = own.rows(start, count).sum();
+        for (score, own) in score.iter_mut().zip(columns(&scores, n)) {
+            *score = own[start..start + count].iter().sum();
         }
         half.gemm_tr(1.0, &whitener, &share, 0.0);
         white.gemm(1.0, &half, &whitener, 0.0);
@@ -107,6 +107,11 @@ pub fn spread(jacobian: &DMatrix<f64>, residual: &DVector<f64>, rows_per_channel
         }
     }
     Spread { covariance, blocks, settled, information, naive, gradient }
+}
+
+/// The columns, `n` rows each, as they lie in memory.
+fn columns(matrix: &DMatrix<f64>, n: usize) -> impl Iterator<Item = &[f64]> {
+    matrix.as_slice().chunks_exact(n)
 }
 
 /// [`spread`]'s covariance.
@@ -137,7 +142,7 @@ fn block_length(moves: DMatrix<f64>) -> (usize, bool) {
     let (n, dim) = moves.shape();
     let fewest = FEWEST_BLOCKS.max(BLOCKS_PER_PARAMETER * dim);
     let (least, most) = (n.div_ceil(MOST_BLOCKS).max(1), (n / fewest).max(1));
-    let mut columns: Vec<Vec<f64>> = moves.as_slice().chunks_exact(n).map(<[f64]>::to_vec).collect();
+    let mut columns: Vec<Vec<f64>> = columns(&moves, n).map(<[f64]>::to_vec).collect();
     let singles: Vec<f64> = columns.iter().map(|x| square(x)).collect();
     let memory = |sums: &[Vec<f64>]| -> f64 {
         sums.iter().zip(&singles).fold(1.0, |worst: f64, (sums, single)| {

@@ -142,6 +142,12 @@ impl Plan {
         point
     }
 
+    /// The fitted parameters from a regression of the equations around the starting point.
+    pub fn regressed(&self, signals: &Signals) -> Vec<f64> {
+        let point = start::regressed(signals, &self.start, &self.free());
+        self.targets.iter().map(|t| point[t.index()]).collect()
+    }
+
     /// The fitted parameters of the starting point.
     pub fn first(&self) -> Vec<f64> {
         self.targets.iter().map(|t| self.start[t.index()]).collect()

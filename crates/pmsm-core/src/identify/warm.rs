@@ -45,7 +45,8 @@ pub fn identify_warm(
     let objective = Objective::new(wide.drive, &model, &signals, &windows);
     let mut widened = false;
     let found = if request.method == Method::LeastSquares {
-        from_starts(&objective, &wide, &signals, machine, &search::WARM, monitor)?
+        let starts = [&|| wide.first(), &|| wide.regressed(&signals)] as [&dyn Fn() -> Vec<f64>; 2];
+        from_starts(&objective, &wide, starts, &search::WARM, monitor)?
     } else {
         let mut first = by_swarm(&objective, &narrow, request, true, monitor)?;
         widened = !first.interrupted && narrow.on_edge(&first.values, &wide);

@@ -41,7 +41,7 @@ impl Search<'_> {
 
     /// The set `fewer` without the effect `drop`, or the same fitted from where the set stands with it, if that is better: from afar its
     /// shapes may have run astray.
-    pub(super) fn from_here(
+    pub(super) fn fitted_here(
         &self,
         best: &Judged,
         drop: EffectId,

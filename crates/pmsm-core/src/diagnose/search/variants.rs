@@ -44,7 +44,7 @@ impl Search<'_> {
                 let tried = seen.len();
                 let mut fewer = self.without(&best, *drop, seen)?;
                 if seen.len() == tried {
-                    fewer = self.from_here(&best, *drop, fewer, scale, seen)?;
+                    fewer = self.fitted_here(&best, *drop, fewer, scale, seen)?;
                 }
                 let fewer = self.under_same_load(&best, *drop, fewer, scale, seen)?;
                 if scale.loss(&fewer) < scale.loss(&best) + LEAST_GAIN {
