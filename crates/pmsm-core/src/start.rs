@@ -1,6 +1,8 @@
 //! First values of the base parameters: the nameplate's, or a linear regression of the equations integrated over short
 //! stretches. First values of a free run: the measured ones, or better.
 
+mod regression;
+
 use crate::base::BASE;
 use crate::error::{Error, Result};
 use crate::machine::{BaseParameter, Machine};
@@ -8,13 +10,8 @@ use crate::model::Model;
 use crate::recording::Kind;
 use crate::signals::Signals;
 use crate::simulate::coupled;
-use nalgebra::{DMatrix, DVector};
+use regression::{electrical, mechanical};
 
-/// Samples integrated over in the electrical regression.
-const ELECTRICAL_STRETCH: usize = 8;
-/// Stretch of the mechanical regression, s, and the fewest of them in a segment.
-const MECHANICAL_STRETCH: f64 = 0.02;
-const FEWEST_STRETCHES: usize = 16;
 /// Share of a segment from which its first values are estimated, and the fewest samples worth it.
 const OPENING: f64 = 0.04;
 const FEWEST_OPENING: usize = 6;
@@ -107,71 +104,6 @@ fn stand_in(parameter: BaseParameter) -> f64 {
     [1.0, 1e-3, 1e-3, 0.1, 1e-3, 0.0][parameter.index()]
 }
 
-/// r_s, l_d, l_q, psi_m from ∫v dt = r_s∫i dt + ΔΛ + rotation, per stretch; those that are `held` as they are.
-fn electrical(signals: &Signals, held: [Option<f64>; 4]) -> Option<[f64; 4]> {
-    let (v, i) = (signals.v.as_ref()?, signals.i.as_ref()?);
-    let steady = matches!(signals.kind, Kind::OperatingPoints | Kind::OpenCircuit);
-    let mut rows: Vec<([f64; 4], f64)> = Vec::new();
-    for segment in &signals.segments {
-        let mut k = segment.start;
-        let stretch = if steady { 1 } else { ELECTRICAL_STRETCH };
-        while k + stretch < segment.end || (steady && k < segment.end) {
-            let mut sum = [0.0; 7];
-            for m in k..k + stretch {
-                let n = if steady { m } else { m + 1 };
-                let h = if steady { 1.0 } else { signals.t[n] - signals.t[m] };
-                let mean = |x: &[f64]| 0.5 * (x[m] + x[n]);
-                let w = mean(&signals.omega_e);
-                let (d, q) = (mean(&i[0]), mean(&i[1]));
-                for (s, x) in sum.iter_mut().zip([v[0][m], v[1][m], d, q, w * d, w * q, w]) {
-                    *s += x * h;
-                }
-            }
-            let change = |x: &[f64]| if steady { 0.0 } else { x[k + stretch] - x[k] };
-            if signals.axes[0] {
-                rows.push(([sum[2], change(&i[0]), -sum[5], 0.0], sum[0]));
-            }
-            if signals.axes[1] {
-                rows.push(([sum[3], sum[4], change(&i[1]), sum[6]], sum[1]));
-            }
-            k += stretch;
-        }
-    }
-    solve(&rows, held)
-}
-
-/// j, b and a constant torque from ∫τ_e dt = J·Δω_m + b·∫ω_m dt + level, per stretch; those that are `held` as they are. `flux` is that of
-/// the magnet and l_d − l_q.
-fn mechanical(signals: &Signals, [psi_m, saliency]: [f64; 2], held: [Option<f64>; 3]) -> Option<[f64; 3]> {
-    let n_p = signals.n_p;
-    let torque: Vec<f64> = match (&signals.tau_e, &signals.i) {
-        (Some(tau), _) => tau.clone(),
-        (None, Some([d, q])) => {
-            d.iter().zip(q).map(|(d, q)| 1.5 * n_p * (psi_m + saliency * d) * q).collect()
-        }
-        _ => return None,
-    };
-    let longest = ((MECHANICAL_STRETCH / signals.period) as usize).max(1);
-    let mut rows: Vec<([f64; 3], f64)> = Vec::new();
-    for segment in &signals.segments {
-        let stretch = longest.min(segment.len() / FEWEST_STRETCHES).max(1);
-        let mut k = segment.start;
-        while k + stretch < segment.end {
-            let (mut tau, mut turned) = (0.0, 0.0);
-            for m in k..k + stretch {
-                let h = signals.t[m + 1] - signals.t[m];
-                let mean = |x: &[f64]| 0.5 * (x[m] + x[m + 1]);
-                tau += (mean(&torque) - signals.tau_m.as_deref().map_or(0.0, mean)) * h;
-                turned += mean(&signals.omega_e) / n_p * h;
-            }
-            let change = (signals.omega_e[k + stretch] - signals.omega_e[k]) / n_p;
-            rows.push(([change, turned, signals.t[k + stretch] - signals.t[k]], tau));
-            k += stretch;
-        }
-    }
-    solve(&rows, held)
-}
-
 /// Replaces the first currents and speed of each gap-free segment by an estimate with less noise: a free run of the
 /// coupled model at the point `p` (base parameters and load torque) is compared with the opening of the segment, and
 /// the straight line through what it leaves, taken back to the first sample, is the first sample's error. The slope of
@@ -201,29 +133,6 @@ pub fn settle(signals: &mut Signals, model: &Model, p: &[f64]) {
             signals.omega_e[first] += error[2];
         }
     }
-}
-
-/// Least squares for the unknowns that are not `held`; NaN where nothing depends on one.
-fn solve<const N: usize>(rows: &[([f64; N], f64)], held: [Option<f64>; N]) -> Option<[f64; N]> {
-    let open: Vec<usize> = (0..N).filter(|c| held[*c].is_none()).collect();
-    if open.is_empty() || rows.len() < 2 * open.len() {
-        return None;
-    }
-    let matrix = DMatrix::from_fn(rows.len(), open.len(), |r, c| rows[r].0[open[c]]);
-    let known =
-        |row: &[f64; N]| row.iter().zip(held).map(|(x, held)| held.map_or(0.0, |h| x * h)).sum::<f64>();
-    let rhs = DVector::from_fn(rows.len(), |r, _| rows[r].1 - known(&rows[r].0));
-    let scale: Vec<f64> = matrix.column_iter().map(|c| c.norm()).collect();
-    let scaled =
-        DMatrix::from_fn(rows.len(), open.len(), |r, c| matrix[(r, c)] / scale[c].max(f64::MIN_POSITIVE));
-    let solution = scaled.svd(true, true).solve(&rhs, 1e-9).ok()?;
-    let mut out = held.map(|h| h.unwrap_or(f64::NAN));
-    for (k, c) in open.into_iter().enumerate() {
-        if scale[k] > 0.0 {
-            out[c] = solution[k] / scale[k];
-        }
-    }
-    Some(out)
 }
 
 #[cfg(test)]
@@ -257,18 +166,5 @@ mod tests {
                 assert!(close, "{free:?}: {k} at {}, truly {}", found[k], truth[k]);
             }
         }
-    }
-
-    #[test]
-    fn what_nothing_depends_on_stays() {
-        let rows: Vec<([f64; 2], f64)> = (0..9).map(|k| ([f64::from(k), 0.0], 3.0 * f64::from(k))).collect();
-        let found = solve(&rows, [None, None]).unwrap();
-        assert!((found[0] - 3.0).abs() < 1e-12 && found[1].is_nan());
-        assert_eq!(solve(&rows, [Some(1.0), None]).unwrap()[0], 1.0);
-        assert!(solve(&rows, [Some(1.0), Some(2.0)]).is_none());
-        let mut out = [7.0, 8.0];
-        take(&mut out, Some(found));
-        assert_eq!(out[1], 8.0);
-        assert!(solve(&rows[..3], [None, None]).is_none());
     }
 }
