@@ -7,6 +7,7 @@
 
 mod answer;
 mod fitness;
+mod found;
 mod plan;
 mod search;
 mod warm;
@@ -14,12 +15,10 @@ mod warm;
 pub use warm::{Warm, identify_warm};
 
 use crate::error::{Error, Result};
-use crate::experiment::Linearisation;
-use crate::least_squares::{self, Status};
 use crate::machine::{BaseParameter, Machine};
 use crate::model::Model;
 use crate::monitor::Monitor;
-use crate::objective::{Drive, Objective, Starts};
+use crate::objective::{Drive, Objective};
 use crate::pairs;
 use crate::recording::Recording;
 use crate::signals::Signals;
@@ -200,19 +199,6 @@ impl Identification {
     }
 }
 
-/// The best point of a search and how it was reached.
-struct Found {
-    values: Vec<f64>,
-    cost: f64,
-    history: Vec<f64>,
-    evaluations: usize,
-    converged: bool,
-    interrupted: bool,
-    /// The initial values that least squares found along with them, and residual and derivatives there.
-    starts: Option<Starts>,
-    linear: Option<Linearisation>,
-}
-
 /// Estimates parameters of the dq-model from a recording. The same call gives the same bits for any number of threads.
 /// Once `monitor` says stop, the best so far is returned.
 ///
@@ -237,119 +223,15 @@ pub fn identify(
     let model = Model::new(signals.context, &[]);
     let objective = Objective::new(plan.drive, &model, &signals, &windows);
     let found = match request.method {
-        Method::Swarm => by_swarm(&objective, &plan, request, false, monitor)?,
+        Method::Swarm => found::by_swarm(&objective, &plan, request, false, monitor)?,
         Method::LeastSquares => {
             let starts = [&|| plan.regressed(&signals), &|| plan.first()] as [&dyn Fn() -> Vec<f64>; 2];
-            from_starts(&objective, &plan, starts, &search::SETTINGS, monitor)?
+            found::from_starts(&objective, &plan, starts, &search::SETTINGS, monitor)?
         }
-        Method::Both => refined(&objective, &plan, request, monitor)?,
+        Method::Both => {
+            let first = found::by_swarm(&objective, &plan, request, true, monitor)?;
+            found::refined(&objective, &plan, first, &search::SETTINGS, monitor)?
+        }
     };
     answer::assemble(&objective, &plan, &signals, machine, request, found)
-}
-
-fn refined(objective: &Objective, plan: &Plan, request: &Request, monitor: &dyn Monitor) -> Result<Found> {
-    let first = by_swarm(objective, plan, request, true, monitor)?;
-    if first.interrupted { Ok(first) } else { refine(objective, plan, first, &search::SETTINGS, monitor) }
-}
-
-fn by_swarm(
-    objective: &Objective,
-    plan: &Plan,
-    request: &Request,
-    warm: bool,
-    monitor: &dyn Monitor,
-) -> Result<Found> {
-    let result = search::swarm(objective, plan, &request.swarm, request.seed, warm, monitor)?;
-    let mut found = Found {
-        converged: result.settled(),
-        values: result.parameters,
-        cost: result.cost,
-        history: result.history,
-        evaluations: result.evaluations,
-        interrupted: result.interrupted,
-        starts: None,
-        linear: None,
-    };
-    if !found.cost.is_finite() {
-        // No particle could be simulated, or none was: the nameplate is the best there is.
-        found.values = plan.first();
-        found.cost = objective.fitness(&plan.start, f64::INFINITY);
-        found.evaluations += 1;
-        found.converged = false;
-        if found.cost.is_infinite() {
-            return Err(Error::unusable(
-                "the model cannot be simulated anywhere within the bounds",
-                "check the nameplate and the units of the recording, or give narrower bounds",
-            ));
-        }
-    }
-    Ok(found)
-}
-
-fn refine(
-    objective: &Objective,
-    plan: &Plan,
-    first: Found,
-    settings: &least_squares::Settings,
-    monitor: &dyn Monitor,
-) -> Result<Found> {
-    let descent = search::descend(objective, plan, &first.values, settings, monitor)?;
-    let evaluations = first.evaluations + descent.evaluations;
-    if !descent.fit.cost.is_finite() {
-        return Ok(Found { evaluations, ..first });
-    }
-    Ok(Found {
-        values: descent.fit.parameters,
-        cost: descent.fit.cost,
-        history: first.history.into_iter().chain(descent.history).collect(),
-        evaluations,
-        converged: descent.fit.status == Status::Converged,
-        interrupted: descent.fit.status == Status::Interrupted,
-        starts: descent.starts,
-        linear: descent.linear,
-    })
-}
-
-/// Least squares from the first start; where that does not converge within the bounds, from the other as well.
-fn from_starts(
-    objective: &Objective,
-    plan: &Plan,
-    starts: [&dyn Fn() -> Vec<f64>; 2],
-    settings: &least_squares::Settings,
-    monitor: &dyn Monitor,
-) -> Result<Found> {
-    let mut best: Option<Found> = None;
-    for start in starts {
-        let descent = search::descend(objective, plan, &start(), settings, monitor)?;
-        let status = descent.fit.status;
-        let inside = status == Status::Converged && !descent.fit.at_bound.contains(&true);
-        let evaluations = best.as_ref().map_or(0, |b| b.evaluations) + descent.evaluations;
-        match &mut best {
-            Some(b) if !(descent.fit.cost < b.cost || b.cost.is_nan()) => {
-                b.evaluations = evaluations;
-                b.interrupted |= status == Status::Interrupted;
-            }
-            _ => {
-                best = Some(Found {
-                    values: descent.fit.parameters,
-                    cost: descent.fit.cost,
-                    history: descent.history,
-                    evaluations,
-                    converged: status == Status::Converged,
-                    interrupted: status == Status::Interrupted,
-                    starts: descent.starts,
-                    linear: descent.linear,
-                });
-            }
-        }
-        if inside || status == Status::Interrupted {
-            break;
-        }
-    }
-    best.filter(|b| b.cost.is_finite()).ok_or_else(|| {
-        Error::unusable(
-            "the model can be simulated neither from a regression nor from the nameplate",
-            "check the nameplate and the units of the recording, or use method pso+lm",
-        )
-    })
 }

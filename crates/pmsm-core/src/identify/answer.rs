@@ -1,7 +1,8 @@
 //! From the best point of a search to the answer: standard errors, what is not shown, and how well the model fits.
 
+use super::found::Found;
 use super::plan::{self, Plan};
-use super::{Found, Identification, Request, Target};
+use super::{Identification, Request, Target};
 use crate::error::Result;
 use crate::machine::{BaseParameter, Machine};
 use crate::objective::Objective;

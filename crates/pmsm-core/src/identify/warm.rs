@@ -1,7 +1,8 @@
 //! Identification of one stretch of a longer run, from the result of the stretch before.
 
+use super::found::{Found, by_swarm, from_starts, refined};
 use super::plan::Plan;
-use super::{Found, Identification, Method, Request, Target, answer, by_swarm, from_starts, refine, search};
+use super::{Identification, Method, Request, Target, answer, search};
 use crate::error::Result;
 use crate::machine::Machine;
 use crate::model::Model;
@@ -59,7 +60,7 @@ pub fn identify_warm(
             first = Found { evaluations: first.evaluations, history: first.history, ..again };
         }
         match request.method {
-            Method::Both if !first.interrupted => refine(&objective, &wide, first, &search::WARM, monitor)?,
+            Method::Both => refined(&objective, &wide, first, &search::WARM, monitor)?,
             _ => first,
         }
     };

@@ -1,10 +1,11 @@
 //! Speed in free run within short windows, driven by the torque of the measured currents (or the recorded torque).
 
 mod acceleration;
+mod between;
+mod load;
 mod torque;
 mod windows;
 
-use super::electrical::{measured_env, true_env};
 use crate::base::Base;
 use crate::effect::Env;
 use crate::model::Model;
@@ -14,51 +15,18 @@ use crate::signals::Signals;
 use std::marker::PhantomData;
 use std::ops::Range;
 
+use between::{Way, environment, halfway, mix, span, steps_are_coarse};
+use load::load_over;
+
 pub use acceleration::accelerations;
+pub use load::Nuisance;
 pub use torque::torque;
 pub use windows::{WINDOW, windows};
 
-/// Largest electrical angle (rad) between samples at which steps over two samples still follow torque that depends on the angle.
-const COARSE: f64 = 0.06;
 /// Largest angle (rad) by which a ringing shaft may turn its phase within one step; longer steps are divided.
 const RINGING: f64 = 0.4;
 /// Most pieces of a step: beyond them a shaft rings faster than the samples tell, and it is enough that its simulation stays stable.
 const PIECES: f64 = 6.0;
-
-/// What a run leaves open beside the model's parameters: an unknown load torque, constant between instants that are
-/// themselves parameters, and the initial values of the mechanical extra states. Its parameters are the load levels
-/// (N·m), the instants at which they change (s from the first sample, ascending), and the deviation of each extra
-/// state from its quasi-static start, where the recording begins and behind each gap. What the recording tells of the load comes on top.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Nuisance {
-    /// Number of unknown levels; zero if the load is known.
-    pub levels: usize,
-    /// Number of initial values of the model's mechanical extra states: theirs where the recording begins, and as many for each later
-    /// [beginning](beginnings); where they are fewer the later ones are quasi-static.
-    pub initial: usize,
-}
-
-impl Nuisance {
-    /// A load that is known or absent.
-    pub fn known(initial: usize) -> Self {
-        Self { levels: 0, initial }
-    }
-
-    /// A load of unknown level that changes `steps` times.
-    pub fn unknown(steps: usize, initial: usize) -> Self {
-        Self { levels: steps + 1, initial }
-    }
-
-    /// Number of instants at which the level changes.
-    pub fn steps(&self) -> usize {
-        self.levels.saturating_sub(1)
-    }
-
-    /// Number of parameters: levels, instants, initial values.
-    pub fn parameter_count(&self) -> usize {
-        self.levels + self.steps() + self.initial
-    }
-}
 
 /// How the simulation starts each window.
 pub trait Restart<T> {
@@ -230,33 +198,6 @@ fn run_sized<T: Real, W: Carries<T>, R: Restart<W>, const N: usize>(
     }
 }
 
-/// The true environment at sample `k`, and the measured over the true speed's share that the sensor leaves.
-#[inline(always)]
-fn environment<T: Real>(model: &Model, signals: &Signals, p: &[T], k: usize) -> (Env<T>, T) {
-    let measured = measured_env(signals, k);
-    if model.has_sensor() {
-        let sensor = model.sensor(p, &measured);
-        (true_env(&sensor, &measured, signals.n_p), T::one() - sensor.angle_slope)
-    } else {
-        (measured, T::one())
-    }
-}
-
-/// Signals at the beginning, in the middle and at the end of a step.
-struct Way<T> {
-    torque: [T; 3],
-    env: [Env<T>; 3],
-}
-
-impl<T: Real> Way<T> {
-    /// Torque and environment at fraction `c` of the step, straight from one to the next.
-    #[inline(always)]
-    fn at(&self, c: f64) -> (T, Env<T>) {
-        let (from, c) = if c < 0.5 { (0, 2.0 * c) } else { (1, 2.0 * c - 1.0) };
-        mix(c, (self.torque[from], self.env[from]), (self.torque[from + 1], self.env[from + 1]))
-    }
-}
-
 /// The right-hand side within one step; torque and environment at its beginning, middle and end.
 struct Rhs<'a, T> {
     model: &'a Model,
@@ -274,40 +215,6 @@ impl<T: Real, const N: usize> Slope<T, N> for Rhs<'_, T> {
     }
 }
 
-/// Torque halfway from sample `k` to the next, by the cubic through its neighbours within the window.
-#[inline(always)]
-fn halfway<T: Real, W: Carries<T>>(tau: &[T], k: usize, window: &Range<usize>) -> W {
-    let at = |k: usize| W::carry(tau[k]);
-    let straight = (at(k) + at(k + 1)) * 0.5;
-    if k == window.start || k + 2 >= window.end {
-        return straight;
-    }
-    straight * 1.125 - (at(k - 1) + at(k + 2)) * 0.0625
-}
-
-/// Torque and environment at fraction `c` between two samples.
-#[inline(always)]
-fn mix<T: Real>(c: f64, a: (T, Env<T>), b: (T, Env<T>)) -> (T, Env<T>) {
-    if c == 0.0 {
-        return a;
-    }
-    if c == 1.0 {
-        return b;
-    }
-    let env = Env {
-        t: a.1.t + c * (b.1.t - a.1.t),
-        theta_e: between(a.1.theta_e, b.1.theta_e, c),
-        theta_m: between(a.1.theta_m, b.1.theta_m, c),
-        ..a.1
-    };
-    (between(a.0, b.0, c), env)
-}
-
-#[inline(always)]
-fn between<T: Real>(x: T, y: T, c: f64) -> T {
-    x * (1.0 - c) + y * c
-}
-
 /// Number of times the rotor's states begin anew: with the recording and behind each gap.
 pub fn beginnings(signals: &Signals, windows: &[Range<usize>]) -> usize {
     let anew =
@@ -319,64 +226,4 @@ pub fn beginnings(signals: &Signals, windows: &[Range<usize>]) -> usize {
 fn continues(signals: &Signals, before: &Range<usize>, k: usize) -> bool {
     let segment = signals.segments.iter().find(|s| s.contains(&k));
     before.end == k && segment.is_some_and(|s| s.start < k)
-}
-
-/// Whether the rotor hardly turns from sample to sample, so that one step may span two of them.
-fn steps_are_coarse(signals: &Signals) -> bool {
-    signals.context.omega_e_max * signals.period <= COARSE
-}
-
-/// Samples that the step from sample `k` spans: two if it may be coarse and the sample between lies in the middle.
-fn span(signals: &Signals, k: usize, window: &Range<usize>, coarse: bool) -> usize {
-    let t = &signals.t;
-    let even = || {
-        let (whole, half) = (t[k + 2] - t[k], t[k + 1] - t[k]);
-        (half - 0.5 * whole).abs() < 1e-3 * whole
-    };
-    if coarse && k + 2 < window.end && even() { 2 } else { 1 }
-}
-
-/// Mean load torque over the interval of length `h` (s) from sample `k` to `next`; `level` is a cursor into the profile. It is
-/// smooth in the instants, so that they can be fitted like any parameter.
-#[inline(always)]
-fn load_over<T: Real>(
-    load: Nuisance,
-    own: &[T],
-    signals: &Signals,
-    k: usize,
-    next: usize,
-    h: f64,
-    level: &mut usize,
-) -> T {
-    let known = match signals.load {
-        crate::recording::Load::KnownConstant(value) => value,
-        crate::recording::Load::Measured => signals
-            .tau_m
-            .as_ref()
-            .map_or(0.0, |tau| if next < tau.len() { mean(&tau[k..=next]) } else { tau[k] }),
-        _ => 0.0,
-    };
-    if load.levels == 0 {
-        return T::constant(known);
-    }
-    let (levels, rest) = own.split_at(load.levels);
-    let steps = &rest[..load.steps()];
-    let end = T::constant(signals.t[k] + h);
-    // Share of the interval behind the next instant: negative before it, above one once it lies in the past.
-    while *level < steps.len() && ((end - steps[*level]) * (1.0 / h) - 1.0).positive() {
-        *level += 1;
-    }
-    let mean = levels[*level] + known;
-    match steps.get(*level) {
-        Some(step) if (end - *step).positive() => {
-            mean + (levels[*level + 1] - levels[*level]) * ((end - *step) * (1.0 / h))
-        }
-        _ => mean,
-    }
-}
-
-/// Mean of a piecewise linear signal given at equal distances.
-fn mean(x: &[f64]) -> f64 {
-    let inner: f64 = x[1..x.len() - 1].iter().sum();
-    (inner + 0.5 * (x[0] + x[x.len() - 1])) / (x.len() - 1) as f64
 }

@@ -1,6 +1,7 @@
 //! The acceleration of the rotor along a known course of its speed.
 
-use super::{Nuisance, environment, halfway, load_over, mix, span, steps_are_coarse};
+use super::between::{environment, halfway, mix, span, steps_are_coarse};
+use super::load::{Nuisance, load_over};
 use crate::base::Base;
 use crate::effect::Env;
 use crate::model::Model;

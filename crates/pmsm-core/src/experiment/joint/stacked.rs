@@ -1,0 +1,159 @@
+//! What each recording's own experiment computes, stacked with that of the others.
+
+use super::Joint;
+use crate::experiment::{Channel, Course, Experiment, Linearisation, Prediction};
+use nalgebra::{DMatrix, DVector};
+use std::borrow::Cow;
+
+impl Joint<'_> {
+    /// Copies rows of recording `run` to where they belong among those of all recordings.
+    fn place(&self, run: usize, own: &[f64], all: &mut [f64]) {
+        let n = self.runs[run].samples();
+        for (at, (channel, _)) in self.runs[run].channels.iter().enumerate() {
+            let rows = self.rows(run, *channel).expect("a channel of this recording");
+            all[rows].copy_from_slice(&own[at * n..(at + 1) * n]);
+        }
+    }
+
+    /// The rows of recording `run` alone, out of those of all.
+    fn rows_of_run<'r>(&self, run: usize, all: &'r DVector<f64>) -> Cow<'r, DVector<f64>> {
+        if self.runs.len() == 1 {
+            return Cow::Borrowed(all);
+        }
+        let n = self.runs[run].samples();
+        let mut own = DVector::zeros(self.runs[run].channels.len() * n);
+        for (at, (channel, _)) in self.runs[run].channels.iter().enumerate() {
+            let rows = self.rows(run, *channel).expect("a channel of this recording");
+            own.rows_mut(at * n, n).copy_from(&all.rows(rows.start, n));
+        }
+        Cow::Owned(own)
+    }
+
+    /// Weighted residuals at `p`.
+    pub fn residual(&self, p: &[f64]) -> DVector<f64> {
+        if let Some(run) = self.only() {
+            return run.residual(p);
+        }
+        let mut all = DVector::zeros(self.channels.len() * self.samples());
+        for (r, run) in self.runs.iter().enumerate() {
+            self.place(r, run.residual(&self.of_run(p, r)).as_slice(), all.as_mut_slice());
+        }
+        all
+    }
+
+    /// Weighted residuals at `p` and their derivatives with respect to the parameters `free`.
+    pub fn linearise(&self, p: &[f64], free: &[usize]) -> Linearisation {
+        if let Some(run) = self.only() {
+            return run.linearise(p, free);
+        }
+        let rows = self.channels.len() * self.samples();
+        let (mut residual, mut jacobian) = (DVector::zeros(rows), DMatrix::zeros(rows, free.len()));
+        for (r, run) in self.runs.iter().enumerate() {
+            let (columns, own) = self.own_of(r, free);
+            let linear = run.linearise(&self.of_run(p, r), &own);
+            self.place(r, linear.residual.as_slice(), residual.as_mut_slice());
+            self.place_columns(r, &linear.jacobian, &columns, free, &mut jacobian);
+        }
+        Linearisation { residual, jacobian }
+    }
+
+    /// What the rotor does at `p` on each recording that compares the speed.
+    pub fn courses(&self, p: &[f64]) -> Vec<Option<Course>> {
+        self.runs.iter().enumerate().map(|(r, run)| run.course(&self.of_run(p, r))).collect()
+    }
+
+    /// The derivatives of [`Self::linearise`] alone, where the rotor's `courses` at `p` are known.
+    pub fn jacobian(&self, p: &[f64], free: &[usize], courses: &[Option<Course>]) -> DMatrix<f64> {
+        if let (Some(run), [course]) = (self.only(), courses) {
+            return run.jacobian(p, free, course.as_ref());
+        }
+        let mut jacobian = DMatrix::zeros(self.channels.len() * self.samples(), free.len());
+        for ((r, run), course) in self.runs.iter().enumerate().zip(courses) {
+            let (columns, own) = self.own_of(r, free);
+            let of_run = run.jacobian(&self.of_run(p, r), &own, course.as_ref());
+            self.place_columns(r, &of_run, &columns, free, &mut jacobian);
+        }
+        jacobian
+    }
+
+    /// Those columns of the parameters `free` that recording `run` knows, and the parameters as it numbers them.
+    fn own_of(&self, run: usize, free: &[usize]) -> (Vec<usize>, Vec<usize>) {
+        let knows = |c: &usize| self.owner(free[*c]).is_none_or(|owner| owner == run);
+        let columns: Vec<usize> = (0..free.len()).filter(knows).collect();
+        let own = columns.iter().map(|c| self.index_in(run, free[*c])).collect();
+        (columns, own)
+    }
+
+    /// Copies derivatives of recording `run` to where they belong among those of all recordings.
+    fn place_columns(
+        &self,
+        run: usize,
+        own: &DMatrix<f64>,
+        columns: &[usize],
+        free: &[usize],
+        all: &mut DMatrix<f64>,
+    ) {
+        for (at, column) in columns.iter().enumerate() {
+            let mut target = all.column_mut(*column);
+            self.place(run, own.column(at).as_slice(), target.as_mut_slice());
+            let factor = self.factor(run, free[*column]);
+            if factor != 1.0 {
+                for (channel, _) in &self.runs[run].channels {
+                    let rows = self.rows(run, *channel).expect("a channel of this recording");
+                    target.rows_mut(rows.start, rows.len()).scale_mut(factor);
+                }
+            }
+        }
+    }
+
+    /// What the model shows in each channel, in the order of [`Joint::channels`]; NaN where a recording does not hold it.
+    pub fn predict(&self, p: &[f64]) -> Prediction {
+        if let Some(run) = self.only() {
+            return run.predict(p);
+        }
+        let n = self.samples();
+        let mut all = vec![f64::NAN; self.channels.len() * n];
+        for (r, run) in self.runs.iter().enumerate() {
+            self.place(r, &run.predict(&self.of_run(p, r)).concat(), &mut all);
+        }
+        all.chunks(n).map(<[f64]>::to_vec).collect()
+    }
+
+    /// The measurement of a channel; NaN where a recording does not hold it.
+    pub fn measured(&self, channel: Channel) -> Vec<f64> {
+        let own = |run: &Experiment| match run.row_of(channel) {
+            Some(_) => run.measured(channel).to_vec(),
+            None => vec![f64::NAN; run.samples()],
+        };
+        self.runs.iter().flat_map(own).collect()
+    }
+
+    /// Mean square of the weighted residual in each of [`Joint::blocks`], with the independent samples that it rests on (see
+    /// [`Experiment::mean_squares`]); `independent` counts those of a block whose residual is looked at sample by sample.
+    pub fn mean_squares(
+        &self,
+        residual: &DVector<f64>,
+        independent: impl Fn(&[f64]) -> f64,
+    ) -> Vec<(f64, f64)> {
+        let of = |run: usize| -> Vec<(f64, f64)> {
+            let own = self.rows_of_run(run, residual);
+            let n = self.runs[run].samples();
+            let squares = self.runs[run].mean_squares(&own);
+            let rows = own.as_slice().chunks(n);
+            squares.into_iter().zip(rows).map(|((s, size), x)| (s, independent(x) / size as f64)).collect()
+        };
+        (0..self.runs.len()).flat_map(of).collect()
+    }
+
+    /// [`Experiment::loudness`] in each of [`Joint::blocks`].
+    pub fn loudness(&self, residual: &DVector<f64>) -> Vec<f64> {
+        let of = |run: usize| self.runs[run].loudness(&self.rows_of_run(run, residual));
+        (0..self.runs.len()).flat_map(of).collect()
+    }
+
+    /// Root mean square of the weighted residual in each of [`Joint::blocks`].
+    pub fn relative_rms(&self, residual: &DVector<f64>) -> Vec<f64> {
+        let of = |run: usize| self.runs[run].relative_rms(&self.rows_of_run(run, residual));
+        (0..self.runs.len()).flat_map(of).collect()
+    }
+}

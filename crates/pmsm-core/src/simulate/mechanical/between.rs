@@ -1,0 +1,87 @@
+//! What drives the rotor at a sample and between two of them.
+
+use crate::effect::Env;
+use crate::model::Model;
+use crate::real::{Carries, Real};
+use crate::signals::Signals;
+use crate::simulate::electrical::{measured_env, true_env};
+use std::ops::Range;
+
+/// Largest electrical angle (rad) between samples at which steps over two samples still follow torque that depends on the angle.
+const COARSE: f64 = 0.06;
+
+/// The true environment at sample `k`, and the measured over the true speed's share that the sensor leaves.
+#[inline(always)]
+pub(super) fn environment<T: Real>(model: &Model, signals: &Signals, p: &[T], k: usize) -> (Env<T>, T) {
+    let measured = measured_env(signals, k);
+    if model.has_sensor() {
+        let sensor = model.sensor(p, &measured);
+        (true_env(&sensor, &measured, signals.n_p), T::one() - sensor.angle_slope)
+    } else {
+        (measured, T::one())
+    }
+}
+
+/// Signals at the beginning, in the middle and at the end of a step.
+pub(super) struct Way<T> {
+    pub(super) torque: [T; 3],
+    pub(super) env: [Env<T>; 3],
+}
+
+impl<T: Real> Way<T> {
+    /// Torque and environment at fraction `c` of the step, straight from one to the next.
+    #[inline(always)]
+    pub(super) fn at(&self, c: f64) -> (T, Env<T>) {
+        let (from, c) = if c < 0.5 { (0, 2.0 * c) } else { (1, 2.0 * c - 1.0) };
+        mix(c, (self.torque[from], self.env[from]), (self.torque[from + 1], self.env[from + 1]))
+    }
+}
+
+/// Torque halfway from sample `k` to the next, by the cubic through its neighbours within the window.
+#[inline(always)]
+pub(super) fn halfway<T: Real, W: Carries<T>>(tau: &[T], k: usize, window: &Range<usize>) -> W {
+    let at = |k: usize| W::carry(tau[k]);
+    let straight = (at(k) + at(k + 1)) * 0.5;
+    if k == window.start || k + 2 >= window.end {
+        return straight;
+    }
+    straight * 1.125 - (at(k - 1) + at(k + 2)) * 0.0625
+}
+
+/// Torque and environment at fraction `c` between two samples.
+#[inline(always)]
+pub(super) fn mix<T: Real>(c: f64, a: (T, Env<T>), b: (T, Env<T>)) -> (T, Env<T>) {
+    if c == 0.0 {
+        return a;
+    }
+    if c == 1.0 {
+        return b;
+    }
+    let env = Env {
+        t: a.1.t + c * (b.1.t - a.1.t),
+        theta_e: between(a.1.theta_e, b.1.theta_e, c),
+        theta_m: between(a.1.theta_m, b.1.theta_m, c),
+        ..a.1
+    };
+    (between(a.0, b.0, c), env)
+}
+
+#[inline(always)]
+fn between<T: Real>(x: T, y: T, c: f64) -> T {
+    x * (1.0 - c) + y * c
+}
+
+/// Whether the rotor hardly turns from sample to sample, so that one step may span two of them.
+pub(super) fn steps_are_coarse(signals: &Signals) -> bool {
+    signals.context.omega_e_max * signals.period <= COARSE
+}
+
+/// Samples that the step from sample `k` spans: two if it may be coarse and the sample between lies in the middle.
+pub(super) fn span(signals: &Signals, k: usize, window: &Range<usize>, coarse: bool) -> usize {
+    let t = &signals.t;
+    let even = || {
+        let (whole, half) = (t[k + 2] - t[k], t[k + 1] - t[k]);
+        (half - 0.5 * whole).abs() < 1e-3 * whole
+    };
+    if coarse && k + 2 < window.end && even() { 2 } else { 1 }
+}
