@@ -132,9 +132,10 @@ def identify(
     `threads` None uses every processor; the answer does not depend on it. `progress(stage, fraction)` is
     called from time to time. On Ctrl-C the best so far is returned, marked `interrupted`.
 
-    Raises UsageError for unknown names or bounds, MachineError for a wrong machine file, DataError and
-    NotIdentifiableError where the recording cannot give what is asked for.
+    Raises UsageError for what is no Recording and for unknown names or bounds, MachineError for a wrong
+    machine file, DataError and NotIdentifiableError where the recording cannot give what is asked for.
     """
+    _expect_recordings(recording)
     if method not in METHODS:
         raise refuse(UsageError, f"there is no method '{method}'", fix=did_you_mean(method, METHODS))
     expect_whole(seed=seed, threads=threads)
@@ -168,13 +169,15 @@ def diagnose(
     called from time to time. `threads` None uses every processor; the answer does not depend on it. On Ctrl-C
     the best so far is returned, marked `interrupted`.
 
-    Raises UsageError without a recording, MachineError for a wrong machine file, DataError or
-    NotIdentifiableError where the recordings cannot be used; of several the message names the one, and so do
-    the attributes `recording`, counted from 1, and `file`.
+    Raises UsageError without a recording or for what is none, MachineError for a wrong machine file, and
+    DataError or NotIdentifiableError where the recordings cannot be used; of several the message names the
+    one, and so do the attributes `recording`, counted from 1, and `file`.
     """
-    recordings = [recording] if isinstance(recording, Recording) else list(recording)
+    several = isinstance(recording, Sequence) and not isinstance(recording, str)
+    recordings: list[Any] = list(recording) if several else [recording]  # type: ignore[arg-type]
     if not recordings:
         raise refuse(UsageError, "no recording was given", fix="give at least one")
+    _expect_recordings(*recordings, *([] if validation is None else [validation]))
     expect_whole(seed=seed, threads=threads)
     known = nameplate(machine)
     try:
@@ -186,6 +189,17 @@ def diagnose(
     if len(recordings) > 1:
         answer = _with_files(answer, recordings)
     return Diagnosis.from_json(answer, traces)
+
+
+def _expect_recordings(*given: object) -> None:
+    """Raises UsageError unless all are recordings."""
+    for thing in given:
+        if not isinstance(thing, _core.Recording):
+            raise refuse(
+                UsageError,
+                f"a {type(thing).__name__} was given where a Recording is expected",
+                fix="load it first: pmsm_rs.load(data, machine)",
+            )
 
 
 def refused(error: NotIdentifiableError, *, seed: int = 1) -> Diagnosis:
