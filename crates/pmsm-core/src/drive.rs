@@ -34,11 +34,10 @@ mod settings;
 mod truth;
 
 pub use choice::Choice;
-pub use control::Control;
+pub use control::{Control, Measured};
 pub use cycle::{Drift, Motor, Sample, State, run};
 pub use manoeuvre::Manoeuvre;
 pub use schedule::{Schedule, Shape};
-pub use sensors::Measured;
 pub use settings::{DriveSettings, Hold, Inverter, Sensors, SpeedSensor};
 pub use truth::{EffectTruth, Truth, Value};
 

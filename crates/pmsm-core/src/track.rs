@@ -21,6 +21,7 @@
 
 mod drift;
 mod intake;
+mod noise;
 mod state;
 mod window;
 

@@ -4,7 +4,6 @@
 //!
 //! Source: Fig. 4 of Liu, Liu & Cartes (2008); Åström & Hägglund, "PID Controllers", 2nd ed. (1995), section 3.5.
 
-use super::sensors::Measured;
 use crate::error::{Error, Result};
 use crate::machine::{BaseParameter, Machine};
 use serde::{Deserialize, Serialize};
@@ -14,6 +13,21 @@ use std::f64::consts::TAU;
 const CURRENT_BANDWIDTH: (f64, f64) = (0.04, 1000.0);
 /// Default bandwidth of the speed loop, Hz.
 const SPEED_BANDWIDTH: f64 = 20.0;
+
+/// What the controllers and the log see of one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measured {
+    /// Phase currents, A.
+    pub abc: [f64; 3],
+    /// The same in the measured rotor frame, d, q, A.
+    pub i: [f64; 2],
+    /// Electrical angle, rad, unwrapped.
+    pub theta_e: f64,
+    /// Mechanical angle, rad, unwrapped.
+    pub theta_m: f64,
+    /// Electrical speed, rad/s.
+    pub omega_e: f64,
+}
 
 /// Controllers. Gains left out follow from the nameplate: k_p = l·ω_c, k_i = r_s·ω_c for the current loops; with the
 /// torque per ampere k_t = 3/2·n_p·ψ_m, k_p = j·ω_s/k_t and k_i = k_p·ω_s/4 for the speed loop.

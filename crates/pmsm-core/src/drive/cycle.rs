@@ -1,11 +1,12 @@
 //! The cycle of the drive: measure, control, apply, advance; once per sampling period.
 
+use super::control::Measured;
 use super::control::{Controller, Reference};
 use super::inverter::{self, Applied};
 use super::manoeuvre::Manoeuvre;
 use super::plant::Plant;
 use super::schedule::Schedule;
-use super::sensors::{Measured, SensorBox};
+use super::sensors::SensorBox;
 use super::settings::{DriveSettings, Hold, Resolved};
 use crate::base::{BASE, Base};
 use crate::effect::Env;

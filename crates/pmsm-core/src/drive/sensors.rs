@@ -2,6 +2,7 @@
 //!
 //! Every noise has a place of its own among the random numbers, so that it stays the same whatever else is switched on.
 
+use super::control::Measured;
 use super::settings::{Sensors, SpeedSensor};
 use crate::effect::Env;
 use crate::model::Model;
@@ -9,21 +10,6 @@ use crate::random::normal_pair;
 use crate::real::Real;
 use crate::transforms::{inverse_park, park};
 use std::f64::consts::TAU;
-
-/// What the controllers and the log see of one instant.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Measured {
-    /// Phase currents, A.
-    pub abc: [f64; 3],
-    /// The same in the measured rotor frame, d, q, A.
-    pub i: [f64; 2],
-    /// Electrical angle, rad, unwrapped.
-    pub theta_e: f64,
-    /// Mechanical angle, rad, unwrapped.
-    pub theta_m: f64,
-    /// Electrical speed, rad/s.
-    pub omega_e: f64,
-}
 
 /// Angle error of the sensors at one instant, rad, measured minus true, electrical.
 pub(super) type AngleError = f64;

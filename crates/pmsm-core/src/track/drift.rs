@@ -16,7 +16,7 @@
 
 mod words;
 
-use super::window::Noise;
+use super::noise::Noise;
 use crate::identify::Target;
 use serde::{Deserialize, Serialize};
 

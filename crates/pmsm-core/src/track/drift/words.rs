@@ -3,7 +3,7 @@
 use super::{Cause, Move};
 use crate::identify::Target;
 use crate::machine::BaseParameter;
-use crate::track::window::Noise;
+use crate::track::noise::Noise;
 
 /// Standard deviations from which a residual is not white.
 pub const WHITE: f64 = 6.0;
