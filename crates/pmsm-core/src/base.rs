@@ -19,6 +19,8 @@ pub struct Base<T> {
     pub psi_m: T,
     /// Inertia, kg m².
     pub j: T,
+    /// 1/j, 1/(kg m²).
+    pub inverse_j: T,
     /// Viscous friction, N m s.
     pub b: T,
 }
@@ -28,7 +30,17 @@ impl<T: Real> Base<T> {
     pub fn new(p: &[T]) -> Self {
         let [r_s, l_d, l_q, psi_m, j, b] = [p[0], p[1], p[2], p[3], p[4], p[5]];
         let one = T::one();
-        Self { r_s, l_d, l_q, inverse_l_d: one / l_d, inverse_l_q: one / l_q, psi_m, j, b }
+        Self {
+            r_s,
+            l_d,
+            l_q,
+            inverse_l_d: one / l_d,
+            inverse_l_q: one / l_q,
+            psi_m,
+            j,
+            inverse_j: one / j,
+            b,
+        }
     }
 }
 

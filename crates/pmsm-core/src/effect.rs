@@ -243,8 +243,8 @@ pub struct Field<T> {
 /// What acts on the rotor.
 #[derive(Debug, Clone, Copy)]
 pub struct Rotor<T> {
-    /// Inertia that follows the rotor rigidly, kg m².
-    pub inertia: T,
+    /// One over the inertia that follows the rotor rigidly, 1/(kg m²).
+    pub inverse_inertia: T,
     /// Torque lost against positive rotation, N·m.
     pub loss: T,
     /// Load torque that reaches the rotor, N·m.

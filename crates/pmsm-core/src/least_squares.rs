@@ -179,7 +179,8 @@ pub fn minimise(
         }
         iterations += 1;
         monitor.report("least squares", iterations as f64 / settings.max_iterations as f64);
-        match descend(problem, &normal, &p, bounds, &scale, &mut damping, monitor)? {
+        let least = settings.cost_tolerance * normal.cost;
+        match descend(problem, &normal, &p, bounds, &scale, &mut damping, least, monitor)? {
             Search::Found(point, there) => (p, normal) = (point, there),
             Search::Cancelled => break Status::Interrupted,
             Search::NotFinite => break Status::NotFinite,
@@ -232,7 +233,8 @@ enum Search {
     Cancelled,
 }
 
-/// Raises the damping until a step lowers the cost as promised, and adapts it to how well the promise was kept.
+/// Raises the damping until a step lowers the cost as promised, and adapts it to how well the promise was kept. Once no step has and the
+/// next promises less than `least`, none will that is worth it.
 fn descend(
     problem: &dyn Problem,
     normal: &Normal,
@@ -240,13 +242,14 @@ fn descend(
     bounds: &[(f64, f64)],
     scale: &DVector<f64>,
     damping: &mut f64,
+    least: f64,
     monitor: &dyn Monitor,
 ) -> Result<Search> {
     let (mut growth, mut tried, mut usable) = (2.0, false, false);
     while *damping <= MAX_DAMPING {
         let step = Step::solve(normal, p, bounds, scale, damping.max(RIDGE));
         let trial = step.from(p, bounds);
-        if trial == p {
+        if trial == p || (usable && step.reduction <= least) {
             break;
         }
         if step.reduction > 0.0 {

@@ -98,12 +98,17 @@ impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Run<'_, FORM, L
     #[inline(always)]
     fn run<V: Lane>(mut self) {
         let vectors = self.blocks.len() * BLOCK / V::WIDTH;
-        // Two vectors at a time keep the arithmetic busy while each waits for its own results.
-        for first in (0..vectors / 2 * 2).step_by(2) {
-            self.advance::<V, 2>(first);
+        // Four vectors at a time keep the arithmetic busy while each waits for its own results.
+        let mut first = 0;
+        while first + 4 <= vectors {
+            self.advance::<V, 4>(first);
+            first += 4;
         }
-        if vectors % 2 == 1 {
-            self.advance::<V, 1>(vectors - 1);
+        match vectors - first {
+            3 => self.advance::<V, 3>(first),
+            2 => self.advance::<V, 2>(first),
+            1 => self.advance::<V, 1>(first),
+            _ => {}
         }
     }
 }

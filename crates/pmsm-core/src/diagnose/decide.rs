@@ -11,7 +11,7 @@ use crate::effects::EffectId;
 /// Probability that is left for unknown physics when an effect explains everything, and what is added when it explains
 /// just enough.
 const UNKNOWN: (f64, f64) = (0.02, 0.4);
-/// Highest probability of any name when the verdict is "unknown".
+/// Highest probability of any name when the verdict is "unknown", or when the validation run refutes it.
 pub const CEILING_UNKNOWN: f64 = 0.4;
 /// Candidates less probable than this are not listed.
 const LEAST_LISTED: f64 = 0.001;
@@ -34,8 +34,11 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
     let effects = outcome.order();
     let left = outcome.best.unexplained(&outcome.base);
     let unexplained = left > 1.0;
-    let unknown =
-        if unexplained { 1.0 - CEILING_UNKNOWN / left } else { UNKNOWN.0 + UNKNOWN.1 * left * left };
+    let unknown = if unexplained || outcome.best.refuted {
+        1.0 - CEILING_UNKNOWN / left.max(1.0)
+    } else {
+        UNKNOWN.0 + UNKNOWN.1 * left * left
+    };
     let loss = |judged: &Judged| outcome.scale.loss(judged);
     let floor = loss(&outcome.best);
     let to_the_noise = outcome.best.excess() < MISMATCH;
@@ -164,6 +167,32 @@ mod tests {
     use crate::experiment::Channel;
     use crate::model::Model;
 
+    /// A set of effects that leaves this mean square of the speed.
+    fn judged(effects: &[EffectId], square: f64) -> Judged {
+        let mut fitted = Hypothesis::bare(Model::new(CX, effects), Vec::new());
+        (fitted.squares, fitted.samples) = (vec![(Channel::OmegaE, square)], vec![200.0]);
+        fitted.chance = vec![0.0];
+        Judged { fitted, held_out: Vec::new(), refuted: false }
+    }
+
+    fn outcome(base: Judged, best: Judged, swaps: Vec<Swap>, shown: Vec<Shown>) -> Outcome {
+        let all = [&base, &best].into_iter().chain(swaps.iter().map(|s| &s.judged));
+        let (scale, path) = (Scale::new(all), vec![base.clone(), best.clone()]);
+        Outcome { base, singles: Vec::new(), best, swaps, unfit: Vec::new(), shown, scale, path }
+    }
+
+    #[test]
+    fn a_name_that_the_validation_run_refutes_is_unlikely_even_without_a_rival() {
+        let probability = |refuted: bool| {
+            let (base, mut best) = (judged(&[], 9.0), judged(&[EffectId::CurrentGainImbalance], 1.0));
+            best.refuted = refuted;
+            let (verdict, ranked) = decide(&outcome(base, best, Vec::new(), Vec::new()), true);
+            assert_eq!((verdict, ranked.len()), (Verdict::Ambiguous, 1));
+            ranked[0].probability
+        };
+        assert!(probability(false) > 0.9 && probability(true) <= CEILING_UNKNOWN);
+    }
+
     #[test]
     fn a_refinement_comes_first_unless_it_is_in_doubt() {
         let fitted = Hypothesis::bare(Model::new(CX, &[]), Vec::new());
@@ -192,12 +221,6 @@ mod tests {
     #[test]
     fn a_wider_effect_that_is_more_likely_than_the_one_found_is_listed_with_it() {
         let (coulomb, stribeck) = (EffectId::CoulombFriction, EffectId::StribeckFriction);
-        let judged = |effects: &[EffectId], square: f64| {
-            let mut fitted = Hypothesis::bare(Model::new(CX, effects), Vec::new());
-            (fitted.squares, fitted.samples) = (vec![(Channel::OmegaE, square)], vec![200.0]);
-            fitted.chance = vec![0.0];
-            Judged { fitted, held_out: Vec::new(), refuted: false }
-        };
         let verdict = |missed: f64| {
             let (base, best, wide) = (judged(&[], 3.0), judged(&[coulomb], 1.12), judged(&[stribeck], 1.055));
             let swap = |by, judged: &Judged| Swap { replaced: coulomb, by, judged: judged.clone() };
@@ -211,16 +234,8 @@ mod tests {
                 absorbed_by: Vec::new(),
                 likeness: Vec::new(),
             };
-            let outcome = Outcome {
-                singles: Vec::new(),
-                swaps: vec![swap(None, &base), swap(Some(stribeck), &wide)],
-                unfit: Vec::new(),
-                shown: vec![shown],
-                scale: Scale::new([&base, &best, &wide].into_iter()),
-                path: vec![base.clone(), best.clone()],
-                base,
-                best,
-            };
+            let swaps = vec![swap(None, &base), swap(Some(stribeck), &wide)];
+            let outcome = outcome(base, best, swaps, vec![shown]);
             let (verdict, ranked) = decide(&outcome, false);
             (verdict, ranked[0].equivalent.clone(), ranked[0].probability)
         };

@@ -55,9 +55,23 @@ pub fn fit_holding_first(
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
     let first = staged(data, model, start, Stage { electrical_done, held, load: None }, monitor)?;
-    let load = (&first.nuisances[..], &first.parameters[model.parameter_count()..]);
+    on_from(data, &first, electrical_done, monitor)
+}
+
+/// Fits a hypothesis to the same recordings once more from where it stands, loads and initial values included. `electrical_done` says
+/// that its electrical parameters stay as they are.
+///
+/// # Errors
+/// Those of the least-squares fits.
+pub fn on_from(
+    data: &Data,
+    from: &Hypothesis,
+    electrical_done: bool,
+    monitor: &dyn Monitor,
+) -> Result<Hypothesis> {
+    let load = (&from.nuisances[..], &from.parameters[from.model.parameter_count()..]);
     let stage = Stage { electrical_done, held: &[], load: Some(load) };
-    staged(data, model, first.own(), stage, monitor)
+    staged(data, &from.model, from.own(), stage, monitor)
 }
 
 /// What a fit leaves as it is, and the load from which it begins, if one was found before.

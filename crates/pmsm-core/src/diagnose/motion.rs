@@ -59,7 +59,9 @@ pub fn fit(
         Some((nuisances, load)) => found(nuisances, load),
         None => data.runs().iter().enumerate().map(begin).collect(),
     };
-    let mut best = settle(data, model, own, states, rotor, torque, monitor)?;
+    let settled =
+        |own: &[f64], states, added| settle(data, model, own, states, rotor, torque, added, monitor);
+    let mut best = settled(own, states, None)?.expect("no step was added");
     for (run, part) in data.runs().iter().enumerate() {
         if part.signals.load != Load::UnknownPiecewise || !part.has(false) {
             continue;
@@ -71,13 +73,12 @@ pub fn fit(
             let mut states = found(&best.nuisances, &best.parameters[model.parameter_count()..]);
             let own = &best.parameters[..model.parameter_count()];
             let samples = &torque[data.samples_of(run)];
-            let Some(state) = with_missing_step(part, model, own, &states[run], samples) else { break };
+            let Some((state, at)) = with_missing_step(part, model, own, &states[run], samples) else { break };
             states[run] = state;
-            let more = settle(data, model, own, states, rotor, torque, monitor)?;
-            if more.squares[run] > IMPROVEMENT * best.squares[run] {
-                break;
+            match settled(own, states, Some((run, at)))? {
+                Some(more) if more.squares[run] <= IMPROVEMENT * best.squares[run] => best = more,
+                _ => break,
             }
-            best = more;
         }
     }
     Ok(best)
@@ -101,7 +102,8 @@ pub fn fit_under(
     for (state, part) in states.iter_mut().zip(data.runs()) {
         state.deviations = vec![0.0; if part.has(false) { part.initial_states(model) } else { 0 }];
     }
-    settle(data, model, own, states, rotor, &data.torque(model, own), monitor)
+    let settled = settle(data, model, own, states, rotor, &data.torque(model, own), None, monitor)?;
+    Ok(settled.expect("no step was added"))
 }
 
 /// The states of all recordings from their nuisances and values.
@@ -145,7 +147,8 @@ pub fn whitened(
     Ok(best)
 }
 
-/// Fits from given states, pruning load steps until all that are left pay.
+/// Fits from given states, pruning load steps until all that are left pay; `None` if that takes away at once the step that was `added`,
+/// by recording and number: without it the states are those of before.
 fn settle(
     data: &Data,
     model: &Model,
@@ -153,8 +156,9 @@ fn settle(
     mut states: Vec<State>,
     rotor: &[usize],
     torque: &[f64],
+    mut added: Option<(usize, usize)>,
     monitor: &dyn Monitor,
-) -> Result<Motion> {
+) -> Result<Option<Motion>> {
     let count = model.parameter_count();
     let mut parameters = own.to_vec();
     loop {
@@ -166,7 +170,7 @@ fn settle(
         let experiment = experiment(data, model, &nuisances, torque);
         if free.is_empty() {
             let squares = mean_squares(&experiment, &parameters);
-            return Ok(Motion { parameters, free, nuisances, squares });
+            return Ok(Some(Motion { parameters, free, nuisances, squares }));
         }
         let worthwhile = |fitted: &Fitted| -> Vec<Vec<usize>> {
             (0..nuisances.len())
@@ -188,7 +192,10 @@ fn settle(
         parameters = fitted.parameters;
         if all_pay(&keep) || monitor.cancelled() {
             let squares = mean_squares(&experiment, &parameters);
-            return Ok(Motion { parameters, free, nuisances, squares });
+            return Ok(Some(Motion { parameters, free, nuisances, squares }));
+        }
+        if added.take().is_some_and(|(run, at)| !keep[run].contains(&at)) {
+            return Ok(None);
         }
         // What is left starts from where it was.
         let fresh = found(&nuisances, &parameters[count..]).into_iter();

@@ -51,7 +51,7 @@ pub fn shaft(theta_m: f64, omega_m: f64, tau_e: f64) -> Mechanical<f64> {
 
 /// Torque that an effect without states takes from the rotor.
 pub fn loss<E: Effect>(p: &[f64], at: &Mechanical<f64>) -> f64 {
-    let mut rotor = Rotor { inertia: MACHINE[4], loss: 0.0, load: 0.0 };
+    let mut rotor = Rotor { inverse_inertia: 1.0 / MACHINE[4], loss: 0.0, load: 0.0 };
     E::rotor(p, &[], at, &CX, &mut rotor);
     rotor.loss
 }

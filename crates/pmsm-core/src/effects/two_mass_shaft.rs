@@ -80,7 +80,7 @@ impl Effect for TwoMassShaft {
 
     #[inline(always)]
     fn rotor<T: Real>(p: &[T], x: &[T], at: &Mechanical<T>, _: &Context, out: &mut Rotor<T>) {
-        out.inertia = at.j * (T::one() - p[0]);
+        out.inverse_inertia = out.inverse_inertia / (T::one() - p[0]);
         out.load = shaft_torque(p, x, at.j);
     }
 
@@ -130,9 +130,9 @@ mod tests {
     /// d/dt of [ω_m, x_1, x_2] without friction.
     fn slope(p: &[f64], state: [f64; 3], tau_e: f64, tau_load: f64) -> [f64; 3] {
         let at = Mechanical { tau_load, ..shaft(0.0, state[0], tau_e) };
-        let mut rotor = Rotor { inertia: at.j, loss: 0.0, load: tau_load };
+        let mut rotor = Rotor { inverse_inertia: 1.0 / at.j, loss: 0.0, load: tau_load };
         TwoMassShaft::rotor(p, &state[1..], &at, &CX, &mut rotor);
-        let acceleration = (tau_e - rotor.load) / rotor.inertia;
+        let acceleration = (tau_e - rotor.load) * rotor.inverse_inertia;
         let mut dx = [0.0; 2];
         TwoMassShaft::mechanical_states(p, &state[1..], &at, acceleration, &CX, &mut dx);
         [acceleration, dx[0], dx[1]]

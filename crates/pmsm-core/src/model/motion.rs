@@ -48,13 +48,14 @@ impl Model {
 
     #[inline(always)]
     fn acceleration<T: Real>(&self, p: &[T], base: &Base<T>, x: &[T], at: &Mechanical<T>) -> T {
-        let mut rotor = Rotor { inertia: base.j, loss: base.b * at.omega_m, load: at.tau_load };
+        let mut rotor =
+            Rotor { inverse_inertia: base.inverse_j, loss: base.b * at.omega_m, load: at.tau_load };
         for s in &self.slots {
             let x = &x[s.mechanical.clone()];
             s.effect.rotor(&p[s.parameters.clone()], x, at, &self.context, &mut rotor);
         }
         rotor.loss += self.mapped_torque(p, at);
-        (at.tau_e - rotor.loss - rotor.load) / rotor.inertia
+        (at.tau_e - rotor.load - rotor.loss) * rotor.inverse_inertia
     }
 
     /// Torque of the map against positive rotation, N·m; zero without one.
@@ -68,7 +69,7 @@ impl Model {
     /// Torque of the effects against positive rotation, N·m, of a model whose effects have no mechanical states.
     pub fn effects_torque(&self, p: &[f64], at: &Mechanical<f64>) -> f64 {
         debug_assert_eq!(self.mechanical_states(), 0);
-        let mut rotor = Rotor { inertia: at.j, loss: 0.0, load: 0.0 };
+        let mut rotor = Rotor { inverse_inertia: 1.0 / at.j, loss: 0.0, load: 0.0 };
         for s in &self.slots {
             s.effect.rotor(&p[s.parameters.clone()], &[], at, &self.context, &mut rotor);
         }
@@ -89,7 +90,7 @@ impl Model {
         let mut state = [T::zero(); N];
         state[0] = omega_m;
         let at = self.mechanical_point(base, omega_m, tau_e, tau_load, env);
-        let rigid = (tau_e - base.b * omega_m - tau_load) / base.j;
+        let rigid = (tau_e - base.b * omega_m - tau_load) * base.inverse_j;
         for s in &self.slots {
             let x = &mut state[1 + s.mechanical.start..1 + s.mechanical.end];
             s.effect.mechanical_start(&p[s.parameters.clone()], &at, rigid, &self.context, x);

@@ -171,9 +171,9 @@ fn run_sized<T: Real, W: Carries<T>, R: Restart<W>, const N: usize>(
                 torque: [W::carry(tau_e[k]), torque, W::carry(tau_e[k + span])],
                 env: [env, half, end],
             };
-            let mut pieces = (h * ringing / RINGING).ceil().clamp(1.0, PIECES) as usize;
-            if pieces > 1 {
-                pieces = pieces.next_multiple_of(span);
+            let mut pieces = 1;
+            if h * ringing > RINGING {
+                pieces = ((h * ringing / RINGING).ceil().min(PIECES) as usize).next_multiple_of(span);
             }
             let mut middle = state;
             for piece in 0..pieces {

@@ -17,7 +17,7 @@ const TRIED: usize = 96;
 const STEP_SHARE: f64 = 0.003;
 const STEP_SIGNIFICANCE: f64 = 25.0;
 
-/// The fitted load with one more step, at the instant where one explains most of what the simulation leaves. The
+/// The fitted load with one more step, at the instant where one explains most of what the simulation leaves, and that step's number. The
 /// response to a step is the simulation's own: the derivative with respect to all load levels behind it.
 pub fn with_missing_step(
     data: &Data,
@@ -25,7 +25,7 @@ pub fn with_missing_step(
     own: &[f64],
     state: &State,
     torque: &[f64],
-) -> Option<State> {
+) -> Option<(State, usize)> {
     let count = model.parameter_count();
     let duration = data.signals.context.duration;
     let spacing = duration / (TRIED + 1) as f64;
@@ -90,7 +90,7 @@ pub fn with_missing_step(
     let mut more = state.clone();
     more.steps.insert(at, best);
     more.levels.insert(at, state.levels[at]);
-    Some(more)
+    Some((more, at))
 }
 
 /// Numbers of the steps of the fitted load of recording `run` without those that have run into the one before, past it, or into an end
