@@ -24,6 +24,7 @@ mod power;
 mod prescribe;
 mod reach;
 mod reversals;
+pub mod scale;
 pub mod search;
 pub mod shortlist;
 #[cfg(test)]

@@ -279,6 +279,7 @@ fn descend(
 mod tests {
     use super::*;
     use crate::monitor::{Silent, StopFlag};
+    use std::sync::atomic::{AtomicUsize, Ordering};
 
     const FREE: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
 
@@ -411,26 +412,44 @@ mod tests {
         assert_eq!((beyond.status, beyond.parameters), (Status::NotFinite, vec![2.0]));
     }
 
-    #[test]
-    fn a_wrong_gradient_is_not_called_convergence() {
-        struct Wrong;
-        impl Problem for Wrong {
-            fn dim(&self) -> usize {
-                1
-            }
-            fn cost(&self, p: &[f64]) -> f64 {
-                1.0 + p[0] * p[0]
-            }
-            fn normal(&self, p: &[f64]) -> Normal {
-                Normal {
-                    cost: self.cost(p),
-                    jtj: DMatrix::from_element(1, 1, 1.0),
-                    jtr: DVector::from_element(1, -p[0]),
-                }
+    /// 1 + p² with the gradient of 1 − p², and how often it was evaluated.
+    #[derive(Default)]
+    struct Wrong(AtomicUsize);
+
+    impl Problem for Wrong {
+        fn dim(&self) -> usize {
+            1
+        }
+        fn cost(&self, p: &[f64]) -> f64 {
+            self.0.fetch_add(1, Ordering::Relaxed);
+            1.0 + p[0] * p[0]
+        }
+        fn normal(&self, p: &[f64]) -> Normal {
+            Normal {
+                cost: self.cost(p),
+                jtj: DMatrix::from_element(1, 1, 1.0),
+                jtr: DVector::from_element(1, -p[0]),
             }
         }
-        let fit = fit(&Wrong, &[2.0], &[FREE]);
+    }
+
+    #[test]
+    fn a_wrong_gradient_is_not_called_convergence() {
+        let fit = fit(&Wrong::default(), &[2.0], &[FREE]);
         assert_eq!((fit.status, fit.parameters), (Status::IterationLimit, vec![2.0]));
+    }
+
+    #[test]
+    fn a_search_in_vain_ends_where_steps_promise_less_than_the_tolerance() {
+        let evaluations = |cost_tolerance: f64| {
+            let problem = Wrong::default();
+            let settings = Settings { cost_tolerance, ..Settings::default() };
+            let fit = minimise(&problem, &[2.0], &[FREE], &settings, &Silent).unwrap();
+            assert_eq!((fit.status, fit.parameters), (Status::IterationLimit, vec![2.0]));
+            problem.0.into_inner()
+        };
+        let (coarse, fine) = (evaluations(1e-3), evaluations(1e-14));
+        assert!(2 < coarse && coarse + 3 < fine, "{coarse} {fine}");
     }
 
     #[test]

@@ -2,10 +2,9 @@
 
 use super::answer::Verdict;
 use super::power::EVEN;
+use super::scale::{self, INDISTINGUISHABLE, INDISTINGUISHABLE_POOR, NESTED_GAIN};
 use super::search::Outcome;
-use super::verdict::{
-    self, INDISTINGUISHABLE, INDISTINGUISHABLE_POOR, Judged, MISMATCH, MISMATCH_HELD_OUT, NESTED_GAIN,
-};
+use super::verdict::{Judged, MISMATCH, MISMATCH_HELD_OUT};
 use crate::effects::EffectId;
 
 /// Probability that is left for unknown physics when an effect explains everything, and what is added when it explains
@@ -65,7 +64,7 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
         };
         // Or unless the recording asks for that freedom, only not by enough to be sure of what it stands for.
         let asked_for = |wide: EffectId, judged: &Judged| {
-            to_the_noise && wide.contains(effect) && verdict::asks_for(judged, &outcome.best)
+            to_the_noise && wide.contains(effect) && scale::asks_for(judged, &outcome.best)
         };
         // That freedom may be there all the same, as far as the recording would have missed it.
         let missed = |wide: EffectId| shown(wide).map_or(0.0, |s| 1.0 - s.power);
@@ -160,8 +159,8 @@ fn unlikely(outcome: &Outcome) -> Vec<Ranked> {
 mod tests {
     use super::super::hypothesis::Hypothesis;
     use super::super::power::Shown;
+    use super::super::scale::Scale;
     use super::super::search::Swap;
-    use super::super::verdict::Scale;
     use super::*;
     use crate::effects::testing::CX;
     use crate::experiment::Channel;

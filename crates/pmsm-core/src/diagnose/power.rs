@@ -17,8 +17,9 @@ mod words;
 use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::locate::upper_tail;
+use super::scale::{INDISTINGUISHABLE, LEAST_GAIN, PRICE};
 use super::shortlist::{Scorer, batches, freed, orthonormal, orthonormal_beside, solve};
-use super::verdict::{INDISTINGUISHABLE, LEAST_GAIN, MISMATCH, PRICE};
+use super::verdict::MISMATCH;
 use crate::effect::Role;
 use crate::effects::EffectId;
 use crate::experiment::{Block, Channel};
@@ -283,7 +284,7 @@ mod tests {
         [EffectId::CoulombFriction, EffectId::QuadraticDrag, EffectId::CoggingTorque, EffectId::SaturationQ];
 
     fn worth(best: &Hypothesis) -> Vec<f64> {
-        vec![crate::diagnose::verdict::MOST_WORTH; best.squares.len()]
+        vec![crate::diagnose::scale::MOST_WORTH; best.squares.len()]
     }
 
     fn power(shown: &[Shown], effect: EffectId) -> f64 {

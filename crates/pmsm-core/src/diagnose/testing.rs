@@ -3,8 +3,11 @@
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
+use super::verdict::Judged;
 use crate::drive::{Choice, Manoeuvre, Schedule, Setup, Shape, simulate};
 use crate::effects::EffectId;
+use crate::effects::testing::CX;
+use crate::experiment::Channel;
 use crate::machine::Machine;
 use crate::model::Model;
 use crate::monitor::Silent;
@@ -56,4 +59,20 @@ pub fn fitted(data: &Data, base: &Hypothesis, effect: EffectId) -> Hypothesis {
     let mut start = base.own().to_vec();
     start.extend(effect.info().parameters.iter().map(|p| (p.typical)(&context)));
     fitting::fit(data, &model, &start, false, &Silent).unwrap()
+}
+
+/// A hypothesis of the bare machine with these mean squares of i_d and the speed and so many free parameters.
+pub fn hypothesis(d: f64, speed: f64, free: usize) -> Hypothesis {
+    let mut out = Hypothesis::bare(Model::new(CX, &[]), vec![1.0; 6]);
+    out.free = (0..free).collect();
+    out.squares = vec![(Channel::ID, d), (Channel::OmegaE, speed)];
+    out.samples = vec![1e4, 1e4];
+    out.chance = vec![0.0, 0.0];
+    out
+}
+
+/// The same, and what i_d leaves on a held-out recording.
+pub fn judged(d: f64, speed: f64, held_out: f64, free: usize) -> Judged {
+    let held_out = vec![hypothesis(held_out, speed, free)];
+    Judged { fitted: hypothesis(d, speed, free), held_out, refuted: false }
 }

@@ -133,17 +133,53 @@ pub fn from_starts(
     }
     best.filter(|b| b.cost.is_finite()).ok_or_else(|| {
         Error::unusable(
-            "the model can be simulated neither from a regression nor from the nameplate",
+            "the model can be simulated from no starting point: regression, nameplate or the stretch before",
             "check the nameplate and the units of the recording, or use method pso+lm",
         )
     })
 }
 
-/// The better of two descents, with the evaluations of both.
+/// The better of two descents, with the evaluations of both. It has not come to rest if the second one was stopped.
 fn better(before: Found, after: Found) -> Found {
     let evaluations = before.evaluations + after.evaluations;
     let interrupted = after.interrupted;
     // Also true where the first one led nowhere.
     let lower = after.cost < before.cost || before.cost.is_nan();
-    Found { evaluations, interrupted, ..if lower { after } else { before } }
+    let kept = if lower { after } else { before };
+    Found { evaluations, interrupted, converged: kept.converged && !interrupted, ..kept }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(cost: f64, converged: bool) -> Found {
+        Found {
+            values: vec![cost],
+            cost,
+            history: Vec::new(),
+            evaluations: 3,
+            converged,
+            interrupted: !converged,
+            starts: None,
+            linear: None,
+        }
+    }
+
+    #[test]
+    fn the_lower_of_two_descents_is_kept_with_the_evaluations_of_both() {
+        for (first, second, kept) in
+            [(2.0, 1.0, 1.0), (1.0, 2.0, 1.0), (f64::NAN, 2.0, 2.0), (1.0, f64::NAN, 1.0)]
+        {
+            let best = better(found(first, true), found(second, true));
+            assert_eq!((best.values, best.evaluations), (vec![kept], 6), "{first} {second}");
+            assert!(best.converged && !best.interrupted);
+        }
+    }
+
+    #[test]
+    fn what_is_stopped_before_the_second_descent_ends_has_not_come_to_rest() {
+        let best = better(found(1.0, true), found(2.0, false));
+        assert_eq!((best.cost, best.converged, best.interrupted), (1.0, false, true));
+    }
 }

@@ -1,7 +1,8 @@
 //! Sets of effects beside each other: what a larger one takes away, and the way from one to the next.
 
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::verdict::{Judged, MISMATCH, MISMATCH_HELD_OUT, PROGRESS, Scale};
+use crate::diagnose::scale::Scale;
+use crate::diagnose::verdict::{Judged, MISMATCH, MISMATCH_HELD_OUT, PROGRESS};
 use crate::effects::EffectId;
 
 /// A set takes away at least this share of what the best smaller one leaves in some channel, or none is grown from it: of two things that

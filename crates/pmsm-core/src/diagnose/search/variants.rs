@@ -5,8 +5,9 @@ use super::smaller::{in_place, reduced, special_cases};
 use super::{BRANCHES, Search};
 use crate::diagnose::fitting;
 use crate::diagnose::power::Shown;
+use crate::diagnose::scale::{LEAST_GAIN, Scale};
 use crate::diagnose::shortlist::Scorer;
-use crate::diagnose::verdict::{Judged, LEAST_GAIN, Scale};
+use crate::diagnose::verdict::Judged;
 use crate::effects::EffectId;
 use crate::error::Result;
 
