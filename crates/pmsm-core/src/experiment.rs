@@ -285,6 +285,11 @@ impl<'a> Experiment<'a> {
         best
     }
 
+    /// Fewest values in which what is left of the speed is looked at: every sample, or few long means where it wanders.
+    pub fn fewest_speeds(&self) -> usize {
+        if self.wander.is_some() { LEAST_SWINGS.min(self.counted()) } else { self.counted() }
+    }
+
     /// Mean square of the sums over blocks of `size` samples that count, divided by `size`.
     fn block_square(&self, rows: &[f64], size: usize) -> f64 {
         let counts = |block: usize| {

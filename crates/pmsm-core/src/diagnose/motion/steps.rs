@@ -12,8 +12,8 @@ use nalgebra::{DMatrix, DVector};
 
 /// Instants tried for a missing step.
 const TRIED: usize = 96;
-/// What a load step must be worth: this share of the floor's variance over the whole recording, and this many times the
-/// variance of what is left, colour included.
+/// What a load step must be worth: this share of the floor's variance over all values in which what is left is looked at, and this
+/// many times the variance of what is left, colour included.
 const STEP_SHARE: f64 = 0.003;
 const STEP_SIGNIFICANCE: f64 = 25.0;
 
@@ -125,7 +125,7 @@ pub fn worthwhile_steps(experiment: &Joint, fitted: &Fitted, run: usize) -> Vec<
     let n = residual.len() as f64;
     let colour = n / load_steps::effective_samples(residual.as_slice());
     let unit = (residual.norm_squared() / n).max(1.0) * colour.max(1.0);
-    let threshold = (STEP_SIGNIFICANCE * unit).max(STEP_SHARE * n);
+    let threshold = (STEP_SIGNIFICANCE * unit).max(STEP_SHARE * experiment.runs()[run].fewest_speeds() as f64);
     let position = |index: usize| fitted.free.iter().position(|f| *f == index).expect("levels are free");
     // Constraints of the steps already taken away: level after minus level before.
     let constraint = |step: usize| {
