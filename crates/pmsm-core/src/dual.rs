@@ -3,6 +3,8 @@
 mod outlined;
 mod tangent;
 
+pub use tangent::Beside;
+
 use crate::real::{Loop, Real};
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 

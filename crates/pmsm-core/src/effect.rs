@@ -153,7 +153,7 @@ impl Context {
 #[derive(Debug, Clone, Copy)]
 pub struct Env<T> {
     /// Time since the first sample, s.
-    pub t: f64,
+    pub t: T,
     /// Electrical speed, rad/s.
     pub omega_e: T,
     /// Electrical angle, rad, unwrapped.

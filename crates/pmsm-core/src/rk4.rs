@@ -1,11 +1,31 @@
 //! The classical Runge–Kutta method of fourth order, for states of fixed size over any number type.
 
 use crate::real::Real;
+use std::ops::Mul;
 
 /// The derivative of a state within a step.
 pub trait Slope<T, const N: usize> {
     /// The derivative at fraction `c` (0, ½ or 1) of the step.
     fn at(&self, c: f64, state: &[T; N]) -> [T; N];
+}
+
+/// The length of a step, s.
+pub trait Length: Copy {
+    /// The share `c` of it.
+    fn times(self, c: f64) -> Self;
+    /// One of `n` equal parts of it.
+    fn over(self, n: f64) -> Self;
+}
+
+impl Length for f64 {
+    #[inline(always)]
+    fn times(self, c: f64) -> Self {
+        c * self
+    }
+    #[inline(always)]
+    fn over(self, n: f64) -> Self {
+        self / n
+    }
 }
 
 /// A closure as a slope.
@@ -30,32 +50,36 @@ pub fn advance<T: Real, const N: usize>(h: f64, state: &[T; N], rhs: &impl Slope
     ends(h, state, &stages(h, state, rhs))
 }
 
-/// One step of length `h` (s) from `state`, as [`advance`], and before its end the state in its middle, to third order (Hairer,
+/// One step of length `h` from `state`, as [`advance`], and before its end the state in its middle, to third order (Hairer,
 /// Nørsett & Wanner, "Solving ordinary differential equations I", section II.6).
 #[inline(always)]
-pub fn advance_with_middle<T: Real, const N: usize>(
-    h: f64,
+pub fn advance_with_middle<T: Real + Mul<H, Output = T>, H: Length, const N: usize>(
+    h: H,
     state: &[T; N],
     rhs: &impl Slope<T, N>,
 ) -> ([T; N], [T; N]) {
     let k = stages(h, state, rhs);
     let mut middle = *state;
     for n in 0..N {
-        middle[n] += (k[0][n] * 5.0 + (k[1][n] + k[2][n]) * 4.0 - k[3][n]) * (h / 24.0);
+        middle[n] += (k[0][n] * 5.0 + (k[1][n] + k[2][n]) * 4.0 - k[3][n]) * h.over(24.0);
     }
     (middle, ends(h, state, &k))
 }
 
 /// The derivatives at the four stages, in one loop, so that a long right-hand side is compiled once.
 #[inline(always)]
-fn stages<T: Real, const N: usize>(h: f64, state: &[T; N], rhs: &impl Slope<T, N>) -> [[T; N]; 4] {
+fn stages<T: Real + Mul<H, Output = T>, H: Length, const N: usize>(
+    h: H,
+    state: &[T; N],
+    rhs: &impl Slope<T, N>,
+) -> [[T; N]; 4] {
     let mut k = [[T::zero(); N]; 4];
     let mut at = *state;
     for (stage, (c, reach)) in [(0.0, 0.5), (0.5, 0.5), (0.5, 1.0), (1.0, 0.0)].into_iter().enumerate() {
         k[stage] = rhs.at(c, &at);
         if stage < 3 {
             for n in 0..N {
-                at[n] = state[n] + k[stage][n] * (reach * h);
+                at[n] = state[n] + k[stage][n] * h.times(reach);
             }
         }
     }
@@ -63,10 +87,14 @@ fn stages<T: Real, const N: usize>(h: f64, state: &[T; N], rhs: &impl Slope<T, N
 }
 
 #[inline(always)]
-fn ends<T: Real, const N: usize>(h: f64, state: &[T; N], k: &[[T; N]; 4]) -> [T; N] {
+fn ends<T: Real + Mul<H, Output = T>, H: Length, const N: usize>(
+    h: H,
+    state: &[T; N],
+    k: &[[T; N]; 4],
+) -> [T; N] {
     let mut next = *state;
     for n in 0..N {
-        next[n] += (k[0][n] + (k[1][n] + k[2][n]) * 2.0 + k[3][n]) * (h / 6.0);
+        next[n] += (k[0][n] + (k[1][n] + k[2][n]) * 2.0 + k[3][n]) * h.over(6.0);
     }
     next
 }

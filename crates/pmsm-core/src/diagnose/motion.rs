@@ -13,6 +13,7 @@ use crate::model::Model;
 use crate::monitor::Monitor;
 use crate::recording::Load;
 use crate::simulate::mechanical::Nuisance;
+use nalgebra::DVector;
 use state::State;
 use steps::{steps_apart, with_missing_step, worthwhile_steps};
 
@@ -169,7 +170,7 @@ fn settle(
         free.extend(count..parameters.len());
         let experiment = experiment(data, model, &nuisances, torque);
         if free.is_empty() {
-            let squares = mean_squares(&experiment, &parameters);
+            let squares = mean_squares(&experiment, &experiment.residual(&parameters));
             return Ok(Some(Motion { parameters, free, nuisances, squares }));
         }
         let worthwhile = |fitted: &Fitted| -> Vec<Vec<usize>> {
@@ -189,14 +190,15 @@ fn settle(
             fitted = experiment.fit(&fitted.parameters, &free, &SETTINGS, monitor)?;
             keep = worthwhile(&fitted);
         }
-        parameters = fitted.parameters;
         if all_pay(&keep) || monitor.cancelled() {
-            let squares = mean_squares(&experiment, &parameters);
+            let squares = mean_squares(&experiment, &fitted.residual(&experiment));
+            let parameters = fitted.parameters;
             return Ok(Some(Motion { parameters, free, nuisances, squares }));
         }
         if added.take().is_some_and(|(run, at)| !keep[run].contains(&at)) {
             return Ok(None);
         }
+        parameters = fitted.parameters;
         // What is left starts from where it was.
         let fresh = found(&nuisances, &parameters[count..]).into_iter();
         let fewer = |(run, state): (usize, State)| {
@@ -211,8 +213,8 @@ fn experiment<'a>(data: &'a Data, model: &'a Model, nuisances: &[Nuisance], torq
 }
 
 /// Mean square of the speed's residual in each recording; one where it does not show the motion.
-fn mean_squares(experiment: &Joint, parameters: &[f64]) -> Vec<f64> {
-    let judged = experiment.mean_squares(&experiment.residual(parameters), |_| 1.0);
+fn mean_squares(experiment: &Joint, residual: &DVector<f64>) -> Vec<f64> {
+    let judged = experiment.mean_squares(residual, |_| 1.0);
     let mut squares = vec![1.0; experiment.runs().len()];
     for (block, (square, _)) in experiment.blocks().iter().zip(judged) {
         if block.channel == Channel::OmegaE {

@@ -46,15 +46,49 @@ impl<const N: usize, const R: usize, L: Loop<Dual<N>>> Job for Wide<N, R, L> {
     type Output = L::Output;
     #[inline(always)]
     fn run<V: Lane>(self) -> L::Output {
-        self.0.run::<Tangent<V, R>>()
+        self.0.run::<Tangent<V, R, false>>()
     }
 }
 
-/// A value, in every lane of a vector, and its derivatives in `R` vectors.
+/// A value, in every lane of a vector, and its derivatives in `R` vectors; or, where the lanes stand `APART`, a number in each of
+/// them with `R` derivatives of its own.
 #[derive(Debug, Clone, Copy)]
-struct Tangent<V, const R: usize> {
+pub struct Tangent<V, const R: usize, const APART: bool> {
     re: V,
     eps: [V; R],
+}
+
+/// As many numbers as a vector has lanes, each with `R` derivatives of its own.
+pub type Beside<V, const R: usize> = Tangent<V, R, true>;
+
+impl<V: Lane, const R: usize> Beside<V, R> {
+    /// From values, and derivative number `slot` of each.
+    #[inline(always)]
+    pub fn variable(re: V, slot: usize, eps: V) -> Self {
+        let mut own = Self { re, eps: [V::zero(); R] };
+        own.eps[slot] = eps;
+        own
+    }
+    /// From values that do not change.
+    #[inline(always)]
+    pub fn fixed(re: V) -> Self {
+        Self { re, eps: [V::zero(); R] }
+    }
+    /// The values.
+    #[inline(always)]
+    pub fn values(self) -> V {
+        self.re
+    }
+    /// Derivative number `slot` of each.
+    #[inline(always)]
+    pub fn slopes(self, slot: usize) -> V {
+        self.eps[slot]
+    }
+    /// Times numbers without derivatives.
+    #[inline(always)]
+    pub fn scaled(self, by: V) -> Self {
+        self.chain(self.re * by, by)
+    }
 }
 
 /// A tangent with the value `re` and the derivatives that an expression of `k` gives. A closure would be compiled without
@@ -69,7 +103,7 @@ macro_rules! each {
     }};
 }
 
-impl<V: Lane, const R: usize, const N: usize> Carries<Dual<N>> for Tangent<V, R> {
+impl<V: Lane, const R: usize, const N: usize> Carries<Dual<N>> for Tangent<V, R, false> {
     #[inline(always)]
     fn carry(x: Dual<N>) -> Self {
         let mut eps = [0.0; MOST];
@@ -86,20 +120,20 @@ impl<V: Lane, const R: usize, const N: usize> Carries<Dual<N>> for Tangent<V, R>
     }
 }
 
-impl<V: Lane, const R: usize> Tangent<V, R> {
+impl<V: Lane, const R: usize, const APART: bool> Tangent<V, R, APART> {
     /// `f(self)` from the value and the derivative of `f` there.
     #[inline(always)]
     fn chain(self, value: V, slope: V) -> Self {
         each!(value, k => self.eps[k] * slope)
     }
-    /// The same where value and derivative are single numbers.
+    /// A function's value, taken `once` for all lanes or in `each`.
     #[inline(always)]
-    fn through(self, value: f64, slope: f64) -> Self {
-        self.chain(V::constant(value), V::constant(slope))
+    fn value(self, once: fn(f64) -> f64, each: fn(V) -> V) -> V {
+        if APART { each(self.re) } else { V::constant(once(self.re.first())) }
     }
 }
 
-impl<V: Lane, const R: usize> Add for Tangent<V, R> {
+impl<V: Lane, const R: usize, const APART: bool> Add for Tangent<V, R, APART> {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: Self) -> Self {
@@ -107,7 +141,7 @@ impl<V: Lane, const R: usize> Add for Tangent<V, R> {
     }
 }
 
-impl<V: Lane, const R: usize> Sub for Tangent<V, R> {
+impl<V: Lane, const R: usize, const APART: bool> Sub for Tangent<V, R, APART> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
@@ -115,7 +149,7 @@ impl<V: Lane, const R: usize> Sub for Tangent<V, R> {
     }
 }
 
-impl<V: Lane, const R: usize> Mul for Tangent<V, R> {
+impl<V: Lane, const R: usize, const APART: bool> Mul for Tangent<V, R, APART> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
@@ -123,7 +157,7 @@ impl<V: Lane, const R: usize> Mul for Tangent<V, R> {
     }
 }
 
-impl<V: Lane, const R: usize> Div for Tangent<V, R> {
+impl<V: Lane, const R: usize, const APART: bool> Div for Tangent<V, R, APART> {
     type Output = Self;
     #[inline(always)]
     fn div(self, other: Self) -> Self {
@@ -132,7 +166,7 @@ impl<V: Lane, const R: usize> Div for Tangent<V, R> {
     }
 }
 
-impl<V: Lane, const R: usize> Add<f64> for Tangent<V, R> {
+impl<V: Lane, const R: usize, const APART: bool> Add<f64> for Tangent<V, R, APART> {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: f64) -> Self {
@@ -140,7 +174,7 @@ impl<V: Lane, const R: usize> Add<f64> for Tangent<V, R> {
     }
 }
 
-impl<V: Lane, const R: usize> Sub<f64> for Tangent<V, R> {
+impl<V: Lane, const R: usize, const APART: bool> Sub<f64> for Tangent<V, R, APART> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, other: f64) -> Self {
@@ -148,7 +182,7 @@ impl<V: Lane, const R: usize> Sub<f64> for Tangent<V, R> {
     }
 }
 
-impl<V: Lane, const R: usize> Mul<f64> for Tangent<V, R> {
+impl<V: Lane, const R: usize, const APART: bool> Mul<f64> for Tangent<V, R, APART> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, other: f64) -> Self {
@@ -157,7 +191,7 @@ impl<V: Lane, const R: usize> Mul<f64> for Tangent<V, R> {
     }
 }
 
-impl<V: Lane, const R: usize> Neg for Tangent<V, R> {
+impl<V: Lane, const R: usize, const APART: bool> Neg for Tangent<V, R, APART> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
@@ -165,21 +199,21 @@ impl<V: Lane, const R: usize> Neg for Tangent<V, R> {
     }
 }
 
-impl<V: Lane, const R: usize> AddAssign for Tangent<V, R> {
+impl<V: Lane, const R: usize, const APART: bool> AddAssign for Tangent<V, R, APART> {
     #[inline(always)]
     fn add_assign(&mut self, other: Self) {
         *self = *self + other;
     }
 }
 
-impl<V: Lane, const R: usize> SubAssign for Tangent<V, R> {
+impl<V: Lane, const R: usize, const APART: bool> SubAssign for Tangent<V, R, APART> {
     #[inline(always)]
     fn sub_assign(&mut self, other: Self) {
         *self = *self - other;
     }
 }
 
-impl<V: Lane, const R: usize> Real for Tangent<V, R> {
+impl<V: Lane, const R: usize, const APART: bool> Real for Tangent<V, R, APART> {
     #[inline(always)]
     fn constant(x: f64) -> Self {
         Self { re: V::constant(x), eps: [V::zero(); R] }
@@ -191,24 +225,27 @@ impl<V: Lane, const R: usize> Real for Tangent<V, R> {
     }
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
-        let (s, c) = Real::sin_cos(self.re.first());
-        let (s, c) = (V::constant(s), V::constant(c));
+        let (s, c) = if APART {
+            self.re.sin_cos()
+        } else {
+            let (s, c) = Real::sin_cos(self.re.first());
+            (V::constant(s), V::constant(c))
+        };
         (self.chain(s, c), self.chain(c, -s))
     }
     #[inline(always)]
     fn exp(self) -> Self {
-        let e = self.re.first().exp();
-        self.through(e, e)
+        let e = self.value(f64::exp, V::exp);
+        self.chain(e, e)
     }
     #[inline(always)]
     fn ln(self) -> Self {
-        let x = self.re.first();
-        self.through(x.ln(), 1.0 / x)
+        self.chain(self.value(f64::ln, V::ln), V::one() / self.re)
     }
     #[inline(always)]
     fn tanh(self) -> Self {
-        let t = self.re.first().tanh();
-        self.through(t, 1.0 - t * t)
+        let t = self.value(f64::tanh, V::tanh);
+        self.chain(t, V::one() - t * t)
     }
     #[inline(always)]
     fn abs(self) -> Self {

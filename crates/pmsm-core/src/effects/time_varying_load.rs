@@ -78,7 +78,7 @@ impl Effect for TimeVaryingLoad {
     #[inline(always)]
     fn rotor<T: Real>(p: &[T], _: &[T], at: &Mechanical<T>, _: &Context, out: &mut Rotor<T>) {
         let t = at.env.t;
-        let (s, c) = (p[3] * (TAU * t)).sin_cos();
+        let (s, c) = (p[3] * (t * TAU)).sin_cos();
         out.loss += p[0] * c + p[1] * s + p[2] * t;
     }
 

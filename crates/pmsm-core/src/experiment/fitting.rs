@@ -5,6 +5,8 @@ use crate::error::Result;
 use crate::least_squares::{self, Fit, Normal, Problem, Settings};
 use crate::monitor::Monitor;
 use crate::tall;
+use nalgebra::DVector;
+use std::borrow::Cow;
 
 /// Rounds of a fit after each of which the initial speeds are estimated anew.
 const STARTS: usize = 3;
@@ -41,24 +43,27 @@ impl Joint<'_> {
     ) -> Result<Fitted> {
         let bounds: Vec<(f64, f64)> = free.iter().map(|k| self.bounds(*k)).collect();
         let mut start = start.to_vec();
+        let mut seen = self.with_estimated_starts(&start);
         let mut round = 0;
         loop {
-            let seen = self.with_estimated_starts(&start);
             let problem = Fitting { experiment: &seen, start: &start, free };
             let at: Vec<f64> = free.iter().map(|k| start[*k]).collect();
             let fit = least_squares::minimise(&problem, &at, &bounds, settings, monitor)?;
             let parameters = problem.whole(&fit.parameters);
+            let free = free.to_vec();
             round += 1;
-            // Initial speeds that were estimated at the start may be too far off for the solution.
-            let stale = seen.has_starts() && round < STARTS && !monitor.cancelled() && {
-                let again = self.with_estimated_starts(&parameters);
-                let cost = Fitting { experiment: &again, start: &parameters, free }.cost(&fit.parameters);
-                (cost - fit.cost).abs() > STALE * fit.cost
-            };
-            if !stale {
-                return Ok(Fitted { parameters, free: free.to_vec(), fit });
+            if !seen.has_starts() || round == STARTS || monitor.cancelled() {
+                return Ok(Fitted { parameters, free, fit, left: None });
             }
-            start = parameters;
+            // Initial speeds that were estimated at the start may be too far off for the solution.
+            let again = self.with_estimated_starts(&parameters);
+            let left = again.residual(&parameters);
+            let cost = left.norm_squared() + problem.surprise(&parameters);
+            let stale = (cost - fit.cost).abs() > STALE * fit.cost;
+            if !stale {
+                return Ok(Fitted { parameters, free, fit, left: Some(left) });
+            }
+            (start, seen) = (parameters, again);
         }
     }
 }
@@ -72,6 +77,18 @@ pub struct Fitted {
     pub free: Vec<usize>,
     /// How the fit ended.
     pub fit: Fit,
+    /// The residual that is left, where the fit has looked at it.
+    left: Option<DVector<f64>>,
+}
+
+impl Fitted {
+    /// Weighted residual that is left of the `experiment` that was fitted.
+    pub fn residual(&self, experiment: &Joint) -> Cow<'_, DVector<f64>> {
+        match &self.left {
+            Some(left) => Cow::Borrowed(left),
+            None => Cow::Owned(experiment.residual(&self.parameters)),
+        }
+    }
 }
 
 struct Fitting<'a> {
@@ -86,6 +103,11 @@ impl Fitting<'_> {
         self.experiment.prior().iter().filter_map(|(parameter, value, sd)| {
             self.free.iter().position(|f| f == parameter).map(|k| (k, *value, *sd))
         })
+    }
+
+    /// How far the parameters are from what was known of them, as a sum of squares.
+    fn surprise(&self, whole: &[f64]) -> f64 {
+        self.known().map(|(k, value, sd)| ((whole[self.free[k]] - value) / sd).powi(2)).sum()
     }
 
     fn whole(&self, point: &[f64]) -> Vec<f64> {
@@ -104,9 +126,7 @@ impl Problem for Fitting<'_> {
 
     fn cost(&self, point: &[f64]) -> f64 {
         let whole = self.whole(point);
-        let known: f64 =
-            self.known().map(|(k, value, sd)| ((whole[self.free[k]] - value) / sd).powi(2)).sum();
-        self.experiment.residual(&whole).norm_squared() + known
+        self.experiment.residual(&whole).norm_squared() + self.surprise(&whole)
     }
 
     fn normal(&self, point: &[f64]) -> Normal {

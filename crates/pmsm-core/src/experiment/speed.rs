@@ -3,7 +3,7 @@
 use super::{Channel, Experiment, LANES, seed};
 use crate::dual::Dual;
 use crate::real::Real;
-use crate::simulate::mechanical::{self, Restart};
+use crate::simulate::mechanical::{self, Restart, Windows};
 use nalgebra::{DMatrix, DVector};
 use std::borrow::Cow;
 use std::cell::OnceCell;
@@ -57,7 +57,8 @@ impl<'a> Experiment<'a> {
         for columns in other.chunks(LANES - 1) {
             let at = (p, free, columns);
             match columns.len() {
-                0..=3 => self.mechanical_pass::<4>(at, torque, &starts, speed.to_mut(), jacobian),
+                0..=1 => self.mechanical_pass::<2>(at, torque, &starts, speed.to_mut(), jacobian),
+                2..=3 => self.mechanical_pass::<4>(at, torque, &starts, speed.to_mut(), jacobian),
                 _ => self.mechanical_pass::<LANES>(at, torque, &starts, speed.to_mut(), jacobian),
             }
         }
@@ -73,6 +74,53 @@ impl<'a> Experiment<'a> {
 
     /// Speed, its derivative with respect to the initial speeds, and those for some `columns` of the parameters `free`.
     pub(super) fn mechanical_pass<'t, const N: usize>(
+        &self,
+        at: (&[f64], &[usize], &[usize]),
+        torque: impl Fn() -> &'t [f64],
+        starts: &[f64],
+        speed: &mut (Vec<f64>, Vec<f64>),
+        jacobian: &mut DMatrix<f64>,
+    ) {
+        if !self.side_by_side::<N>(at, &torque, starts, speed, jacobian) {
+            self.one_by_one::<N>(at, torque, starts, speed, jacobian);
+        }
+    }
+
+    /// [`Self::mechanical_pass`] with the windows beside one another, where that applies.
+    fn side_by_side<'t, const N: usize>(
+        &self,
+        (p, free, columns): (&[f64], &[usize], &[usize]),
+        torque: impl Fn() -> &'t [f64],
+        starts: &[f64],
+        (shown, slope): &mut (Vec<f64>, Vec<f64>),
+        jacobian: &mut DMatrix<f64>,
+    ) -> bool {
+        let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
+        let (own, nuisance) = p.split_at(self.model.parameter_count());
+        let varied: Vec<usize> = columns.iter().map(|c| free[*c]).collect();
+        if varied.iter().any(|k| self.is_electrical(*k) || *k >= own.len()) {
+            return false;
+        }
+        let windows = Windows {
+            model: self.model,
+            signals: self.signals,
+            p: own,
+            tau_e: torque(),
+            load: (self.nuisance, nuisance),
+            windows: self.windows,
+            starts,
+            varied: &varied,
+        };
+        windows.run(|k, now, slopes: &[f64; N]| {
+            (shown[k], slope[k]) = (now, slopes[N - 1]);
+            for (slope, column) in slopes.iter().zip(columns) {
+                jacobian[(row + k, *column)] = slope * weight;
+            }
+        })
+    }
+
+    /// [`Self::mechanical_pass`] with one window after the other.
+    fn one_by_one<'t, const N: usize>(
         &self,
         (p, free, columns): (&[f64], &[usize], &[usize]),
         torque: impl Fn() -> &'t [f64],
@@ -122,25 +170,9 @@ impl<'a> Experiment<'a> {
     /// Speed and its derivative with respect to the initial speed of its window.
     pub(super) fn speed_pass(&self, p: &[f64], torque: &[f64], starts: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let n = self.samples();
-        let count = self.model.parameter_count();
-        let (mut shown, mut slope) = (vec![0.0; n], vec![0.0; n]);
-        let lifted: Vec<Dual<1>> = p.iter().map(|x| Dual::constant(*x)).collect();
-        let torque: Vec<Dual<1>> = torque.iter().map(|x| Dual::constant(*x)).collect();
-        let restart = FromStarts::<1> { starts, slot: 0 };
-        let load = (self.nuisance, &lifted[count..]);
-        mechanical::run(
-            self.model,
-            self.signals,
-            &lifted[..count],
-            &torque,
-            load,
-            self.windows,
-            restart,
-            |_, k, x| {
-                (shown[k], slope[k]) = (x.re, x.eps[0]);
-            },
-        );
-        (shown, slope)
+        let mut speed = (vec![0.0; n], vec![0.0; n]);
+        self.mechanical_pass::<1>((p, &[], &[]), || torque, starts, &mut speed, &mut DMatrix::zeros(0, 0));
+        speed
     }
 
     /// Initial speed of each window: the given one, or that of least squares.
@@ -228,6 +260,64 @@ fn remove(direction: &[f64], x: &mut [f64]) {
         let share = direction.iter().zip(x.iter()).map(|(s, x)| s * x).sum::<f64>() / square;
         for (x, s) in x.iter_mut().zip(direction) {
             *x -= share * s;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::EffectId;
+    use crate::experiment::testing::{of_speed, reversing};
+    use crate::lanes::Path;
+    use crate::model::Model;
+    use crate::simulate::mechanical::Nuisance;
+    use std::ops::Range;
+
+    #[test]
+    fn windows_beside_one_another_have_the_bits_of_one_after_the_other() {
+        let effects = [
+            EffectId::AsymmetricFriction,
+            EffectId::StribeckFriction,
+            EffectId::CoggingTorque,
+            EffectId::TimeVaryingLoad,
+            EffectId::EncoderEccentricity,
+        ];
+        // In steps of two samples and of one, in even windows and around a gap, in half a vector, in a whole one and in more.
+        for (h, gap, length) in
+            [(1e-4, 0.0..0.0, 2000), (4e-4, 0.0..0.0, 250), (1e-4, 0.31..0.32, 1000), (4e-4, 0.31..0.4, 130)]
+        {
+            let signals = reversing(h, &gap);
+            let cut = |s: &Range<usize>| {
+                let end = s.end;
+                s.clone().step_by(length).map(move |k| k..(k + length).min(end)).collect::<Vec<_>>()
+            };
+            let windows: Vec<Range<usize>> = signals.segments.iter().flat_map(cut).collect();
+            for effects in [&effects[..], &effects[..4], &[]] {
+                let model = Model::new(signals.context, effects);
+                let mut p = vec![0.5, 6e-3, 9e-3, 0.1, 2e-3, 1e-3];
+                for effect in effects {
+                    p.extend(effect.info().parameters.iter().map(|x| (x.typical)(&signals.context)));
+                }
+                p.extend([0.3, -0.2, 0.41]);
+                let experiment = of_speed(&model, &signals, Nuisance::unknown(1, 0), &windows);
+                let (torque, starts) = (experiment.torque_at(&p), experiment.starts.clone().unwrap());
+                let n = signals.len();
+                let empty = || ((vec![0.0; n], vec![0.0; n]), DMatrix::zeros(n, 2));
+                // Inertia, and a torque of the first friction.
+                let (free, columns) = ([4, 7], if effects.is_empty() { 1 } else { 2 });
+                let at = (&p[..], &free[..], &[0, 1][..columns]);
+                let (mut one, mut run) = empty();
+                experiment.one_by_one::<4>(at, || &torque, &starts, &mut one, &mut run);
+                assert!(one.0.iter().any(|w| *w != 0.0) && run.iter().all(|x| x.is_finite()));
+                let (mut beside, mut columns) = empty();
+                let ran = experiment.side_by_side::<4>(at, || &torque, &starts, &mut beside, &mut columns);
+                assert_eq!(ran, Path::best() >= Path::Avx2);
+                if ran {
+                    assert!(beside == one && columns == run, "{h} {length} {effects:?}");
+                }
+                assert_eq!(experiment.speed_pass(&p, &torque, &starts), one);
+            }
         }
     }
 }

@@ -71,7 +71,7 @@ impl<T: Real> Point<T> {
             Variable::VD => self.v[0],
             Variable::VQ => self.v[1],
             Variable::TauE => self.tau_e,
-            Variable::T => T::constant(self.env.t),
+            Variable::T => self.env.t,
         }
     }
 }
@@ -183,8 +183,7 @@ impl Factor {
                 }
             }
             Self::Swing { frequency } => {
-                let (s, c) = Real::sin_cos(TAU * frequency * at.env.t);
-                (out[0], out[1]) = (T::constant(c), T::constant(s));
+                (out[1], out[0]) = (at.env.t * (TAU * frequency)).sin_cos();
             }
             Self::Direction { width } => {
                 let half = (at.env.omega_e * (1.0 / width)).tanh() * 0.5;

@@ -140,7 +140,7 @@ mod tests {
             let p: Vec<Dual<9>> = MACHINE.iter().chain(&own).enumerate().map(seeded).collect();
             let (base, env) = (Base::new(&p), env(0.7, 300.0));
             let env = Env {
-                t: env.t,
+                t: Dual::constant(env.t),
                 omega_e: Dual::constant(env.omega_e),
                 theta_e: Dual::constant(env.theta_e),
                 theta_m: Dual::constant(env.theta_m),

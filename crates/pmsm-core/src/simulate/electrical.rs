@@ -63,7 +63,7 @@ pub fn incremental_inductances<T: Real>(model: &Model, signals: &Signals, p: &[T
 #[inline(always)]
 pub fn measured_env<T: Real>(signals: &Signals, k: usize) -> Env<T> {
     Env {
-        t: signals.t[k],
+        t: T::constant(signals.t[k]),
         omega_e: T::constant(signals.omega_e[k]),
         theta_e: T::constant(signals.theta_e[k]),
         theta_m: T::constant(signals.theta_m[k]),
@@ -186,7 +186,7 @@ fn mix<T: Real>(x: T, y: T, c: f64) -> T {
 #[inline(always)]
 fn between<T: Real>(a: &Env<T>, b: &Env<T>, c: f64) -> Env<T> {
     Env {
-        t: a.t + c * (b.t - a.t),
+        t: a.t + (b.t - a.t) * c,
         omega_e: mix(a.omega_e, b.omega_e, c),
         theta_e: mix(a.theta_e, b.theta_e, c),
         theta_m: mix(a.theta_m, b.theta_m, c),

@@ -1,6 +1,7 @@
 //! Speed in free run within short windows, driven by the torque of the measured currents (or the recorded torque).
 
 mod acceleration;
+mod beside;
 mod between;
 mod load;
 mod torque;
@@ -19,6 +20,7 @@ use between::{Way, environment, halfway, mix, span, steps_are_coarse};
 use load::load_over;
 
 pub use acceleration::accelerations;
+pub use beside::Windows;
 pub use load::Nuisance;
 pub use torque::torque;
 pub use windows::{WINDOW, windows};

@@ -119,13 +119,14 @@ pub fn worthwhile_steps(experiment: &Joint, fitted: &Fitted, run: usize) -> Vec<
     if kept.is_empty() {
         return kept;
     }
-    let residual = experiment.residual(&fitted.parameters);
+    let residual = fitted.residual(experiment);
     let rows = experiment.rows(run, Channel::OmegaE).expect("a load shows in the speed");
     let residual = DVector::from_column_slice(&residual.as_slice()[rows]);
     let n = residual.len() as f64;
     let colour = n / load_steps::effective_samples(residual.as_slice());
     let unit = (residual.norm_squared() / n).max(1.0) * colour.max(1.0);
-    let threshold = (STEP_SIGNIFICANCE * unit).max(STEP_SHARE * experiment.runs()[run].fewest_speeds() as f64);
+    let threshold =
+        (STEP_SIGNIFICANCE * unit).max(STEP_SHARE * experiment.runs()[run].fewest_speeds() as f64);
     let position = |index: usize| fitted.free.iter().position(|f| *f == index).expect("levels are free");
     // Constraints of the steps already taken away: level after minus level before.
     let constraint = |step: usize| {

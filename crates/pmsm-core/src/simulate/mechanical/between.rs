@@ -58,7 +58,7 @@ pub(super) fn mix<T: Real>(c: f64, a: (T, Env<T>), b: (T, Env<T>)) -> (T, Env<T>
         return b;
     }
     let env = Env {
-        t: a.1.t + c * (b.1.t - a.1.t),
+        t: a.1.t + (b.1.t - a.1.t) * c,
         theta_e: between(a.1.theta_e, b.1.theta_e, c),
         theta_m: between(a.1.theta_m, b.1.theta_m, c),
         ..a.1
