@@ -21,6 +21,7 @@
 
 pub mod bare;
 pub mod base;
+mod basis;
 pub mod colour;
 pub mod diagnose;
 pub mod drive;

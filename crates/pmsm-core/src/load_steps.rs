@@ -10,6 +10,7 @@
 //! must explain follows from the effective number of independent samples in what is left.
 
 use crate::base::Base;
+use crate::basis;
 use crate::dual::Dual;
 use crate::effect::Site;
 use crate::effects::EffectId;
@@ -54,13 +55,15 @@ pub fn find(model: &Model, signals: &Signals, p: &[f64], tau_e: &[f64], free: &[
     steps
 }
 
-/// y(t) and its columns on a coarse grid.
+/// y(t), and the columns that may take part of it, on a coarse grid.
 struct Grid {
     t: Vec<f64>,
     /// Half the time over which each point is an average, s.
     half: Vec<f64>,
+    /// y(t) without what the columns can do.
     y: DVector<f64>,
-    columns: DMatrix<f64>,
+    /// Orthonormal basis of the columns.
+    basis: DMatrix<f64>,
     closest: f64,
 }
 
@@ -121,49 +124,26 @@ impl Grid {
             columns[(row, 0)] = 1.0;
             columns[(row, 1)] = t[row];
         }
-        let closest = CLOSEST * signals.context.duration;
-        let mut grid = Self { t, half, y, columns, closest };
         for slot in model.slots() {
             let f = slot.effect.ringing(&p[slot.parameters.clone()]);
             if f > 0.0 {
-                grid.smooth(1.0 / f);
+                let step = (t[count - 1] - t[0]) / (count - 1) as f64;
+                let half = (0.5 / (f * step)).round() as usize;
+                smooth(y.as_mut_slice(), half);
+                columns.column_iter_mut().for_each(|mut column| smooth(column.as_mut_slice(), half));
             }
         }
-        grid
+        let basis = basis::orthonormal(&columns);
+        y -= &basis * basis.tr_mul(&y);
+        Self { t, half, y, basis, closest: CLOSEST * signals.context.duration }
     }
 
-    /// Takes a ringing of this period (s) out by averaging over it; a hinge stays a hinge but for its corner.
-    fn smooth(&mut self, period: f64) {
-        let n = self.t.len();
-        let step = (self.t[n - 1] - self.t[0]) / (n - 1) as f64;
-        let half = (0.5 * period / step).round() as usize;
-        if half == 0 || 4 * half > n {
-            return;
-        }
-        let average = |x: &[f64]| -> Vec<f64> {
-            let mut sums = vec![0.0; n + 1];
-            for k in 0..n {
-                sums[k + 1] = sums[k] + x[k];
-            }
-            // Symmetric everywhere, so that a straight line stays one at the ends.
-            let reach = |k: usize| half.min(k).min(n - 1 - k);
-            (0..n)
-                .map(|k| (sums[k + reach(k) + 1] - sums[k - reach(k)]) / (2 * reach(k) + 1) as f64)
-                .collect()
-        };
-        self.y = DVector::from_vec(average(self.y.as_slice()));
-        for mut column in self.columns.column_iter_mut() {
-            let smoothed = average(&column.iter().copied().collect::<Vec<_>>());
-            column.copy_from_slice(&smoothed);
-        }
-    }
-
-    fn hinge(&self, step: f64) -> DVector<f64> {
-        let average = |(t, half): (&f64, &f64)| {
-            let behind = t - step;
-            if behind.abs() < *half { (behind + half).powi(2) / (4.0 * half) } else { behind.max(0.0) }
-        };
-        DVector::from_iterator(self.t.len(), self.t.iter().zip(&self.half).map(average))
+    /// The hinges of steps, one column each.
+    fn hinges(&self, steps: &[f64]) -> DMatrix<f64> {
+        DMatrix::from_fn(self.t.len(), steps.len(), |row, column| {
+            let (behind, half) = (self.t[row] - steps[column], self.half[row]);
+            if behind.abs() < half { (behind + half).powi(2) / (4.0 * half) } else { behind.max(0.0) }
+        })
     }
 
     /// Moves each step to where it explains most, in ever finer strides.
@@ -205,29 +185,36 @@ impl Grid {
     }
 }
 
+/// Takes a ringing out by averaging over its period, twice `half` points; a hinge stays a hinge but for its corner.
+fn smooth(x: &mut [f64], half: usize) {
+    let n = x.len();
+    if half == 0 || 4 * half > n {
+        return;
+    }
+    let mut sums = vec![0.0; n + 1];
+    for k in 0..n {
+        sums[k + 1] = sums[k] + x[k];
+    }
+    for (k, x) in x.iter_mut().enumerate() {
+        // Symmetric everywhere, so that a straight line stays one at the ends.
+        let reach = half.min(k).min(n - 1 - k);
+        *x = (sums[k + reach + 1] - sums[k - reach]) / (2 * reach + 1) as f64;
+    }
+}
+
 /// Least-squares fit of y(t) by the columns and the hinges of some steps.
 struct Fit {
-    q: DMatrix<f64>,
+    /// Orthonormal basis of both.
+    basis: DMatrix<f64>,
     residual: DVector<f64>,
 }
 
 impl Fit {
     fn new(grid: &Grid, steps: &[f64]) -> Self {
-        let mut columns = grid.columns.clone();
-        for step in steps {
-            let at = columns.ncols();
-            columns = columns.insert_column(at, 0.0);
-            columns.set_column(at, &grid.hinge(*step));
-        }
-        for mut column in columns.column_iter_mut() {
-            let norm = column.norm();
-            if norm > 0.0 {
-                column /= norm;
-            }
-        }
-        let q = columns.qr().q();
-        let residual = &grid.y - &q * q.tr_mul(&grid.y);
-        Self { q, residual }
+        let own = basis::orthonormal_beside(&grid.basis, &grid.hinges(steps));
+        let residual = &grid.y - &own * own.tr_mul(&grid.y);
+        let columns: Vec<_> = grid.basis.column_iter().chain(own.column_iter()).collect();
+        Self { basis: DMatrix::from_columns(&columns), residual }
     }
 
     fn best_hinge(&self, grid: &Grid, steps: &[f64]) -> Option<f64> {
@@ -237,17 +224,10 @@ impl Fit {
 
     fn best_of(&self, grid: &Grid, tried: impl Iterator<Item = f64>, others: &[f64]) -> Option<f64> {
         let (start, end) = (grid.t[0] + grid.closest, grid.t[grid.t.len() - 1] - grid.closest);
-        tried
-            .filter(|s| *s > start && *s < end && others.iter().all(|o| (o - s).abs() > grid.closest))
-            .map(|s| {
-                let hinge = grid.hinge(s);
-                let free = &hinge - &self.q * self.q.tr_mul(&hinge);
-                let square = free.norm_squared();
-                let product = free.dot(&self.residual);
-                (s, if square > 1e-9 * hinge.norm_squared() { product * product / square } else { 0.0 })
-            })
-            .max_by(|a, b| a.1.total_cmp(&b.1))
-            .map(|(s, _)| s)
+        let apart = |s: &f64| others.iter().all(|o| (o - s).abs() > grid.closest);
+        let tried: Vec<f64> = tried.filter(|s| *s > start && *s < end && apart(s)).collect();
+        let gains = basis::gains(&self.basis, &grid.hinges(&tried), &self.residual);
+        tried.into_iter().zip(gains).max_by(|a, b| a.1.total_cmp(&b.1)).map(|(s, _)| s)
     }
 }
 

@@ -7,6 +7,7 @@
 use super::data::Data;
 use super::fitting::{self, rescaled};
 use super::hypothesis::Hypothesis;
+use crate::basis::{DEPENDENT, freed, orthonormal};
 use crate::effect::{Role, Site};
 use crate::effects::EffectId;
 use crate::experiment::{Channel, Channels, Course, Joint, split};
@@ -15,10 +16,6 @@ use crate::simulate::mechanical::Nuisance;
 use crate::tall;
 use nalgebra::{DMatrix, DVector};
 
-/// A column keeps less than this share of its length when freed of the others: it is one of them.
-const DEPENDENT: f64 = 1e-5;
-/// Share of a column's square within a basis from which a second round is needed to free it of that basis to the last digits.
-const MOSTLY: f64 = 0.75;
 /// Derivatives that one simulation carries.
 const TOGETHER: usize = 8;
 
@@ -233,50 +230,6 @@ pub fn batches(
     let most = if lonely { 1 } else { (TOGETHER / amplitudes.max(1)).max(1) };
     let count = shapes.len().div_ceil(most).max(1);
     shapes.chunks(shapes.len().div_ceil(count).max(1))
-}
-
-/// Orthonormal basis of what the columns span; those that the others make superfluous are left out.
-pub fn orthonormal(columns: &DMatrix<f64>) -> DMatrix<f64> {
-    orthonormal_beside(&DMatrix::zeros(columns.nrows(), 0), columns)
-}
-
-/// Orthonormal basis of what the columns span outside of what an orthonormal basis spans already.
-pub fn orthonormal_beside(known: &DMatrix<f64>, columns: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut basis: Vec<DVector<f64>> = Vec::with_capacity(columns.ncols());
-    for column in columns.column_iter() {
-        let mut free = column.into_owned();
-        let length = free.norm();
-        // Twice is enough (Kahan, Parlett).
-        for _ in 0..2 {
-            for b in known.column_iter().chain(basis.iter().map(|b| b.column(0))) {
-                let along = b.dot(&free);
-                free.axpy(-along, &b, 1.0);
-            }
-        }
-        let rest = free.norm();
-        if rest > DEPENDENT * length {
-            basis.push(free / rest);
-        }
-    }
-    if basis.is_empty() { DMatrix::zeros(columns.nrows(), 0) } else { DMatrix::from_columns(&basis) }
-}
-
-/// `columns` freed of what an orthonormal basis spans.
-pub fn freed(basis: &DMatrix<f64>, columns: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut free = columns.clone();
-    // Twice is enough (Kahan, Parlett), and once where not most of a column lies in the basis.
-    for _ in 0..2 {
-        let along = tall::tr_mul(basis, &free);
-        let lies = |(a, c): (nalgebra::DVectorView<f64>, nalgebra::DVectorView<f64>)| {
-            a.norm_squared() > MOSTLY * c.norm_squared()
-        };
-        let again = along.column_iter().zip(free.column_iter()).any(lies);
-        tall::subtract(&mut free, basis, &along);
-        if !again {
-            break;
-        }
-    }
-    free
 }
 
 /// Least-squares step; directions that the fitted parameters can make alone are left out.

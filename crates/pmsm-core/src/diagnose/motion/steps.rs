@@ -2,6 +2,7 @@
 
 use super::experiment;
 use super::state::State;
+use crate::basis;
 use crate::diagnose::data::Data;
 use crate::experiment::{Channel, Fitted, Joint};
 use crate::least_squares;
@@ -18,7 +19,7 @@ const STEP_SHARE: f64 = 0.003;
 const STEP_SIGNIFICANCE: f64 = 25.0;
 
 /// The fitted load with one more step, at the instant where one explains most of what the simulation leaves, and that step's number. The
-/// response to a step is the simulation's own: the derivative with respect to all load levels behind it.
+/// response to a step is the simulation's own.
 pub fn with_missing_step(
     data: &Data,
     model: &Model,
@@ -44,48 +45,20 @@ pub fn with_missing_step(
     parameters.extend(levels.iter().chain(&steps).chain(&state.deviations));
     let free: Vec<usize> = (count..count + levels.len()).collect();
     let linear = experiment(data, model, &[nuisance], torque).linearise(&parameters, &free);
-    let mut responses: Vec<DVector<f64>> = Vec::with_capacity(steps.len());
-    let mut sum = DVector::zeros(linear.residual.len());
+    // The response to a step is that to all levels behind it.
+    let mut responses = linear.jacobian;
     for column in (1..levels.len()).rev() {
-        sum += linear.jacobian.column(column);
-        responses.push(sum.clone());
+        let (mut before, behind) = responses.columns_range_pair_mut(column - 1, column);
+        before += behind;
     }
-    responses.reverse();
     // What the present levels can do is theirs.
-    let mut basis: Vec<DVector<f64>> = Vec::new();
-    let whole = &sum + linear.jacobian.column(0);
-    let present = std::iter::once(&whole)
-        .chain(steps.iter().zip(&responses).filter(|(s, _)| state.steps.contains(s)).map(|(_, r)| r));
-    for column in present {
-        let mut free = column.clone();
-        for _ in 0..2 {
-            for b in &basis {
-                let along = b.dot(&free);
-                free.axpy(-along, b, 1.0);
-            }
-        }
-        let norm = free.norm();
-        if norm > 1e-6 * column.norm() {
-            basis.push(free / norm);
-        }
+    let (mut present, mut others) = (vec![0], Vec::new());
+    for (column, step) in (1..).zip(&steps) {
+        if state.steps.contains(step) { &mut present } else { &mut others }.push(column);
     }
-    let gain = |response: &DVector<f64>| {
-        let mut free = response.clone();
-        for b in &basis {
-            let along = b.dot(&free);
-            free.axpy(-along, b, 1.0);
-        }
-        let square = free.norm_squared();
-        let product = free.dot(&linear.residual);
-        if square > 1e-9 * response.norm_squared() { product * product / square } else { 0.0 }
-    };
-    let best = steps
-        .iter()
-        .zip(&responses)
-        .filter(|(s, _)| !state.steps.contains(s))
-        .map(|(s, r)| (*s, gain(r)))
-        .max_by(|a, b| a.1.total_cmp(&b.1))?
-        .0;
+    let basis = basis::orthonormal(&responses.select_columns(&present));
+    let gains = basis::gains(&basis, &responses.select_columns(&others), &linear.residual);
+    let best = steps[others.into_iter().zip(gains).max_by(|a, b| a.1.total_cmp(&b.1))?.0 - 1];
     let at = segment(best);
     let mut more = state.clone();
     more.steps.insert(at, best);

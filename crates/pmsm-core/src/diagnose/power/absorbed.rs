@@ -1,7 +1,7 @@
 //! What the fitted parameters can do, and which of them absorb an effect.
 
 use super::finite;
-use crate::diagnose::shortlist::orthonormal;
+use crate::basis::orthonormal;
 use crate::tall;
 use nalgebra::{DMatrix, DVector, DVectorView};
 

@@ -6,11 +6,11 @@
 //! simulation is differentiated once per map.
 
 use super::{Side, candidates};
+use crate::basis::orthonormal;
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::locate::Located;
 use crate::diagnose::scale::{LEAST_GAIN, MOST_WORTH, PRICE};
-use crate::diagnose::shortlist::orthonormal;
 use crate::experiment::Joint;
 use crate::least_squares::Normal;
 use crate::map::{Factor, Part};
