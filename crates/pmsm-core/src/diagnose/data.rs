@@ -150,6 +150,11 @@ impl Data {
         self.held_out.as_ref().map_or(self.signals.len(), |h| h.iter().filter(|x| !**x).count())
     }
 
+    /// The motion alone, driven by a motor `torque` per sample (N·m) that does not change with what is fitted.
+    pub fn motion<'a>(&'a self, model: &'a Model, nuisances: &[Nuisance], torque: &'a [f64]) -> Joint<'a> {
+        self.experiment(model, nuisances, self.channels(false, true)).with_torque(torque)
+    }
+
     /// The recordings seen through a model. A recording without a nuisance in `nuisances` leaves nothing open.
     pub fn experiment<'a>(
         &'a self,

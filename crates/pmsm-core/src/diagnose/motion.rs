@@ -1,21 +1,22 @@
 //! The equation of motion fitted to the measured speed, with an unknown load whose steps are found, added where the
 //! simulation still misses one, and pruned where they do not pay.
 
+mod settling;
 mod state;
 mod steps;
 
 use super::data::{Data, SETTINGS};
 use crate::colour::Colour;
 use crate::error::Result;
-use crate::experiment::{Channel, Fitted, Joint, split};
-use crate::least_squares::{Settings, Status};
 use crate::model::Model;
 use crate::monitor::Monitor;
 use crate::recording::Load;
 use crate::simulate::mechanical::Nuisance;
-use nalgebra::DVector;
-use state::State;
-use steps::{steps_apart, with_missing_step, worthwhile_steps};
+use settling::Settling;
+use state::{State, found};
+use steps::with_missing_step;
+
+pub use settling::Motion;
 
 /// Excess mean square of the speed from which a missing load step is looked for.
 const MISSING: f64 = 0.3;
@@ -23,21 +24,6 @@ const MISSING: f64 = 0.3;
 const IMPROVEMENT: f64 = 0.7;
 /// Steps added at most.
 const ADDED: usize = 4;
-
-/// Settings of a first fit, after which load steps are pruned.
-const ROUGH: Settings = Settings { max_iterations: 5, ..SETTINGS };
-
-/// A fitted equation of motion.
-pub struct Motion {
-    /// Model parameters followed by those of each recording's nuisance.
-    pub parameters: Vec<f64>,
-    /// Which of them were fitted.
-    pub free: Vec<usize>,
-    /// What each recording leaves open: the shape of its unknown load.
-    pub nuisances: Vec<Nuisance>,
-    /// Mean square of the residual over the floor's, in each recording.
-    squares: Vec<f64>,
-}
 
 /// Fits the mechanical parameters `rotor` of `model`, starting from `start`, and whatever each recording leaves open: from the nuisances
 /// and values of each recording in `load` where they were found before.
@@ -60,9 +46,8 @@ pub fn fit(
         Some((nuisances, load)) => found(nuisances, load),
         None => data.runs().iter().enumerate().map(begin).collect(),
     };
-    let settled =
-        |own: &[f64], states, added| settle(data, model, own, states, rotor, torque, added, monitor);
-    let mut best = settled(own, states, None)?.expect("no step was added");
+    let settling = Settling { data, model, rotor, torque, monitor };
+    let mut best = settling.settle(own.to_vec(), states)?;
     for (run, part) in data.runs().iter().enumerate() {
         if part.signals.load != Load::UnknownPiecewise || !part.has(false) {
             continue;
@@ -76,7 +61,7 @@ pub fn fit(
             let samples = &torque[data.samples_of(run)];
             let Some((state, at)) = with_missing_step(part, model, own, &states[run], samples) else { break };
             states[run] = state;
-            match settled(own, states, Some((run, at)))? {
+            match settling.settle_with(own.to_vec(), states, (run, at))? {
                 Some(more) if more.squares[run] <= IMPROVEMENT * best.squares[run] => best = more,
                 _ => break,
             }
@@ -103,13 +88,8 @@ pub fn fit_under(
     for (state, part) in states.iter_mut().zip(data.runs()) {
         state.deviations = vec![0.0; if part.has(false) { part.initial_states(model) } else { 0 }];
     }
-    let settled = settle(data, model, own, states, rotor, &data.torque(model, own), None, monitor)?;
-    Ok(settled.expect("no step was added"))
-}
-
-/// The states of all recordings from their nuisances and values.
-fn found(nuisances: &[Nuisance], load: &[f64]) -> Vec<State> {
-    split(nuisances, load).map(|(nuisance, own)| State::of(own, nuisance)).collect()
+    let torque = &data.torque(model, own);
+    Settling { data, model, rotor, torque, monitor }.settle(own.to_vec(), states)
 }
 
 /// Lag-one correlation within windows from which a fitted speed is fitted once more with whitened residuals.
@@ -136,7 +116,7 @@ pub fn whitened(
     free.extend(count..fitted.len());
     let mut best = None;
     for _ in 0..if rotor.is_empty() { 0 } else { ROUNDS } {
-        let experiment = experiment(data, model, nuisances, &torque);
+        let experiment = data.motion(model, nuisances, &torque);
         let from = best.as_deref().unwrap_or(fitted);
         let residual = experiment.residual(from);
         let coloured = experiment.coloured(&residual, |run, rows| {
@@ -148,82 +128,6 @@ pub fn whitened(
     Ok(best)
 }
 
-/// Fits from given states, pruning load steps until all that are left pay; `None` if that takes away at once the step that was `added`,
-/// by recording and number: without it the states are those of before.
-fn settle(
-    data: &Data,
-    model: &Model,
-    own: &[f64],
-    mut states: Vec<State>,
-    rotor: &[usize],
-    torque: &[f64],
-    mut added: Option<(usize, usize)>,
-    monitor: &dyn Monitor,
-) -> Result<Option<Motion>> {
-    let count = model.parameter_count();
-    let mut parameters = own.to_vec();
-    loop {
-        let nuisances: Vec<Nuisance> = states.iter().map(State::nuisance).collect();
-        parameters.truncate(count);
-        parameters.extend(states.iter().flat_map(State::values));
-        let mut free = rotor.to_vec();
-        free.extend(count..parameters.len());
-        let experiment = experiment(data, model, &nuisances, torque);
-        if free.is_empty() {
-            let squares = mean_squares(&experiment, &experiment.residual(&parameters));
-            return Ok(Some(Motion { parameters, free, nuisances, squares }));
-        }
-        let worthwhile = |fitted: &Fitted| -> Vec<Vec<usize>> {
-            (0..nuisances.len())
-                .map(|run| {
-                    let apart = steps_apart(&experiment, fitted, run);
-                    let all = apart.len() == nuisances[run].steps();
-                    if all { worthwhile_steps(&experiment, fitted, run) } else { apart }
-                })
-                .collect()
-        };
-        let all_pay = |keep: &[Vec<usize>]| keep.iter().zip(&nuisances).all(|(k, n)| k.len() == n.steps());
-        // Steps that do not pay hardly move the cost and are long in settling: they go before the fit is finished.
-        let mut fitted = experiment.fit(&parameters, &free, &ROUGH, monitor)?;
-        let mut keep = worthwhile(&fitted);
-        if all_pay(&keep) && fitted.fit.status == Status::IterationLimit {
-            fitted = experiment.fit(&fitted.parameters, &free, &SETTINGS, monitor)?;
-            keep = worthwhile(&fitted);
-        }
-        if all_pay(&keep) || monitor.cancelled() {
-            let squares = mean_squares(&experiment, &fitted.residual(&experiment));
-            let parameters = fitted.parameters;
-            return Ok(Some(Motion { parameters, free, nuisances, squares }));
-        }
-        if added.take().is_some_and(|(run, at)| !keep[run].contains(&at)) {
-            return Ok(None);
-        }
-        parameters = fitted.parameters;
-        // What is left starts from where it was.
-        let fresh = found(&nuisances, &parameters[count..]).into_iter();
-        let fewer = |(run, state): (usize, State)| {
-            state.with_steps(&keep[run], data.runs()[run].signals.context.duration)
-        };
-        states = fresh.enumerate().map(fewer).collect();
-    }
-}
-
-fn experiment<'a>(data: &'a Data, model: &'a Model, nuisances: &[Nuisance], torque: &'a [f64]) -> Joint<'a> {
-    data.experiment(model, nuisances, data.channels(false, true)).with_torque(torque)
-}
-
-/// Mean square of the speed's residual in each recording; one where it does not show the motion.
-fn mean_squares(experiment: &Joint, residual: &DVector<f64>) -> Vec<f64> {
-    let judged = experiment.mean_squares(residual, |_| 1.0);
-    let mut squares = vec![1.0; experiment.runs().len()];
-    for (block, (square, _)) in experiment.blocks().iter().zip(judged) {
-        if block.channel == Channel::OmegaE {
-            squares[block.run] = square;
-        }
-    }
-    squares
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -233,9 +137,13 @@ mod tests {
     use crate::diagnose::{bare, fitting};
     use crate::drive::{Choice, Schedule, Shape, simulate};
     use crate::effects::EffectId;
+    use crate::experiment::Channel;
     use crate::monitor::Silent;
     use crate::recording::Recording;
     use crate::signals::Signals;
+
+    /// A step of the load, N·m, that lowers the mean square of the innovations by less than its share.
+    const SMALL: f64 = 0.045;
 
     struct Stopped;
 
@@ -257,6 +165,34 @@ mod tests {
             |load| fit(&data, &base.model, base.own(), &[], load, &Stopped).unwrap().parameters[count];
         assert_eq!(level(Some(load)), base.parameters[count]);
         assert!((level(None) / base.parameters[count] - 1.0).abs() > 0.01, "{}", level(None));
+    }
+
+    #[test]
+    fn a_small_step_of_the_load_under_a_speed_that_wanders_is_found() {
+        let path: Vec<(f64, f64)> =
+            (0..8).map(|k| (0.1 + 0.25 * f64::from(k), [90.0, -70.0][k as usize % 2])).collect();
+        let mut manoeuvre = speeds(2.0, &path);
+        let steps = vec![(0.0, 1.0), (0.83, 2.5), (1.42, 2.5 + SMALL)];
+        manoeuvre.tau_load = Some(Schedule::new(steps, Shape::Steps).unwrap());
+        manoeuvre.load_kind = Some("unknown_piecewise".into());
+        let mut setup = setup(manoeuvre, Vec::new());
+        setup.drive.sensors.noise_i = 0.3;
+        for machine in [&mut setup.machine, &mut setup.nameplate] {
+            *machine = machine.clone().with_drive(Some(560.0), Some(20.0), Some(2e4)).unwrap();
+        }
+        let recording = simulate(&setup, &Silent).unwrap().recording;
+        let mut data =
+            Data::new(Signals::new(&recording, &setup.nameplate).unwrap(), &setup.nameplate).unwrap();
+        let base = bare::fit(&mut data, &Silent).unwrap();
+        let speed = data.floors.iter().find(|f| f.channel == Channel::OmegaE).unwrap();
+        assert!(speed.wander.is_some(), "{speed:?}");
+        let found = &base.parameters[base.model.parameter_count()..];
+        assert_eq!(base.nuisances[0].steps(), 2, "{found:?} {:?}", base.squares);
+        assert!(
+            (found[4] - 1.42).abs() < 0.02 && (found[2] - found[1] - SMALL).abs() < 0.3 * SMALL,
+            "{found:?}"
+        );
+        assert!(largest_excess(&base) < 0.5 * MISMATCH, "{:?}", base.squares);
     }
 
     #[test]

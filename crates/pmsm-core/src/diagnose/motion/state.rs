@@ -1,6 +1,7 @@
 //! What one recording leaves open of the motion.
 
 use crate::diagnose::data::Data;
+use crate::experiment::split;
 use crate::load_steps;
 use crate::machine::BaseParameter;
 use crate::model::Model;
@@ -69,6 +70,11 @@ impl State {
             deviations: self.deviations,
         }
     }
+}
+
+/// The states of all recordings from their nuisances and values.
+pub fn found(nuisances: &[Nuisance], load: &[f64]) -> Vec<State> {
+    split(nuisances, load).map(|(nuisance, own)| State::of(own, nuisance)).collect()
 }
 
 /// Mean torque that is neither acceleration nor viscous friction: where the search for the load begins.

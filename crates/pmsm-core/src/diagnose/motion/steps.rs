@@ -1,6 +1,5 @@
 //! Steps of an unknown load: those that a fitted equation of motion still misses, and those that do not pay.
 
-use super::experiment;
 use super::state::State;
 use crate::basis;
 use crate::diagnose::data::Data;
@@ -44,7 +43,7 @@ pub fn with_missing_step(
     let mut parameters = own.to_vec();
     parameters.extend(levels.iter().chain(&steps).chain(&state.deviations));
     let free: Vec<usize> = (count..count + levels.len()).collect();
-    let linear = experiment(data, model, &[nuisance], torque).linearise(&parameters, &free);
+    let linear = data.motion(model, &[nuisance], torque).linearise(&parameters, &free);
     // The response to a step is that to all levels behind it.
     let mut responses = linear.jacobian;
     for column in (1..levels.len()).rev() {
