@@ -75,29 +75,35 @@ impl<'a> Experiment<'a> {
     /// Speed, its derivative with respect to the initial speeds, and those for some `columns` of the parameters `free`.
     pub(super) fn mechanical_pass<'t, const N: usize>(
         &self,
-        at: (&[f64], &[usize], &[usize]),
-        torque: impl Fn() -> &'t [f64],
-        starts: &[f64],
-        speed: &mut (Vec<f64>, Vec<f64>),
-        jacobian: &mut DMatrix<f64>,
-    ) {
-        if !self.side_by_side::<N>(at, &torque, starts, speed, jacobian) {
-            self.one_by_one::<N>(at, torque, starts, speed, jacobian);
-        }
-    }
-
-    /// [`Self::mechanical_pass`] with the windows beside one another, where that applies.
-    fn side_by_side<'t, const N: usize>(
-        &self,
         (p, free, columns): (&[f64], &[usize], &[usize]),
         torque: impl Fn() -> &'t [f64],
         starts: &[f64],
         (shown, slope): &mut (Vec<f64>, Vec<f64>),
         jacobian: &mut DMatrix<f64>,
-    ) -> bool {
+    ) {
         let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
-        let (own, nuisance) = p.split_at(self.model.parameter_count());
         let varied: Vec<usize> = columns.iter().map(|c| free[*c]).collect();
+        let mut sink = |k: usize, now: f64, slopes: &[f64; N]| {
+            (shown[k], slope[k]) = (now, slopes[N - 1]);
+            for (slope, column) in slopes.iter().zip(columns) {
+                jacobian[(row + k, *column)] = slope * weight;
+            }
+        };
+        if !self.side_by_side(p, &varied, &torque, starts, &mut sink) {
+            self.one_by_one(p, &varied, torque, starts, sink);
+        }
+    }
+
+    /// Hands to `sink` what [`Windows::run`] does, which runs the windows beside one another, where that applies.
+    fn side_by_side<'t, const N: usize>(
+        &self,
+        p: &[f64],
+        varied: &[usize],
+        torque: impl Fn() -> &'t [f64],
+        starts: &[f64],
+        sink: impl FnMut(usize, f64, &[f64; N]),
+    ) -> bool {
+        let (own, nuisance) = p.split_at(self.model.parameter_count());
         if varied.iter().any(|k| self.is_electrical(*k) || *k >= own.len()) {
             return false;
         }
@@ -109,38 +115,28 @@ impl<'a> Experiment<'a> {
             load: (self.nuisance, nuisance),
             windows: self.windows,
             starts,
-            varied: &varied,
+            varied,
         };
-        windows.run(|k, now, slopes: &[f64; N]| {
-            (shown[k], slope[k]) = (now, slopes[N - 1]);
-            for (slope, column) in slopes.iter().zip(columns) {
-                jacobian[(row + k, *column)] = slope * weight;
-            }
-        })
+        windows.run(sink)
     }
 
-    /// [`Self::mechanical_pass`] with one window after the other.
+    /// The same with one window after the other, with respect to any parameters.
     fn one_by_one<'t, const N: usize>(
         &self,
-        (p, free, columns): (&[f64], &[usize], &[usize]),
+        p: &[f64],
+        varied: &[usize],
         torque: impl Fn() -> &'t [f64],
         starts: &[f64],
-        (shown, slope): &mut (Vec<f64>, Vec<f64>),
-        jacobian: &mut DMatrix<f64>,
+        mut sink: impl FnMut(usize, f64, &[f64; N]),
     ) {
-        let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
-        let count = self.model.parameter_count();
-        let seeded = seed::<N>(p, columns, free);
-        let lifted =
-            self.lifted(&seeded[..count], columns.iter().any(|c| self.is_electrical(free[*c])), torque);
+        let every: Vec<usize> = (0..varied.len()).collect();
+        let seeded = seed::<N>(p, &every, varied);
+        let (own, nuisance) = seeded.split_at(self.model.parameter_count());
+        let lifted = self.lifted(own, varied.iter().any(|k| self.is_electrical(*k)), torque);
         let restart = FromStarts::<N> { starts, slot: N - 1 };
-        let load = (self.nuisance, &seeded[count..]);
-        let own = &seeded[..count];
+        let load = (self.nuisance, nuisance);
         mechanical::run(self.model, self.signals, own, &lifted, load, self.windows, restart, |_, k, now| {
-            (shown[k], slope[k]) = (now.re, now.eps[N - 1]);
-            for (at, column) in columns.iter().enumerate() {
-                jacobian[(row + k, *column)] = now.eps[at] * weight;
-            }
+            sink(k, now.re, &now.eps);
         });
     }
 
@@ -266,7 +262,6 @@ fn remove(direction: &[f64], x: &mut [f64]) {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::effects::EffectId;
     use crate::experiment::testing::{of_speed, reversing};
     use crate::lanes::Path;
@@ -303,20 +298,35 @@ mod tests {
                 let experiment = of_speed(&model, &signals, Nuisance::unknown(1, 0), &windows);
                 let (torque, starts) = (experiment.torque_at(&p), experiment.starts.clone().unwrap());
                 let n = signals.len();
-                let empty = || ((vec![0.0; n], vec![0.0; n]), DMatrix::zeros(n, 2));
+                let empty = || (vec![0.0; n], vec![[0.0; 4]; n]);
                 // Inertia, and a torque of the first friction.
-                let (free, columns) = ([4, 7], if effects.is_empty() { 1 } else { 2 });
-                let at = (&p[..], &free[..], &[0, 1][..columns]);
-                let (mut one, mut run) = empty();
-                experiment.one_by_one::<4>(at, || &torque, &starts, &mut one, &mut run);
-                assert!(one.0.iter().any(|w| *w != 0.0) && run.iter().all(|x| x.is_finite()));
-                let (mut beside, mut columns) = empty();
-                let ran = experiment.side_by_side::<4>(at, || &torque, &starts, &mut beside, &mut columns);
+                let varied = &[4, 7][..if effects.is_empty() { 1 } else { 2 }];
+                let (mut one, mut beside) = (empty(), empty());
+                experiment.one_by_one(
+                    &p,
+                    varied,
+                    || &torque,
+                    &starts,
+                    |k, now, slopes: &[f64; 4]| {
+                        (one.0[k], one.1[k]) = (now, *slopes);
+                    },
+                );
+                assert!(one.0.iter().any(|w| *w != 0.0) && one.1.iter().flatten().all(|x| x.is_finite()));
+                let ran = experiment.side_by_side(
+                    &p,
+                    varied,
+                    || &torque,
+                    &starts,
+                    |k, now, slopes: &[f64; 4]| {
+                        (beside.0[k], beside.1[k]) = (now, *slopes);
+                    },
+                );
                 assert_eq!(ran, Path::best() >= Path::Avx2);
                 if ran {
-                    assert!(beside == one && columns == run, "{h} {length} {effects:?}");
+                    assert!(beside == one, "{h} {length} {effects:?}");
                 }
-                assert_eq!(experiment.speed_pass(&p, &torque, &starts), one);
+                let alone = one.1.iter().map(|slopes| slopes[3]).collect();
+                assert_eq!(experiment.speed_pass(&p, &torque, &starts), (one.0, alone));
             }
         }
     }
