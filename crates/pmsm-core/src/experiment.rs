@@ -9,6 +9,7 @@ mod fitting;
 mod joint;
 mod load;
 mod response;
+mod rows;
 mod speed;
 #[cfg(test)]
 mod testing;
@@ -84,7 +85,7 @@ pub struct Experiment<'a> {
     pub nuisance: Nuisance,
     /// Mechanical windows.
     pub windows: &'a [Range<usize>],
-    /// Channels compared, each with the standard deviation of its noise.
+    /// Channels compared, each with the standard deviation of its noise; the speed comes last.
     pub channels: Vec<(Channel, f64)>,
     /// Motor torque per sample (N·m) where it is known not to change with what is fitted.
     pub torque: Option<&'a [f64]>,
@@ -150,23 +151,42 @@ impl<'a> Experiment<'a> {
         slot.is_some_and(|s| s.effect.info().site != Site::Mechanical)
     }
 
+    /// Rows of the channels before the speed.
+    fn electrical_rows(&self) -> usize {
+        let before = self.channels.iter().take_while(|(c, _)| c.is_electrical()).count();
+        assert!(self.channels.len() - before <= 1, "the speed is the last channel");
+        before * self.samples()
+    }
+
     /// Weighted residuals at `p`.
+    ///
+    /// # Panics
+    /// If the speed is not the last of the channels.
     pub fn residual(&self, p: &[f64]) -> DVector<f64> {
-        let mut residual = DVector::zeros(self.channels.len() * self.samples());
-        if self.has_electrical() {
-            self.fill_electrical::<f64>(p, |row, value| residual[row] = value);
-            self.whiten_residual(p, &[], &[], &mut residual, &mut DMatrix::zeros(0, 0));
-        }
-        if self.has_mechanical() {
-            let torque = self.torque_at(p);
-            let (shown, slope) = self.speed_pass(p, &torque, &self.starts(p, &torque));
-            self.project(&shown, &slope, residual.as_mut_slice(), &mut DMatrix::zeros(0, 0));
-        }
-        self.mask(&mut residual, None);
-        residual
+        let mut linear = Linearisation::zeros(self.channels.len() * self.samples(), 0);
+        let (mut electrical, speed) = linear.split_rows(self.electrical_rows());
+        let currents = || {
+            if self.has_electrical() {
+                self.fill_electrical::<f64>(p, |row, value| electrical.residual[row] = value);
+                self.whiten_residual(p, &[], &[], &mut electrical);
+            }
+        };
+        let motion = || {
+            if self.has_mechanical() {
+                let torque = self.torque_at(p);
+                let run = self.speed_pass(p, &torque, &self.starts(p, &torque));
+                self.project(&run, speed);
+            }
+        };
+        rayon::join(currents, motion);
+        self.mask(&mut linear);
+        linear.residual
     }
 
     /// Weighted residuals at `p` and their derivatives with respect to the parameters `free`.
+    ///
+    /// # Panics
+    /// If the speed is not the last of the channels.
     pub fn linearise(&self, p: &[f64], free: &[usize]) -> Linearisation {
         self.linearise_along(p, free, None)
     }
@@ -178,31 +198,32 @@ impl<'a> Experiment<'a> {
 
     /// With a known `course` voltage equations that nothing of `free` reaches are left out.
     fn linearise_along(&self, p: &[f64], free: &[usize], course: Option<&Course>) -> Linearisation {
-        let rows = self.channels.len() * self.samples();
-        let mut residual = DVector::zeros(rows);
-        let mut jacobian = DMatrix::zeros(rows, free.len());
-        if self.has_electrical() && (course.is_none() || free.iter().any(|k| self.is_electrical(*k))) {
-            self.linearise_electrical(p, free, &mut residual, &mut jacobian);
-        }
-        if self.has_mechanical() {
-            self.linearise_mechanical(p, free, course, &mut residual, &mut jacobian);
-        }
-        self.mask(&mut residual, Some(&mut jacobian));
-        Linearisation { residual, jacobian }
+        let mut linear = Linearisation::zeros(self.channels.len() * self.samples(), free.len());
+        let (electrical, speed) = linear.split_rows(self.electrical_rows());
+        let wanted = course.is_none() || free.iter().any(|k| self.is_electrical(*k));
+        let currents = || {
+            if self.has_electrical() && wanted {
+                self.linearise_electrical(p, free, electrical);
+            }
+        };
+        let motion = || {
+            if self.has_mechanical() {
+                self.linearise_mechanical(p, free, course, speed);
+            }
+        };
+        rayon::join(currents, motion);
+        self.mask(&mut linear);
+        linear
     }
 
-    fn mask(&self, residual: &mut DVector<f64>, jacobian: Option<&mut DMatrix<f64>>) {
+    fn mask(&self, linear: &mut Linearisation) {
         let Some(held_out) = self.held_out else { return };
         let n = self.samples();
-        let rows: Vec<usize> = (0..residual.len()).filter(|row| held_out[row % n]).collect();
-        for row in &rows {
-            residual[*row] = 0.0;
-        }
-        if let Some(jacobian) = jacobian {
-            for mut column in jacobian.column_iter_mut() {
-                for row in &rows {
-                    column[*row] = 0.0;
-                }
+        let Linearisation { residual, jacobian } = linear;
+        let columns = jacobian.as_mut_slice().chunks_exact_mut(residual.len().max(1));
+        for column in columns.chain([residual.as_mut_slice()]) {
+            for channel in column.chunks_exact_mut(n) {
+                channel.iter_mut().zip(held_out).filter(|(_, out)| **out).for_each(|(x, _)| *x = 0.0);
             }
         }
     }
@@ -222,7 +243,7 @@ impl<'a> Experiment<'a> {
         if let Some(c) = self.channels.iter().position(|(c, _)| *c == Channel::OmegaE) {
             let torque = self.torque_at(p);
             let starts = self.starts(p, &torque);
-            out[c] = self.speed_pass(p, &torque, &starts).0;
+            out[c] = self.speed_pass(p, &torque, &starts).shown;
         }
         out
     }

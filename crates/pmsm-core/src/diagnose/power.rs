@@ -12,6 +12,7 @@
 //! processing: detection theory", 1998, section 6.5). The power is the probability that g exceeds what an effect must gain.
 
 mod absorbed;
+mod shapes;
 mod words;
 
 use super::data::Data;
@@ -30,6 +31,7 @@ use crate::tall;
 use absorbed::Fitted;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use shapes::{Look, Strengths, Strongest};
 
 pub use words::{cannot_see, times};
 
@@ -148,55 +150,25 @@ impl Survey<'_> {
             amplitudes.len(),
             amplitudes.iter().map(|k| (parameters[*k].typical)(context)),
         );
+        let bounds =
+            amplitudes.iter().map(|k| &parameters[*k]).map(|p| ((p.low)(context), (p.high)(context)));
+        let strengths = Strengths { typical, bounds: bounds.collect(), share };
         let probes = effect.probes(context);
-        let mut likeness: Vec<(EffectId, f64, f64)> =
-            self.found.iter().map(|f| (f.effect, 0.0, f64::INFINITY)).collect();
-        let (mut power, mut at_best, mut least) = (0.0, 0.0f64, f64::INFINITY);
-        let mut strongest = None;
-        let bounds: Vec<(f64, f64)> = amplitudes
-            .iter()
-            .map(|k| ((parameters[*k].low)(context), (parameters[*k].high)(context)))
-            .collect();
-        for batch in batches(effect, &probes, amplitudes.len()) {
-            let together = self.scorer.sensitivity(effect, batch);
-            let all_free = freed(&self.fitted.basis, &together);
-            for number in 0..batch.len() {
-                let own = number * amplitudes.len()..(number + 1) * amplitudes.len();
-                let columns = together.columns_range(own.clone()).into_owned();
-                let free = all_free.columns_range(own).into_owned();
-                if !finite(&columns) {
-                    continue;
-                }
-                let whole = &columns * &typical;
-                let (before, after) = (self.squares(&whole), self.squares(&(&free * &typical)));
-                let beside: Vec<f64> = after.iter().map(|square| share * share * square).collect();
-                power += self.power(&beside, amplitudes.len()) / probes.len() as f64;
-                at_best = at_best.max(self.power(&after, amplitudes.len()));
-                let most = (0..after.len()).max_by(|a, b| after[*a].total_cmp(&after[*b]))?;
-                let at = if after[most] > 0.01 * before.iter().copied().fold(0.0, f64::max) {
-                    most
-                } else {
-                    (0..before.len()).max_by(|a, b| before[*a].total_cmp(&before[*b]))?
-                };
-                least = least.min(after[at].sqrt());
-                if strongest.as_ref().is_none_or(|(_, _, x, _): &(usize, f64, f64, _)| after[at] > *x) {
-                    strongest = Some((at, before[at], after[at], whole));
-                }
-                for (found, best) in self.found.iter().zip(&mut likeness) {
-                    let (cosine, nats) = self.likeness(found, &columns, &free, &bounds);
-                    if cosine > best.1 {
-                        (best.1, best.2) = (cosine, nats);
-                    }
-                }
-            }
-        }
-        let (at, before, after, whole) = strongest?;
+        let together: Vec<&[Vec<f64>]> = batches(effect, &probes, amplitudes.len()).collect();
+        let looks: Vec<Option<Look>> =
+            together.into_par_iter().map(|shapes| self.look(effect, &strengths, shapes)).collect();
+        let nothing = Look::nothing(self.found.len());
+        let look = looks.into_iter().try_fold(nothing, |all, next| next.map(|next| all.and(next)))?;
+        let Strongest { at, before, after, whole } = look.strongest?;
+        let power = look.powers.iter().fold(0.0, |sum, power| sum + power / probes.len() as f64);
+        let found = self.found.iter().zip(look.likeness);
+        let likeness = found.map(|(found, (cosine, nats))| (found.effect, cosine, nats)).collect();
         Some(Shown {
             effect,
             power,
             size: (share * before.sqrt(), share * after.sqrt()),
-            least: share * least,
-            at_best,
+            least: share * look.least,
+            at_best: look.at_best,
             channel: self.blocks[at].channel,
             absorbed_by: self
                 .fitted

@@ -8,13 +8,14 @@ use super::data::Data;
 use super::fitting::{self, rescaled};
 use super::hypothesis::Hypothesis;
 use crate::basis::{DEPENDENT, freed, orthonormal};
-use crate::effect::{Role, Site};
+use crate::effect::{Parameter, Role, Site};
 use crate::effects::EffectId;
 use crate::experiment::{Channel, Channels, Course, Joint, split};
 use crate::model::Model;
 use crate::simulate::mechanical::Nuisance;
 use crate::tall;
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 /// Derivatives that one simulation carries.
 const TOGETHER: usize = 8;
@@ -58,48 +59,52 @@ impl<'a> Scorer<'a> {
         // Parameters that were fitted to both may have bent in both: a flux that stands in for friction shows in the currents.
         let rotor = data.floors.iter().any(|f| !f.channel.is_electrical())
             && !fitting::together(data, &hypothesis.model);
-        Self {
-            data,
-            hypothesis,
-            whole: Projector::new(data, hypothesis, false),
-            rotor: rotor.then(|| Projector::new(data, hypothesis, true)),
-        }
+        let (whole, rotor) = rayon::join(
+            || Projector::new(data, hypothesis, false),
+            || rotor.then(|| Projector::new(data, hypothesis, true)),
+        );
+        Self { data, hypothesis, whole, rotor }
     }
 
     /// Scores `effect` over its grid of shapes. Amplitudes found beyond their physical bounds count as far as the
     /// bounds allow.
     pub fn score(&self, effect: EffectId) -> Prospect {
-        let context = *self.hypothesis.model.context();
-        let info = effect.info();
+        let probes = effect.probes(self.hypothesis.model.context());
         let amplitudes = self.amplitudes(effect);
-        let probes = effect.probes(&context);
+        let nothing = Prospect { effect, start: probes[0].clone(), score: 0.0 };
+        let together: Vec<&[Vec<f64>]> = batches(effect, &probes, amplitudes.len()).collect();
+        let best: Vec<Prospect> =
+            together.into_par_iter().map(|shapes| self.best_of(&nothing, shapes, &amplitudes)).collect();
+        best.into_iter().fold(nothing, |best, next| if next.score > best.score { next } else { best })
+    }
+
+    /// The best of some `shapes`, or `nothing` where none explains anything.
+    fn best_of(&self, nothing: &Prospect, shapes: &[Vec<f64>], amplitudes: &[usize]) -> Prospect {
+        let (effect, mut best) = (nothing.effect, nothing.clone());
+        let context = self.hypothesis.model.context();
+        let parameters: Vec<&Parameter> = amplitudes.iter().map(|k| &effect.info().parameters[*k]).collect();
         let projector = self.projector(effect);
-        let mut best = Prospect { effect, start: probes[0].clone(), score: 0.0 };
-        for batch in batches(effect, &probes, amplitudes.len()) {
-            let columns = self.columns(effect, batch, &amplitudes, projector);
-            let free = freed(&projector.basis, &columns);
-            let gram = tall::gram(&free);
-            let right = tall::tr_mul_vector(&free, &projector.residual);
-            for (at, probe) in batch.iter().enumerate() {
-                let own = at * amplitudes.len()..(at + 1) * amplitudes.len();
-                let length: Vec<f64> = own.clone().map(|k| columns.column(k).norm()).collect();
-                let gram = gram.view_range(own.clone(), own.clone()).into_owned();
-                let right = right.rows_range(own).into_owned();
-                let Some(step) = solve(&gram, &right, &length) else { continue };
-                let bounded: DVector<f64> = DVector::from_fn(amplitudes.len(), |k, _| {
-                    let parameter = &info.parameters[amplitudes[k]];
-                    (-step[k]).clamp((parameter.low)(&context), (parameter.high)(&context))
-                });
-                // ‖r‖² − ‖r + F·b‖², with the free columns F and the bounded step b.
-                let gain = -(bounded.dot(&right) * 2.0 + bounded.dot(&(&gram * &bounded)));
-                let score = gain / self.data.counted() as f64;
-                if score > best.score {
-                    best.score = score;
-                    best.start.clone_from(probe);
-                    for (k, x) in amplitudes.iter().zip(bounded.iter()) {
-                        let least = 0.02 * (info.parameters[*k].typical)(&context).abs();
-                        best.start[*k] = if x.abs() < least { least.copysign(*x) } else { *x };
-                    }
+        let columns = self.columns(effect, shapes, amplitudes, projector);
+        let free = freed(&projector.basis, &columns);
+        let gram = tall::gram(&free);
+        let right = tall::tr_mul_vector(&free, &projector.residual);
+        for (at, shape) in shapes.iter().enumerate() {
+            let own = at * amplitudes.len()..(at + 1) * amplitudes.len();
+            let length: Vec<f64> = own.clone().map(|k| columns.column(k).norm()).collect();
+            let gram = gram.view_range(own.clone(), own.clone()).into_owned();
+            let right = right.rows_range(own).into_owned();
+            let Some(step) = solve(&gram, &right, &length) else { continue };
+            let bounded: DVector<f64> = DVector::from_fn(amplitudes.len(), |k, _| {
+                (-step[k]).clamp((parameters[k].low)(context), (parameters[k].high)(context))
+            });
+            // ‖r‖² − ‖r + F·b‖², with the free columns F and the bounded step b.
+            let gain = -(bounded.dot(&right) * 2.0 + bounded.dot(&(&gram * &bounded)));
+            let score = gain / self.data.counted() as f64;
+            if score > best.score {
+                (best.score, best.start) = (score, shape.clone());
+                for ((k, x), parameter) in amplitudes.iter().zip(bounded.iter()).zip(&parameters) {
+                    let least = 0.02 * (parameter.typical)(context).abs();
+                    best.start[*k] = if x.abs() < least { least.copysign(*x) } else { *x };
                 }
             }
         }

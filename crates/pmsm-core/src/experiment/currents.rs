@@ -1,30 +1,26 @@
 //! The residuals of the voltage equations and their derivatives: the currents of a recording in time, the voltages of operating points.
 
+use super::rows::{Rows, of_groups};
 use super::{Channel, Experiment, LANES, seed};
 use crate::dual::Dual;
 use crate::real::Real;
 use crate::simulate::electrical::{self, incremental_inductances};
 use crate::simulate::quasi_static;
-use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 impl Experiment<'_> {
     /// The currents' or voltages' rows at `p`.
-    pub(super) fn linearise_electrical(
-        &self,
-        p: &[f64],
-        free: &[usize],
-        residual: &mut DVector<f64>,
-        jacobian: &mut DMatrix<f64>,
-    ) {
+    pub(super) fn linearise_electrical(&self, p: &[f64], free: &[usize], mut rows: Rows<'_>) {
         let reaching: Vec<usize> = (0..free.len()).filter(|c| self.is_electrical(free[*c])).collect();
-        for columns in chunks(&reaching, LANES) {
-            let at = (p, free, columns);
-            match columns.len() {
-                0..=4 => self.electrical_pass::<4>(at, residual, jacobian),
-                _ => self.electrical_pass::<LANES>(at, residual, jacobian),
-            }
-        }
-        self.whiten_residual(p, free, &reaching, residual, jacobian);
+        // One group without columns if there are none, so that the residual is still computed.
+        let groups = if reaching.is_empty() { vec![&reaching[..]] } else { reaching.chunks(LANES).collect() };
+        let first = std::iter::once(Some(&mut *rows.residual)).chain(std::iter::repeat_with(|| None));
+        let jobs: Vec<_> = groups.iter().zip(of_groups(&mut rows.columns, &groups)).zip(first).collect();
+        jobs.into_par_iter().for_each(|((columns, rows), residual)| match columns.len() {
+            0..=4 => self.electrical_pass::<4>((p, free, columns), residual, rows),
+            _ => self.electrical_pass::<LANES>((p, free, columns), residual, rows),
+        });
+        self.whiten_residual(p, free, &reaching, &mut rows);
     }
 
     /// Hands the weighted residual of each row to `put`.
@@ -51,45 +47,40 @@ impl Experiment<'_> {
 
     /// Passes a residual at `p` and the `columns` of its derivatives with respect to the parameters `free` through the whitening filter
     /// that belongs to `p`.
-    pub(super) fn whiten_residual(
-        &self,
-        p: &[f64],
-        free: &[usize],
-        columns: &[usize],
-        residual: &mut DVector<f64>,
-        jacobian: &mut DMatrix<f64>,
-    ) {
+    pub(super) fn whiten_residual(&self, p: &[f64], free: &[usize], columns: &[usize], rows: &mut Rows<'_>) {
         let Some((whitening, _)) = self.whitening else { return };
         let count = self.model.parameter_count();
         if !whitening.wanders() {
-            self.on_currents(residual.as_mut_slice(), |d, q| whitening.apply(d, q));
-            for &column in columns {
-                self.on_currents(jacobian.column_mut(column).as_mut_slice(), |d, q| whitening.apply(d, q));
-            }
+            self.on_currents(rows.residual, |d, q| whitening.apply(d, q));
+            let own = of_groups(&mut rows.columns, &[columns]).swap_remove(0);
+            own.into_par_iter().for_each(|rows| {
+                self.on_currents(rows, |d, q| whitening.apply(d, q));
+            });
             return;
         }
         let wanted = incremental_inductances(self.model, self.signals, &p[..count]);
         let l = whitening.within(wanted);
         let followed = [0, 1].map(|axis| (l[axis] / wanted[axis] - 1.0).abs() < 1e-9);
         let filter = whitening.at(self.signals, l, !columns.is_empty());
-        let bend = self.on_currents(residual.as_mut_slice(), |d, q| filter.follow(l, d, q)).flatten();
-        for chunk in columns.chunks(LANES) {
+        let bend = self.on_currents(rows.residual, |d, q| filter.follow(l, d, q)).flatten();
+        let rates = columns.chunks(LANES).flat_map(|chunk| {
             let seeded = seed::<LANES>(&p[..count], chunk, free);
             let along = incremental_inductances(self.model, self.signals, &seeded);
-            for (slot, &column) in chunk.iter().enumerate() {
-                let mut rows = jacobian.column_mut(column);
-                self.on_currents(rows.as_mut_slice(), |d, q| {
-                    filter.apply(d, q);
-                    for (axis, [bend_d, bend_q]) in
-                        bend.iter().flatten().enumerate().filter(|(a, _)| followed[*a])
-                    {
-                        let rate = along[axis].eps[slot] / along[axis].re;
-                        let bends = d.iter_mut().zip(bend_d).chain(q.iter_mut().zip(bend_q));
-                        bends.for_each(|(x, bend)| *x += rate * bend);
-                    }
-                });
-            }
-        }
+            (0..chunk.len()).map(move |slot| [0, 1].map(|axis: usize| along[axis].eps[slot] / along[axis].re))
+        });
+        let own = of_groups(&mut rows.columns, &[columns]).swap_remove(0);
+        let jobs: Vec<_> = own.into_iter().zip(rates).collect();
+        jobs.into_par_iter().for_each(|(rows, rates)| {
+            self.on_currents(rows, |d, q| {
+                filter.apply(d, q);
+                for (axis, [bend_d, bend_q]) in
+                    bend.iter().flatten().enumerate().filter(|(a, _)| followed[*a])
+                {
+                    let bends = d.iter_mut().zip(bend_d).chain(q.iter_mut().zip(bend_q));
+                    bends.for_each(|(x, bend)| *x += rates[axis] * bend);
+                }
+            });
+        });
     }
 
     /// Does something to the rows of the currents, in units of A before and of the floors afterwards.
@@ -111,24 +102,21 @@ impl Experiment<'_> {
         Some(out)
     }
 
-    /// Electrical residuals and their derivatives for some `columns` of the parameters `free`.
+    /// Electrical residuals, if they are wanted, and their derivatives for some `columns` of the parameters `free`, each with its `rows`.
     fn electrical_pass<const N: usize>(
         &self,
         (p, free, columns): (&[f64], &[usize], &[usize]),
-        residual: &mut DVector<f64>,
-        jacobian: &mut DMatrix<f64>,
+        mut residual: Option<&mut [f64]>,
+        mut rows: Vec<&mut [f64]>,
     ) {
         let seeded = seed::<N>(p, columns, free);
         self.fill_electrical(&seeded, |row, value: Dual<N>| {
-            residual[row] = value.re;
-            for (slot, column) in columns.iter().enumerate() {
-                jacobian[(row, *column)] = value.eps[slot];
+            if let Some(residual) = &mut residual {
+                residual[row] = value.re;
+            }
+            for (rows, slope) in rows.iter_mut().zip(value.eps) {
+                rows[row] = slope;
             }
         });
     }
-}
-
-/// Groups of at most `size` columns; one empty group if there are none, so that the value is still computed.
-fn chunks(columns: &[usize], size: usize) -> Vec<&[usize]> {
-    if columns.is_empty() { vec![columns] } else { columns.chunks(size).collect() }
 }

@@ -13,16 +13,16 @@ pub(super) struct Profile<'p> {
     level: usize,
 }
 
-/// Columns, and what one of their parameter adds to the mean load of an interval: two levels and the instant between them at most.
+/// Numbers of columns, and what one of their parameter adds to the mean load of an interval: two levels and the instant between them at most.
 pub(super) type Pushes = [Option<(usize, f64)>; 3];
 
 impl<'p> Profile<'p> {
-    /// The load of `experiment` at `p`, whose derivatives are wanted for `columns` of the parameters `free`.
+    /// The load of `experiment` at `p`, whose derivatives are wanted for `columns` of the parameters `free`, and are numbered as these.
     pub(super) fn new(experiment: &Experiment, p: &'p [f64], free: &[usize], columns: &[usize]) -> Self {
         let count = experiment.model.parameter_count();
         let (levels, rest) = p[count..].split_at(experiment.nuisance.levels);
         let instants = &rest[..experiment.nuisance.steps()];
-        let place = |index: usize| columns.iter().copied().find(|c| free[*c] == count + index);
+        let place = |index: usize| columns.iter().position(|c| free[*c] == count + index);
         Self {
             levels,
             instants,

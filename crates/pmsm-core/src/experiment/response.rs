@@ -5,12 +5,14 @@
 //! then costs its share of the acceleration at each sample, in place of a run.
 
 use super::load::Profile;
-use super::{Channel, Experiment, LANES, seed};
+use super::rows::{Rows, of_groups};
+use super::speed::Run;
+use super::{Experiment, LANES, seed};
 use crate::dual::Dual;
 use crate::effect::{Role, Site};
 use crate::machine::BaseParameter;
 use crate::simulate::mechanical;
-use nalgebra::DMatrix;
+use rayon::prelude::*;
 use std::ops::Range;
 
 impl Experiment<'_> {
@@ -27,34 +29,36 @@ impl Experiment<'_> {
         slot.effect.info().site != Site::Sensor && !(slot.effect.jumps() && parameter.role == Role::Shape)
     }
 
-    /// Derivatives of the `speed`, which comes with its derivative with respect to the initial speeds, for those `columns` of the
-    /// parameters `free` to which it answers as to a change of itself.
+    /// Derivatives of the `speed`, which comes with its derivative with respect to the initial speeds, for those `answering` columns of
+    /// the parameters `free` to which it answers as to a change of itself.
     pub(super) fn respond<'t>(
         &self,
         p: &[f64],
         free: &[usize],
-        columns: &[usize],
-        torque: impl Fn() -> &'t [f64] + Copy,
-        speed: &(Vec<f64>, Vec<f64>),
-        jacobian: &mut DMatrix<f64>,
+        answering: &[usize],
+        torque: impl Fn() -> &'t [f64] + Sync,
+        speed: &Run,
+        rows: &mut Rows<'_>,
     ) {
         let count = self.model.parameter_count();
-        let (load, other): (Vec<usize>, Vec<usize>) = columns.iter().partition(|c| free[**c] >= count);
+        let (load, other): (Vec<usize>, Vec<usize>) = answering.iter().partition(|c| free[**c] >= count);
         // What changes the motor's torque takes a pass of its own through the currents.
         let (through, rotor): (Vec<usize>, Vec<usize>) =
             other.iter().partition(|c| self.is_electrical(free[**c]));
-        for (columns, changes) in [(&through, true), (&rotor, false)] {
-            for columns in columns.chunks(LANES) {
-                let at = (p, free, columns);
-                match columns.len() {
-                    0..=4 => self.torque_columns::<4>(at, changes, torque, speed, jacobian),
-                    _ => self.torque_columns::<LANES>(at, changes, torque, speed, jacobian),
-                }
+        let changing = through.chunks(LANES).map(|columns| (columns, Some(true)));
+        let driven = rotor.chunks(LANES).map(|columns| (columns, Some(false)));
+        let loads = (!load.is_empty()).then_some((&load[..], None));
+        let (groups, changes): (Vec<&[usize]>, Vec<Option<bool>>) =
+            changing.chain(driven).chain(loads).unzip();
+        let jobs: Vec<_> = groups.iter().zip(changes).zip(of_groups(&mut rows.columns, &groups)).collect();
+        jobs.into_par_iter().for_each(|((columns, changes), rows)| {
+            let at = (p, free, *columns);
+            match (changes, columns.len()) {
+                (None, _) => self.load_columns(at, &speed.slope, rows),
+                (Some(changes), 0..=4) => self.torque_columns::<4>(at, changes, &torque, speed, rows),
+                (Some(changes), _) => self.torque_columns::<LANES>(at, changes, &torque, speed, rows),
             }
-        }
-        if !load.is_empty() {
-            self.load_columns(p, free, &load, &speed.1, jacobian);
-        }
+        });
     }
 
     /// Derivatives with respect to parameters that change the acceleration, the motor's torque along with it if that `changes`.
@@ -63,10 +67,10 @@ impl Experiment<'_> {
         (p, free, columns): (&[f64], &[usize], &[usize]),
         changes: bool,
         torque: impl Fn() -> &'t [f64],
-        (shown, slope): &(Vec<f64>, Vec<f64>),
-        jacobian: &mut DMatrix<f64>,
+        Run { shown, slope }: &Run,
+        mut rows: Vec<&mut [f64]>,
     ) {
-        let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
+        let weight = self.speed_weight();
         let count = self.model.parameter_count();
         let seeded = seed::<N>(p, columns, free);
         let lifted = self.lifted(&seeded[..count], changes, torque);
@@ -75,8 +79,8 @@ impl Experiment<'_> {
         let along = |window: &Range<usize>, here: &[Dual<N>], between: &[Option<Dual<N>>]| {
             let at = |k: usize| &here[k].eps;
             let mut put = |k: usize, response: &[f64; N]| {
-                for (column, x) in columns.iter().zip(response) {
-                    jacobian[(row + window.start + k, *column)] = x * weight;
+                for (rows, x) in rows.iter_mut().zip(response) {
+                    rows[window.start + k] = x * weight;
                 }
             };
             let (mut k, mut response) = (0, [0.0; N]);
@@ -117,33 +121,31 @@ impl Experiment<'_> {
     /// to the initial speed of the window: what a torque adds over one sample fades as an initial speed does.
     fn load_columns(
         &self,
-        p: &[f64],
-        free: &[usize],
-        columns: &[usize],
+        (p, free, columns): (&[f64], &[usize], &[usize]),
         slope: &[f64],
-        jacobian: &mut DMatrix<f64>,
+        mut rows: Vec<&mut [f64]>,
     ) {
-        let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
+        let weight = self.speed_weight();
         let per_torque = -self.signals.n_p / p[BaseParameter::J.index()];
         let mut profile = Profile::new(self, p, free, columns);
         let t = &self.signals.t;
-        let mut response = vec![0.0; jacobian.ncols()];
+        let mut responses = vec![0.0; columns.len()];
         for window in self.windows {
-            response.fill(0.0);
+            responses.fill(0.0);
             for k in window.clone() {
-                for column in columns {
-                    jacobian[(row + k, *column)] = response[*column] * weight;
+                for (rows, response) in rows.iter_mut().zip(&responses) {
+                    rows[k] = response * weight;
                 }
                 if k + 1 >= window.end {
                     break;
                 }
                 let kept = kept(slope, k, 1);
-                for column in columns {
-                    response[*column] *= kept;
+                for response in &mut responses {
+                    *response *= kept;
                 }
                 let gain = per_torque * root(kept) * (t[k + 1] - t[k]);
                 for (column, push) in profile.pushes(t[k], t[k + 1]).into_iter().flatten() {
-                    response[column] += gain * push;
+                    responses[column] += gain * push;
                 }
             }
         }
@@ -176,6 +178,7 @@ fn added<const N: usize>(
 mod tests {
     use super::*;
     use crate::effects::EffectId;
+    use crate::experiment::Linearisation;
     use crate::experiment::testing::{of_speed, reversing};
     use crate::model::Model;
     use crate::simulate::mechanical::Nuisance;
@@ -209,9 +212,12 @@ mod tests {
             let torque = experiment.torque_at(&p);
             let starts = experiment.starts.clone().unwrap();
             for k in free {
-                let (mut speed, mut run) = ((vec![0.0; n], vec![0.0; n]), DMatrix::zeros(n, 1));
-                experiment.mechanical_pass::<4>((&p, &[k], &[0]), || &torque, &starts, &mut speed, &mut run);
-                experiment.project(&speed.0, &speed.1, &mut vec![0.0; n], &mut run);
+                let (mut speed, mut run) = (Run::new(n), Linearisation::zeros(n, 1));
+                let (_, mut rows) = run.split_rows(0);
+                let own = of_groups(&mut rows.columns, &[&[0]]).swap_remove(0);
+                experiment.mechanical_pass::<4>((&p, &[k], &[0]), || &torque, &starts, Some(&mut speed), own);
+                experiment.project(&speed, rows);
+                let run = run.jacobian;
                 let off = (linear.jacobian.column(k) - run.column(0)).norm();
                 // The load is constant over a step there and over a sample here, and an instant acts within one sample only.
                 let share = match k.checked_sub(count) {

@@ -1,12 +1,14 @@
 //! The speed's residual and its derivatives. The initial speed of each window is estimated and projected out.
 
+use super::rows::{Rows, of_groups};
 use super::{Channel, Experiment, LANES, seed};
 use crate::dual::Dual;
 use crate::real::Real;
 use crate::simulate::mechanical::{self, Restart, Windows};
-use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 use std::borrow::Cow;
-use std::cell::OnceCell;
+use std::ops::Range;
+use std::sync::OnceLock;
 
 /// What the rotor does at one point of the parameters.
 #[derive(Debug, Clone)]
@@ -15,8 +17,23 @@ pub struct Course {
     torque: Vec<f64>,
     /// Initial electrical speed of each window, rad/s.
     starts: Vec<f64>,
-    /// Electrical speed per sample (rad/s), and its derivative with respect to the initial speed of its window.
-    speed: (Vec<f64>, Vec<f64>),
+    run: Run,
+}
+
+/// The speed in free run.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Run {
+    /// Electrical speed per sample, rad/s.
+    pub(super) shown: Vec<f64>,
+    /// Its derivative with respect to the initial speed of its window.
+    pub(super) slope: Vec<f64>,
+}
+
+impl Run {
+    /// Room for so many samples.
+    pub(super) fn new(samples: usize) -> Self {
+        Self { shown: vec![0.0; samples], slope: vec![0.0; samples] }
+    }
 }
 
 impl<'a> Experiment<'a> {
@@ -25,9 +42,14 @@ impl<'a> Experiment<'a> {
         self.has_mechanical().then(|| {
             let torque = self.torque_at(p).into_owned();
             let starts = self.starts(p, &torque).into_owned();
-            let speed = self.speed_pass(p, &torque, &starts);
-            Course { torque, starts, speed }
+            let run = self.speed_pass(p, &torque, &starts);
+            Course { torque, starts, run }
         })
+    }
+
+    /// One over the speed's standard deviation.
+    pub(super) fn speed_weight(&self) -> f64 {
+        self.row_of(Channel::OmegaE).expect("asked for the speed").1
     }
 
     /// The speed's rows at `p`, where the rotor's course may be `known`.
@@ -36,57 +58,62 @@ impl<'a> Experiment<'a> {
         p: &[f64],
         free: &[usize],
         known: Option<&Course>,
-        residual: &mut DVector<f64>,
-        jacobian: &mut DMatrix<f64>,
+        mut rows: Rows<'_>,
     ) {
         // A pass whose columns change the torque has its own.
-        let own = OnceCell::new();
+        let own = OnceLock::new();
         let torque = || known.map_or_else(|| &**own.get_or_init(|| self.torque_at(p)), |known| &known.torque);
         let starts = match (known, &self.starts) {
             (Some(known), _) => Cow::Borrowed(&*known.starts),
             (None, Some(starts)) => Cow::Borrowed(&**starts),
             (None, None) => self.starts(p, torque()),
         };
-        let n = self.samples();
-        let none = || Cow::Owned((vec![0.0; n], vec![0.0; n]));
-        let mut speed = known.map_or_else(none, |known| Cow::Borrowed(&known.speed));
         let (answering, other): (Vec<usize>, Vec<usize>) =
             (0..free.len()).partition(|c| self.answers_as_speed(free[*c]));
         let (load, other): (Vec<usize>, Vec<usize>) =
             other.into_iter().partition(|c| self.passes_on(free[*c]));
-        for columns in other.chunks(LANES - 1) {
-            let at = (p, free, columns);
+        // One pass shows the speed, too.
+        let passes = other.chunks(LANES - 1);
+        let mut speed = match known {
+            Some(known) if other.is_empty() => Cow::Borrowed(&known.run),
+            _ if other.is_empty() => Cow::Owned(self.speed_pass(p, torque(), &starts)),
+            _ => Cow::Owned(Run::new(self.samples())),
+        };
+        let groups: Vec<&[usize]> = passes.chain((!load.is_empty()).then_some(&load[..])).collect();
+        let first = (!other.is_empty()).then(|| speed.to_mut());
+        let shows = std::iter::once(first).chain(std::iter::repeat_with(|| None));
+        let jobs: Vec<_> = groups.iter().zip(of_groups(&mut rows.columns, &groups)).zip(shows).collect();
+        jobs.into_par_iter().for_each(|((columns, rows), speed)| {
+            let at = (p, free, *columns);
             match columns.len() {
-                0..=1 => self.mechanical_pass::<2>(at, torque, &starts, speed.to_mut(), jacobian),
-                2..=3 => self.mechanical_pass::<4>(at, torque, &starts, speed.to_mut(), jacobian),
-                _ => self.mechanical_pass::<LANES>(at, torque, &starts, speed.to_mut(), jacobian),
+                _ if self.passes_on(free[columns[0]]) => self.load_passed_on(at, torque(), &starts, rows),
+                0..=1 => self.mechanical_pass::<2>(at, torque, &starts, speed, rows),
+                2..=3 => self.mechanical_pass::<4>(at, torque, &starts, speed, rows),
+                _ => self.mechanical_pass::<LANES>(at, torque, &starts, speed, rows),
             }
-        }
-        if other.is_empty() && known.is_none() {
-            speed = Cow::Owned(self.speed_pass(p, torque(), &starts));
-        }
-        self.respond(p, free, &answering, torque, &speed, jacobian);
-        if !load.is_empty() {
-            self.load_passed_on(p, free, &load, torque(), &starts, jacobian);
-        }
-        self.project(&speed.0, &speed.1, residual.as_mut_slice(), jacobian);
+        });
+        self.respond(p, free, &answering, torque, &speed, &mut rows);
+        self.project(&speed, rows);
     }
 
-    /// Speed, its derivative with respect to the initial speeds, and those for some `columns` of the parameters `free`.
+    /// Derivatives of the speed for some `columns` of the parameters `free`, each with its `rows`, and the speed itself where there is
+    /// room for it.
     pub(super) fn mechanical_pass<'t, const N: usize>(
         &self,
         (p, free, columns): (&[f64], &[usize], &[usize]),
         torque: impl Fn() -> &'t [f64],
         starts: &[f64],
-        (shown, slope): &mut (Vec<f64>, Vec<f64>),
-        jacobian: &mut DMatrix<f64>,
+        mut speed: Option<&mut Run>,
+        mut rows: Vec<&mut [f64]>,
     ) {
-        let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
+        let weight = self.speed_weight();
         let varied: Vec<usize> = columns.iter().map(|c| free[*c]).collect();
         let mut sink = |k: usize, now: f64, slopes: &[f64; N]| {
-            (shown[k], slope[k]) = (now, slopes[N - 1]);
-            for (slope, column) in slopes.iter().zip(columns) {
-                jacobian[(row + k, *column)] = slope * weight;
+            if let Some(speed) = &mut speed {
+                (speed.shown[k], speed.slope[k]) = (now, slopes[N - 1]);
+            }
+            for (slope, rows) in slopes.iter().zip(&mut rows) {
+                rows[k] = slope * weight;
             }
         };
         if !self.side_by_side(p, &varied, &torque, starts, &mut sink) {
@@ -163,12 +190,11 @@ impl<'a> Experiment<'a> {
         }
     }
 
-    /// Speed and its derivative with respect to the initial speed of its window.
-    pub(super) fn speed_pass(&self, p: &[f64], torque: &[f64], starts: &[f64]) -> (Vec<f64>, Vec<f64>) {
-        let n = self.samples();
-        let mut speed = (vec![0.0; n], vec![0.0; n]);
-        self.mechanical_pass::<1>((p, &[], &[]), || torque, starts, &mut speed, &mut DMatrix::zeros(0, 0));
-        speed
+    /// The speed in free run.
+    pub(super) fn speed_pass(&self, p: &[f64], torque: &[f64], starts: &[f64]) -> Run {
+        let mut run = Run::new(self.samples());
+        self.mechanical_pass::<1>((p, &[], &[]), || torque, starts, Some(&mut run), Vec::new());
+        run
     }
 
     /// Initial speed of each window: the given one, or that of least squares.
@@ -178,7 +204,7 @@ impl<'a> Experiment<'a> {
         }
         let omega = &self.signals.omega_e;
         let mut starts: Vec<f64> = self.windows.iter().map(|w| omega[w.start]).collect();
-        let (shown, slope) = self.speed_pass(p, torque, &starts);
+        let Run { shown, slope } = self.speed_pass(p, torque, &starts);
         for (start, window) in starts.iter_mut().zip(self.windows) {
             let (mut product, mut square) = (0.0, 0.0);
             for k in window.clone() {
@@ -193,39 +219,30 @@ impl<'a> Experiment<'a> {
     }
 
     /// Writes the speed's residual and takes the initial speed of each window out of it and of the derivatives.
-    pub(super) fn project(
-        &self,
-        shown: &[f64],
-        slope: &[f64],
-        residual: &mut [f64],
-        jacobian: &mut DMatrix<f64>,
-    ) {
-        let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
-        let omega = &self.signals.omega_e;
-        for window in self.windows {
-            for k in window.clone() {
-                residual[row + k] = (shown[k] - omega[k]) * weight;
-            }
-            let rows = row + window.start..row + window.end;
-            let mut slope = slope[window.clone()].to_vec();
-            let whiten = |x: &mut [f64]| {
-                if let Some((wander, floor)) = &self.wander {
-                    wander.whiten(*floor, x);
-                }
-                if let Some(colour) = &self.colour {
-                    colour.whiten(x);
-                }
-            };
-            whiten(&mut slope);
-            let free = |x: &mut [f64]| {
-                whiten(x);
-                remove(&slope, x);
-            };
-            free(&mut residual[rows.clone()]);
-            for column in 0..jacobian.ncols() {
-                free(&mut jacobian.column_mut(column).as_mut_slice()[rows.clone()]);
-            }
+    pub(super) fn project(&self, Run { shown, slope }: &Run, rows: Rows<'_>) {
+        let weight = self.speed_weight();
+        let Rows { residual, mut columns } = rows;
+        for k in self.windows.iter().flat_map(Range::clone) {
+            residual[k] = (shown[k] - self.signals.omega_e[k]) * weight;
         }
+        let whiten = |x: &mut [f64]| {
+            if let Some((wander, floor)) = &self.wander {
+                wander.whiten(*floor, x);
+            }
+            if let Some(colour) = &self.colour {
+                colour.whiten(x);
+            }
+        };
+        let mut slope = slope.clone();
+        self.windows.iter().for_each(|window| whiten(&mut slope[window.clone()]));
+        columns.push(residual);
+        columns.into_par_iter().for_each(|column| {
+            for window in self.windows {
+                let x = &mut column[window.clone()];
+                whiten(x);
+                remove(&slope[window.clone()], x);
+            }
+        });
     }
 
     /// Least-squares initial electrical speed (rad/s) of each window at `p`, if the speed is compared.
@@ -262,6 +279,7 @@ fn remove(direction: &[f64], x: &mut [f64]) {
 
 #[cfg(test)]
 mod tests {
+    use super::Run;
     use crate::effects::EffectId;
     use crate::experiment::testing::{of_speed, reversing};
     use crate::lanes::Path;
@@ -326,7 +344,7 @@ mod tests {
                     assert!(beside == one, "{h} {length} {effects:?}");
                 }
                 let alone = one.1.iter().map(|slopes| slopes[3]).collect();
-                assert_eq!(experiment.speed_pass(&p, &torque, &starts), (one.0, alone));
+                assert_eq!(experiment.speed_pass(&p, &torque, &starts), Run { shown: one.0, slope: alone });
             }
         }
     }

@@ -3,12 +3,11 @@
 //! Over one step a change δx of all its states becomes A·δx + g·δτ, with the mean change δτ of the load meanwhile. One run, seeded
 //! anew at each step, tells A and g; the columns of all levels and instants follow from them, in place of a run per seven.
 
+use super::Experiment;
 use super::load::{Profile, Pushes};
-use super::{Channel, Experiment};
 use crate::dual::Dual;
 use crate::real::Real;
 use crate::simulate::mechanical::{self, Restart};
-use nalgebra::DMatrix;
 use std::ops::Range;
 
 /// States of the rotor, its speed among them, and the load in the slot behind them.
@@ -36,27 +35,25 @@ impl Experiment<'_> {
         states > 0 && states < STATES && own < self.nuisance.levels + self.nuisance.steps()
     }
 
-    /// Derivatives of the speed with respect to those `columns` of the parameters `free`, which are levels and instants of the load.
+    /// Derivatives of the speed with respect to those `columns` of the parameters `free`, each with its `rows`, which are levels and
+    /// instants of the load.
     pub(super) fn load_passed_on(
         &self,
-        p: &[f64],
-        free: &[usize],
-        columns: &[usize],
+        (p, free, columns): (&[f64], &[usize], &[usize]),
         torque: &[f64],
         starts: &[f64],
-        jacobian: &mut DMatrix<f64>,
+        mut rows: Vec<&mut [f64]>,
     ) {
-        let (row, weight) = self.row_of(Channel::OmegaE).expect("asked for the speed");
+        let weight = self.speed_weight();
         let (steps, speed) = self.steps(p, torque, starts);
         let mut profile = Profile::new(self, p, free, columns);
-        let mut responses = vec![[0.0; STATES]; free.len()];
+        let mut responses = vec![[0.0; STATES]; columns.len()];
         let mut pushes: Pushes = [None; 3];
         for step in &steps {
             let before = pushes;
             pushes = profile.pushes(self.time(step.samples.start), self.time(step.samples.end));
-            for column in columns {
-                let x = &mut responses[*column];
-                *x = if step.begins { [0.0; STATES] } else { step.states.map(|row| along(&row, x)) };
+            for x in &mut responses {
+                *x = if step.begins { [0.0; STATES] } else { step.states.map(|by| along(&by, x)) };
             }
             let arrived = if step.begins { pushes } else { before };
             for (column, push) in arrived.into_iter().flatten() {
@@ -65,11 +62,11 @@ impl Experiment<'_> {
                 }
             }
             for k in step.samples.clone() {
-                for column in columns {
-                    jacobian[(row + k, *column)] = along(&speed[k], &responses[*column]) * weight;
+                for (rows, response) in rows.iter_mut().zip(&responses) {
+                    rows[k] = along(&speed[k], response) * weight;
                 }
                 for (column, push) in pushes.into_iter().flatten() {
-                    jacobian[(row + k, column)] += speed[k][LOAD] * push * weight;
+                    rows[column][k] += speed[k][LOAD] * push * weight;
                 }
             }
         }
@@ -137,6 +134,7 @@ mod tests {
     use crate::experiment::testing::{of_speed, reversing};
     use crate::model::Model;
     use crate::simulate::mechanical::Nuisance;
+    use nalgebra::DMatrix;
 
     #[test]
     fn columns_are_those_of_a_run_that_carries_derivatives_along() {
@@ -159,10 +157,12 @@ mod tests {
             let columns: Vec<usize> = (0..free.len()).collect();
             let n = signals.len();
             let mut passed = DMatrix::zeros(n, free.len());
-            experiment.load_passed_on(&p, &free, &columns, &torque, &starts, &mut passed);
+            let rows = passed.as_mut_slice().chunks_exact_mut(n).collect();
+            experiment.load_passed_on((&p, &free, &columns), &torque, &starts, rows);
             for (column, k) in free.into_iter().enumerate() {
-                let (mut speed, mut run) = ((vec![0.0; n], vec![0.0; n]), DMatrix::zeros(n, 1));
-                experiment.mechanical_pass::<4>((&p, &[k], &[0]), || &torque, &starts, &mut speed, &mut run);
+                let mut run = DMatrix::zeros(n, 1);
+                let rows = vec![run.as_mut_slice()];
+                experiment.mechanical_pass::<4>((&p, &[k], &[0]), || &torque, &starts, None, rows);
                 let off = (passed.column(column) - run.column(0)).norm();
                 assert!(off <= 1e-10 * run.norm(), "{h} {k}: {off} of {}", run.norm());
                 assert_eq!(run.norm() == 0.0, p[k] == 0.51, "{k}");

@@ -1,0 +1,101 @@
+//! Some shapes of an absent effect, looked at together, and what all looks at it come to.
+
+use super::{Survey, finite};
+use crate::basis::freed;
+use crate::effects::EffectId;
+use nalgebra::DVector;
+
+/// The strengths of an effect.
+pub(super) struct Strengths {
+    /// Their typical values.
+    pub(super) typical: DVector<f64>,
+    /// Their physical bounds.
+    pub(super) bounds: Vec<(f64, f64)>,
+    /// Share of them that is expected beside what was found.
+    pub(super) share: f64,
+}
+
+/// The shape that shows most.
+pub(super) struct Strongest {
+    /// Number of the channel, recording by recording.
+    pub(super) at: usize,
+    /// Mean square that a typical strength adds there, before and after the fitted parameters absorb what they can.
+    pub(super) before: f64,
+    pub(super) after: f64,
+    /// What it adds to the residual.
+    pub(super) whole: DVector<f64>,
+}
+
+/// What shapes of one effect show, in their order.
+pub(super) struct Look {
+    /// The power of each, at the share of the strength that is expected.
+    pub(super) powers: Vec<f64>,
+    /// The largest at full strength.
+    pub(super) at_best: f64,
+    /// Root mean square of the one that shows least.
+    pub(super) least: f64,
+    /// The one that shows most, if any shows anything.
+    pub(super) strongest: Option<Strongest>,
+    /// For each found effect: the cosine of the one that resembles it most, and by how many nats it would still lose.
+    pub(super) likeness: Vec<(f64, f64)>,
+}
+
+impl Look {
+    /// Before anything was looked at, beside so many `found` effects.
+    pub(super) fn nothing(found: usize) -> Self {
+        let (powers, likeness) = (Vec::new(), vec![(0.0, f64::INFINITY); found]);
+        Self { powers, at_best: 0.0, least: f64::INFINITY, strongest: None, likeness }
+    }
+
+    /// This look and the `next` one.
+    pub(super) fn and(mut self, next: Self) -> Self {
+        self.powers.extend(next.powers);
+        self.at_best = self.at_best.max(next.at_best);
+        self.least = self.least.min(next.least);
+        let more =
+            |old: &Option<Strongest>, new: &Strongest| old.as_ref().is_none_or(|o| new.after > o.after);
+        if next.strongest.as_ref().is_some_and(|new| more(&self.strongest, new)) {
+            self.strongest = next.strongest;
+        }
+        for (best, new) in self.likeness.iter_mut().zip(next.likeness) {
+            if new.0 > best.0 {
+                *best = new;
+            }
+        }
+        self
+    }
+}
+
+impl Survey<'_> {
+    /// What some `shapes` of an effect show; `None` if nothing is compared.
+    pub(super) fn look(&self, effect: EffectId, strengths: &Strengths, shapes: &[Vec<f64>]) -> Option<Look> {
+        let Strengths { typical, bounds, share } = strengths;
+        let count = typical.len();
+        let together = self.scorer.sensitivity(effect, shapes);
+        let all_free = freed(&self.fitted.basis, &together);
+        let mut look = Look::nothing(self.found.len());
+        for number in 0..shapes.len() {
+            let own = number * count..(number + 1) * count;
+            let columns = together.columns_range(own.clone()).into_owned();
+            let free = all_free.columns_range(own).into_owned();
+            if !finite(&columns) {
+                continue;
+            }
+            let whole = &columns * typical;
+            let (before, after) = (self.squares(&whole), self.squares(&(&free * typical)));
+            let beside: Vec<f64> = after.iter().map(|square| share * share * square).collect();
+            let most =
+                |squares: &[f64]| (0..squares.len()).max_by(|a, b| squares[*a].total_cmp(&squares[*b]));
+            let (largest, loudest) = (most(&after)?, most(&before)?);
+            let at = if after[largest] > 0.01 * before[loudest] { largest } else { loudest };
+            look = look.and(Look {
+                powers: vec![self.power(&beside, count)],
+                at_best: self.power(&after, count),
+                least: after[at].sqrt(),
+                strongest: Some(Strongest { at, before: before[at], after: after[at], whole }),
+                likeness: self.found.iter().map(|f| self.likeness(f, &columns, &free, bounds)).collect(),
+            });
+        }
+        Some(look)
+    }
+}
