@@ -42,6 +42,7 @@ use crate::recording::Recording;
 use crate::signals::Signals;
 use answer::Answer;
 use data::Data;
+use hold::Held;
 use hypothesis::Hypothesis;
 use search::{Outcome, Search};
 use transfer::transfer;
@@ -76,17 +77,25 @@ pub fn diagnose(
     if let Some(recording) = validation {
         others.push(Data::new(Signals::new(recording, machine)?, machine)?);
     }
-    if let Some(held) = hold::settle(&mut whole, &mut others, &base, monitor)? {
-        base = held;
+    let mut settled = None;
+    match hold::settle(&mut whole, &mut others, &base, monitor)? {
+        Held::InStator(held) => base = *held,
+        Held::InRotor(theirs) => settled = Some(theirs),
+        Held::Unasked => {}
     }
     if turns::settle(&mut whole, &base) {
         base = fitting::refit(&whole, &base, monitor)?;
+        settled = None;
     }
     let weak = bare::weak_parameters(&whole, &base);
     whole.poor = !weak.is_empty() || reach::stays_at_one_point(&whole.signals);
-    for data in &mut others {
-        let transferred = transfer(data, &base, monitor)?;
-        data.settle_floors(&transferred);
+    if let Some(settled) = settled {
+        others = settled;
+    } else {
+        for data in &mut others {
+            let transferred = transfer(data, &base, monitor)?;
+            data.settle_floors(&transferred);
+        }
     }
     if whole.poor && verdict::largest_excess(&base) > verdict::MISMATCH {
         base = fitting::refit(&whole, &base, monitor)?;
@@ -95,7 +104,8 @@ pub fn diagnose(
     let mut outcome = search(&whole, &others, &base, monitor)?;
     let found = &outcome.best.fitted;
     let anew = settled_anew(&mut whole, &mut others, &outcome)
-        || !found.effects().is_empty() && hold::settle(&mut whole, &mut others, found, monitor)?.is_some();
+        || !found.effects().is_empty()
+            && matches!(hold::settle(&mut whole, &mut others, found, monitor)?, Held::InStator(_));
     if anew && !monitor.cancelled() {
         base = fitting::refit(&whole, &base, monitor)?;
         outcome = search(&whole, &others, &base, monitor)?;

@@ -191,13 +191,12 @@ impl<'a> Experiment<'a> {
         self.linearise_along(p, free, None)
     }
 
-    /// The derivatives of [`Self::linearise`] alone, where the rotor's `course` at `p` is known.
-    pub fn jacobian(&self, p: &[f64], free: &[usize], course: Option<&Course>) -> DMatrix<f64> {
-        self.linearise_along(p, free, course).jacobian
-    }
-
-    /// With a known `course` voltage equations that nothing of `free` reaches are left out.
-    fn linearise_along(&self, p: &[f64], free: &[usize], course: Option<&Course>) -> Linearisation {
+    /// The same where the rotor's `course` at `p` may be known; voltage equations that nothing of `free` reaches are then left out,
+    /// their residual along with them.
+    ///
+    /// # Panics
+    /// As [`Self::linearise`].
+    pub fn linearise_along(&self, p: &[f64], free: &[usize], course: Option<&Course>) -> Linearisation {
         let mut linear = Linearisation::zeros(self.channels.len() * self.samples(), free.len());
         let (electrical, speed) = linear.split_rows(self.electrical_rows());
         let wanted = course.is_none() || free.iter().any(|k| self.is_electrical(*k));
@@ -231,20 +230,22 @@ impl<'a> Experiment<'a> {
     /// What the model shows in each channel; the speed runs free from its estimated initial value in each window.
     pub fn predict(&self, p: &[f64]) -> Prediction {
         let n = self.samples();
-        let mut residual = DVector::zeros(self.channels.len() * n);
-        self.fill_electrical::<f64>(p, |row, value| residual[row] = value);
-        let mut out: Prediction = (0..self.channels.len())
-            .map(|c| {
-                let (channel, sigma) = self.channels[c];
-                let measured = self.measured(channel);
-                (0..n).map(|k| residual[c * n + k] * sigma + measured[k]).collect()
+        let electrical = || -> Prediction {
+            let mut residual = vec![0.0; self.electrical_rows()];
+            self.fill_electrical::<f64>(p, |row, value| residual[row] = value);
+            let shown = residual.chunks(n.max(1)).zip(&self.channels).map(|(rows, (channel, sigma))| {
+                rows.iter().zip(self.measured(*channel)).map(|(r, measured)| r * sigma + measured).collect()
+            });
+            shown.collect()
+        };
+        let mechanical = || {
+            self.has_mechanical().then(|| {
+                let torque = self.torque_at(p);
+                self.speed_pass(p, &torque, &self.starts(p, &torque)).shown
             })
-            .collect();
-        if let Some(c) = self.channels.iter().position(|(c, _)| *c == Channel::OmegaE) {
-            let torque = self.torque_at(p);
-            let starts = self.starts(p, &torque);
-            out[c] = self.speed_pass(p, &torque, &starts).shown;
-        }
+        };
+        let (mut out, speed) = rayon::join(electrical, mechanical);
+        out.extend(speed);
         out
     }
 

@@ -19,6 +19,7 @@ use crate::real::Real;
 use crate::signals::Signals;
 use crate::simulate::electrical::measured_env;
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 /// Points of the grid on which y(t) is looked at.
 const POINTS: usize = 1200;
@@ -167,13 +168,13 @@ impl Grid {
     fn prune(&self, steps: &mut Vec<f64>) {
         loop {
             let whole = Fit::new(self, steps);
-            let weakest = (0..steps.len())
-                .map(|at| {
-                    let mut others = steps.clone();
-                    others.remove(at);
-                    (at, gain(&Fit::new(self, &others), &whole))
-                })
-                .min_by(|a, b| a.1.total_cmp(&b.1));
+            let worth = |at: usize| {
+                let mut others = steps.clone();
+                others.remove(at);
+                (at, gain(&Fit::new(self, &others), &whole))
+            };
+            let worths: Vec<(usize, f64)> = (0..steps.len()).into_par_iter().map(worth).collect();
+            let weakest = worths.into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
             match weakest {
                 Some((at, worth)) if worth < GAIN => {
                     steps.remove(at);

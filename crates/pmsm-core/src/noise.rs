@@ -26,8 +26,9 @@ const NEAR: f64 = 50.0;
 /// Samples over which the steps of a wandering speed are taken.
 const LAG: usize = 8;
 
-/// Runs over which the effect of noisy inputs is averaged.
-const DRAWS: usize = 4;
+/// Runs over which the effect of noisy inputs is averaged, two at a time.
+const DRAWS: usize = 2 * PAIRS;
+const PAIRS: usize = 2;
 /// Seed of the noise that is added to see what noise does.
 const SEED: u64 = 0x006d_6f74_6f72;
 
@@ -166,10 +167,14 @@ fn add_driven(
     let mut squares = vec![0.0; floors.len()];
     let speed = floors.iter().position(|f| f.channel == Channel::OmegaE);
     let mut steps = (0.0, 0);
-    for _ in 0..DRAWS {
-        let noisy = disturbed(experiment.signals, floors, input, &mut random);
-        // Only the inputs are noisy: the initial currents and speeds come from the clean log.
-        let again = Experiment { signals: &noisy, ..experiment.clone() }.predict(p);
+    // Only the inputs are noisy: the initial currents and speeds come from the clean log.
+    let run = |noisy: Signals| Experiment { signals: &noisy, ..experiment.clone() }.predict(p);
+    let mut two = || {
+        let [first, second] = [(); 2].map(|()| disturbed(experiment.signals, floors, input, &mut random));
+        rayon::join(|| run(first), || run(second))
+    };
+    let drawn = (0..PAIRS).map(|_| two()).flat_map(|(first, second)| [first, second]);
+    for again in drawn {
         for (at, square) in squares.iter_mut().enumerate() {
             let difference = clean[at].iter().zip(&again[at]).map(|(a, b)| (a - b).powi(2));
             *square += difference.sum::<f64>() / (clean[at].len() * DRAWS) as f64;

@@ -16,6 +16,7 @@ use crate::error::Result;
 use crate::monitor::Monitor;
 use crate::recording::Kind;
 use crate::signals::{self, Finding};
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// The answer where nothing can be said of recordings that were read, and why.
@@ -63,9 +64,10 @@ pub fn conclude(
         outcome.path.truncate(1);
     }
     let last = outcome.path.len() - 1;
-    for judged in &mut outcome.path {
+    outcome.path.par_iter_mut().try_for_each(|judged| {
         judged.fitted = fitting::efficient(data, &judged.fitted, monitor)?;
-    }
+        Ok(())
+    })?;
     let (first, end) = (outcome.path[0].clone(), outcome.path[last].clone());
     (outcome.base, outcome.best) = (first, end);
     let best = &outcome.best;
@@ -96,7 +98,9 @@ pub fn conclude(
     }
     let validation = match judge {
         Some(judge) => {
-            Some((judge, transfer(judge, &outcome.base.fitted, monitor)?, transfer(judge, settled, monitor)?))
+            let on_judge = |fitted: &Hypothesis| transfer(judge, fitted, monitor);
+            let (before, after) = rayon::join(|| on_judge(&outcome.base.fitted), || on_judge(settled));
+            Some((judge, before?, after?))
         }
         None => None,
     };
@@ -106,7 +110,7 @@ pub fn conclude(
         traces.validation = self::traces(judge, before, after);
         fit.validation = table(&traces.validation, judge);
     }
-    let ranking = ranked.iter().map(|r| candidate(data, &outcome, r, &model_outputs)).collect();
+    let ranking = ranked.par_iter().map(|r| candidate(data, &outcome, r, &model_outputs)).collect();
     let next_experiment = prescribe::next_experiment(data, &ranked, &outcome, verdict, weak, monitor)?;
     let mut data_quality = quality(data, weak, &ties, refuted);
     data_quality.extend(contradiction.map(|c| c.finding));
@@ -135,7 +139,7 @@ pub fn conclude(
             base: model_outputs.base(),
             unmodelled: described.map(|(_, unmodelled)| unmodelled),
         },
-        path: outcome.path.iter().map(|judged| step(data, &judged.fitted)).collect(),
+        path: outcome.path.par_iter().map(|judged| step(data, &judged.fitted)).collect(),
         cannot_see: power::cannot_see(&outcome),
         next_experiment,
         noise_floor: floors(data),
@@ -294,7 +298,8 @@ fn traces(data: &Data, before: &Hypothesis, after: &Hypothesis) -> Columns {
         columns.insert("recording".into(), number);
     }
     let first = data.whole(before);
-    let (x, y) = (first.predict(&before.parameters), data.whole(after).predict(&after.parameters));
+    let shown = |hypothesis: &Hypothesis| data.whole(hypothesis).predict(&hypothesis.parameters);
+    let (x, y) = rayon::join(|| shown(before), || shown(after));
     for (at, channel) in first.channels().iter().enumerate() {
         let name = channel.name();
         columns.insert(format!("{name}_measured"), first.measured(*channel));

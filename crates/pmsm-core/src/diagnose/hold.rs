@@ -15,6 +15,16 @@ const LEFT: f64 = 0.25;
 /// How much more of what they do not explain may be left, share of the mean square.
 const MORE: f64 = 0.05;
 
+/// What came out of the question.
+pub enum Held {
+    /// In the stator's frame: the hypothesis fitted anew.
+    InStator(Box<Hypothesis>),
+    /// In the rotor's: the other recordings with the floors that the hypothesis gives them there.
+    InRotor(Vec<Data>),
+    /// It was not asked.
+    Unasked,
+}
+
 /// Fits a hypothesis once more with voltages held in the stator's frame, and goes over to them, on the `others` as well, if they alone
 /// explain what it leaves in the currents of all recordings or in the motion of all, and no other channel is the worse for it.
 ///
@@ -25,10 +35,10 @@ pub fn settle(
     others: &mut [Data],
     found: &Hypothesis,
     monitor: &dyn Monitor,
-) -> Result<Option<Hypothesis>> {
+) -> Result<Held> {
     let driven = data.has(true) && data.runs().iter().all(|run| run.signals.v.is_some());
     if data.signals.stator_held || !driven || monitor.cancelled() {
-        return Ok(None);
+        return Ok(Held::Unasked);
     }
     let mut theirs = others.to_vec();
     let mut before = vec![found.clone()];
@@ -38,8 +48,9 @@ pub fn settle(
         before.push(transferred.seen_again(other));
     }
     if !before.iter().flat_map(beyond_chance).any(|excess| excess > UNEXPLAINED.1) {
-        return Ok(None);
+        return Ok(Held::InRotor(theirs));
     }
+    let in_rotor = theirs.clone();
     let mut tried = data.clone();
     tried.hold_in_stator();
     let held = fitting::refit(&tried, found, monitor)?;
@@ -49,7 +60,7 @@ pub fn settle(
         after.push(transfer(other, &held, monitor)?);
     }
     if !explained(&before, &after) {
-        return Ok(None);
+        return Ok(Held::InRotor(in_rotor));
     }
     tried.signals.findings.push(Finding {
         finding: "the voltages act as if they were held in the stator's frame over each control period"
@@ -60,7 +71,7 @@ pub fn settle(
     tried.settle_floors(&held);
     *data = tried;
     others.clone_from_slice(&theirs);
-    fitting::refit(data, &held, monitor).map(Some)
+    Ok(Held::InStator(Box::new(fitting::refit(data, &held, monitor)?)))
 }
 
 /// Whether all that was left of the currents, or of the motion, is gone, and the rest no worse.

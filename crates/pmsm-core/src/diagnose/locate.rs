@@ -6,6 +6,7 @@ use crate::experiment::Channel;
 use crate::load_steps::effective_samples;
 use crate::real::Real;
 use crate::recording::Kind;
+use rayon::prelude::*;
 use serde::Serialize;
 use std::f64::consts::TAU;
 
@@ -76,14 +77,16 @@ pub struct Located {
 /// channel's excess is looked at, and said where others show none.
 pub fn locate(data: &Data, base: &Hypothesis) -> Vec<Located> {
     let experiment = data.whole(base);
-    let residual = experiment.residual(&base.parameters);
-    let plain = experiment.clone().with_plain_speed().residual(&base.parameters);
+    let (residual, plain) = rayon::join(
+        || experiment.residual(&base.parameters),
+        || experiment.clone().with_plain_speed().residual(&base.parameters),
+    );
     let blocks = experiment.blocks();
     let excess: Vec<f64> = base.squares.iter().map(|(_, s)| (s - 1.0).max(0.0)).collect();
     let total: f64 = excess.iter().sum();
     let mut out: Vec<Located> = experiment
         .channels()
-        .iter()
+        .par_iter()
         .filter_map(|channel| {
             let own: Vec<usize> = (0..blocks.len()).filter(|b| blocks[*b].channel == *channel).collect();
             let shown: Vec<usize> = own.iter().copied().filter(|b| excess[*b] > LISTED).collect();

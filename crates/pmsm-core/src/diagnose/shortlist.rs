@@ -181,7 +181,7 @@ impl<'a> Scorer<'a> {
             nuisances.push(Nuisance { initial, ..nuisance });
         }
         let experiment = self.data.experiment(&model, &nuisances, projector.channels.clone());
-        experiment.with_plain_speed().jacobian(&parameters, &free, &projector.courses)
+        experiment.with_plain_speed().linearise_along(&parameters, &free, &projector.courses).jacobian
     }
 }
 

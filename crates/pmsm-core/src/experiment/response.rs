@@ -207,7 +207,8 @@ mod tests {
             let free: Vec<usize> = (0..p.len()).collect();
             let linear = experiment.linearise(&p, &free);
             let course = experiment.course(&p);
-            assert_eq!(experiment.jacobian(&p, &free, course.as_ref()), linear.jacobian);
+            let along = experiment.linearise_along(&p, &free, course.as_ref());
+            assert_eq!(along.jacobian, linear.jacobian);
             let n = signals.len();
             let torque = experiment.torque_at(&p);
             let starts = experiment.starts.clone().unwrap();

@@ -3,6 +3,7 @@
 use super::Joint;
 use crate::experiment::{Channel, Course, Experiment, Linearisation, Prediction};
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 use std::borrow::Cow;
 
 impl Joint<'_> {
@@ -35,45 +36,43 @@ impl Joint<'_> {
             return run.residual(p);
         }
         let mut all = DVector::zeros(self.channels.len() * self.samples());
-        for (r, run) in self.runs.iter().enumerate() {
-            self.place(r, run.residual(&self.of_run(p, r)).as_slice(), all.as_mut_slice());
+        let own = |(r, run): (usize, &Experiment)| run.residual(&self.of_run(p, r));
+        let residuals: Vec<DVector<f64>> = self.runs.par_iter().enumerate().map(own).collect();
+        for (r, own) in residuals.iter().enumerate() {
+            self.place(r, own.as_slice(), all.as_mut_slice());
         }
         all
     }
 
     /// Weighted residuals at `p` and their derivatives with respect to the parameters `free`.
     pub fn linearise(&self, p: &[f64], free: &[usize]) -> Linearisation {
-        if let Some(run) = self.only() {
-            return run.linearise(p, free);
-        }
-        let rows = self.channels.len() * self.samples();
-        let (mut residual, mut jacobian) = (DVector::zeros(rows), DMatrix::zeros(rows, free.len()));
-        for (r, run) in self.runs.iter().enumerate() {
-            let (columns, own) = self.own_of(r, free);
-            let linear = run.linearise(&self.of_run(p, r), &own);
-            self.place(r, linear.residual.as_slice(), residual.as_mut_slice());
-            self.place_columns(r, &linear.jacobian, &columns, free, &mut jacobian);
-        }
-        Linearisation { residual, jacobian }
+        self.linearise_along(p, free, &[])
     }
 
     /// What the rotor does at `p` on each recording that compares the speed.
     pub fn courses(&self, p: &[f64]) -> Vec<Option<Course>> {
-        self.runs.iter().enumerate().map(|(r, run)| run.course(&self.of_run(p, r))).collect()
+        self.runs.par_iter().enumerate().map(|(r, run)| run.course(&self.of_run(p, r))).collect()
     }
 
-    /// The derivatives of [`Self::linearise`] alone, where the rotor's `courses` at `p` are known.
-    pub fn jacobian(&self, p: &[f64], free: &[usize], courses: &[Option<Course>]) -> DMatrix<f64> {
-        if let (Some(run), [course]) = (self.only(), courses) {
-            return run.jacobian(p, free, course.as_ref());
+    /// The same where the rotor's `courses` at `p` are known, one for each recording, or none; see
+    /// [`Experiment::linearise_along`].
+    pub fn linearise_along(&self, p: &[f64], free: &[usize], courses: &[Option<Course>]) -> Linearisation {
+        let course = |r: usize| courses.get(r).and_then(Option::as_ref);
+        if let Some(run) = self.only() {
+            return run.linearise_along(p, free, course(0));
         }
-        let mut jacobian = DMatrix::zeros(self.channels.len() * self.samples(), free.len());
-        for ((r, run), course) in self.runs.iter().enumerate().zip(courses) {
+        let rows = self.channels.len() * self.samples();
+        let (mut residual, mut jacobian) = (DVector::zeros(rows), DMatrix::zeros(rows, free.len()));
+        let linearise = |(r, run): (usize, &Experiment)| {
             let (columns, own) = self.own_of(r, free);
-            let of_run = run.jacobian(&self.of_run(p, r), &own, course.as_ref());
-            self.place_columns(r, &of_run, &columns, free, &mut jacobian);
+            (columns, run.linearise_along(&self.of_run(p, r), &own, course(r)))
+        };
+        let linear: Vec<_> = self.runs.par_iter().enumerate().map(linearise).collect();
+        for (r, (columns, own)) in linear.iter().enumerate() {
+            self.place(r, own.residual.as_slice(), residual.as_mut_slice());
+            self.place_columns(r, &own.jacobian, columns, free, &mut jacobian);
         }
-        jacobian
+        Linearisation { residual, jacobian }
     }
 
     /// Those columns of the parameters `free` that recording `run` knows, and the parameters as it numbers them.
@@ -113,8 +112,10 @@ impl Joint<'_> {
         }
         let n = self.samples();
         let mut all = vec![f64::NAN; self.channels.len() * n];
-        for (r, run) in self.runs.iter().enumerate() {
-            self.place(r, &run.predict(&self.of_run(p, r)).concat(), &mut all);
+        let own = |(r, run): (usize, &Experiment)| run.predict(&self.of_run(p, r)).concat();
+        let shown: Vec<Vec<f64>> = self.runs.par_iter().enumerate().map(own).collect();
+        for (r, own) in shown.iter().enumerate() {
+            self.place(r, own, &mut all);
         }
         all.chunks(n).map(<[f64]>::to_vec).collect()
     }
