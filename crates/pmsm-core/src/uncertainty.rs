@@ -60,11 +60,12 @@ pub fn spread(jacobian: &DMatrix<f64>, residual: &DVector<f64>, rows_per_channel
     let shown: Vec<usize> = (0..dim).filter(|k| naive[(*k, *k)].is_finite()).collect();
     // One score per sample and parameter, all channels together.
     let mut scores = DMatrix::<f64>::zeros(n, dim);
-    for k in 0..dim {
-        let (mut column, slopes) = (scores.column_mut(k), jacobian.column(k));
-        let channels = slopes.as_slice().chunks_exact(n).zip(residual.as_slice().chunks_exact(n));
+    // As slices: elements that a matrix hands out one by one take several times as long.
+    let slopes = jacobian.as_slice().chunks_exact(rows);
+    for (scores, slopes) in scores.as_mut_slice().chunks_exact_mut(n).zip(slopes) {
+        let channels = slopes.chunks_exact(n).zip(residual.as_slice().chunks_exact(n));
         for (slopes, errors) in channels {
-            for ((score, slope), error) in column.iter_mut().zip(slopes).zip(errors) {
+            for ((score, slope), error) in scores.iter_mut().zip(slopes).zip(errors) {
                 *score += slope * error;
             }
         }
@@ -107,6 +108,13 @@ pub fn spread(jacobian: &DMatrix<f64>, residual: &DVector<f64>, rows_per_channel
         }
     }
     Spread { covariance, blocks, settled, information, naive, gradient }
+}
+
+impl Spread {
+    /// Whether all derivatives that it rests on are finite: their sums of squares tell.
+    pub fn is_finite(&self) -> bool {
+        self.information.iter().all(|x| x.is_finite())
+    }
 }
 
 /// The columns, `n` rows each, as they lie in memory.

@@ -26,7 +26,7 @@ pub fn assemble(
     let whole = found.linear.take().unwrap_or_else(at);
     let mut cannot_show = plan.refused.clone();
     let mut spread = uncertainty::spread(&whole.jacobian, &whole.residual, signals.len());
-    if whole.jacobian.as_slice().iter().all(|x| x.is_finite()) {
+    if spread.is_finite() {
         let names: Vec<&str> = plan.targets.iter().map(|t| t.name()).collect();
         let sizes: Vec<f64> =
             plan.targets.iter().zip(&found.values).map(|(t, x)| plan::size(*t, *x, signals)).collect();
