@@ -83,7 +83,7 @@ def answer(number: int, out: Path, code: str) -> Cost:
         process = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=errors, cwd=work, start_new_session=True
         )
-        code_of_exit, usage = wait(process, began + TIMEOUT)
+        code_of_exit, usage, memory = wait(process, began + TIMEOUT)
         seconds = time.monotonic() - began
         for name, path in zip(("answer.json", "answer.parquet"), results, strict=False):
             if (written := Path(work, name)).exists():
@@ -96,7 +96,7 @@ def answer(number: int, out: Path, code: str) -> Cost:
         exit=code_of_exit,
         seconds=round(seconds, 2),
         cpu_seconds=round(usage.ru_utime + usage.ru_stime, 2),
-        memory_mb=round(usage.ru_maxrss / (1024.0**2 if sys.platform == "darwin" else 1024.0), 1),
+        memory_mb=round(memory, 1),
         said=said[-1][:300] if said else "",
         code=code,
     )
@@ -104,14 +104,29 @@ def answer(number: int, out: Path, code: str) -> Cost:
     return cost
 
 
-def wait(process: subprocess.Popen[bytes], until: float) -> tuple[int | None, os.struct_rusage]:
-    """Wait for a process and tell its exit code and what it used; None and a stopped process after `until`.
+def peak(process: int) -> float:
+    """Peak resident memory (MB) of a running process so far; zero where the system does not tell.
+
+    The usage that `wait4` gives counts the parent's memory in, as the process began as a copy of it.
+    """
+    try:
+        status = Path(f"/proc/{process}/status").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return 0.0
+    told = [line.split() for line in status.splitlines() if line.startswith("VmHWM:")]
+    return float(told[0][1]) / 1024.0 if told else 0.0
+
+
+def wait(process: subprocess.Popen[bytes], until: float) -> tuple[int | None, os.struct_rusage, float]:
+    """Wait for a process and tell its exit code, what it used, and its peak memory in MB, looked at every
+    20 ms; None and a stopped process after `until`.
 
     An interrupt stops the process, too.
     """
-    stopped = False
+    stopped, memory = False, 0.0
     while True:
         try:
+            memory = max(memory, peak(process.pid))
             done, status, usage = os.wait4(process.pid, os.WNOHANG)
             if not done:
                 if not stopped and time.monotonic() > until:
@@ -123,4 +138,5 @@ def wait(process: subprocess.Popen[bytes], until: float) -> tuple[int | None, os
             process.kill()
             raise
         process.returncode = os.waitstatus_to_exitcode(status)
-        return (None if stopped else process.returncode), usage
+        scale = 1024.0**2 if sys.platform == "darwin" else 1024.0
+        return (None if stopped else process.returncode), usage, memory or usage.ru_maxrss / scale

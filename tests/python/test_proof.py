@@ -304,11 +304,12 @@ def test_a_case_depends_on_its_seed_alone_and_a_torn_one_is_made_anew(
 
 
 TOOL = """#!{python}
-import json, pathlib, sys
+import json, pathlib, sys, time
 told = sys.argv[1:]
 pathlib.Path({log!r}).open("a").write(json.dumps(told) + "\\n")
 pathlib.Path(told[told.index("--json") + 1]).write_text('{{"verdict": "no_mismatch"}}')
 print("a word on standard error", file=sys.stderr)
+time.sleep(0.2)
 sys.exit(4)
 """
 
@@ -331,6 +332,18 @@ def test_the_tool_is_given_the_open_files_alone_and_asked_once(
     assert called.count(str(tmp_path / "open" / "v007")) == 3
     assert answers.is_answered(7, tmp_path, "abc")
     assert not answers.is_answered(7, tmp_path, "changed")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere the system tells only what it counts itself")
+def test_memory_is_that_of_the_tool_and_not_of_who_called_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held = np.ones(40_000_000)
+    tool = tmp_path / "tool"
+    tool.write_text(f"#!{sys.executable}\nimport time\nheld = bytearray(60_000_000)\ntime.sleep(0.5)\n")
+    tool.chmod(0o755)
+    monkeypatch.setattr(answers, "TOOL", tool)
+    assert 60.0 < answers.answer(1, tmp_path, "abc").memory_mb < 1e-6 * held.nbytes / 2
 
 
 def test_a_tool_that_does_not_end_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
