@@ -1,10 +1,10 @@
-"""Measures the installed package against its strongest peers in one alternating run and prints the ratios.
+"""Measures the installed package against its strongest peers in one run, in turns, and prints the ratios.
 
     python benches/peers/compare.py [J1 J2 J3 LS import] [--rounds N]
 
 Every time is CPU time of the whole process, the median over the rounds; peers take turns within a round, so
-that whatever else the computer does hits all of them. The package is called as a user calls it: arrays in,
-answer out.
+that whatever else the computer does hits all of them. Short jobs are called several times in a row as well.
+The package is called as a user calls it: arrays in, answer out.
 """
 
 from __future__ import annotations
@@ -113,6 +113,28 @@ def alternate(title: str, contestants: dict[str, Callable[[], float]], rounds: i
         )
 
 
+def in_a_row(title: str, contestants: dict[str, Callable[[], float]], blocks: int, calls: int) -> None:
+    """Runs each several times in a row, in turns of such blocks, and prints wall time and the ratio of the
+    last to each.
+
+    The first call of a block does not count: it finds the caches as another one left them, and after a pause
+    the system may take as long as a short call to put a second thread on a processor of its own.
+    """
+    wall: dict[str, list[float]] = {name: [] for name in contestants}
+    for _ in range(blocks):
+        for name, call in contestants.items():
+            call()
+            for _ in range(calls):
+                began = time.perf_counter()
+                call()
+                wall[name].append(time.perf_counter() - began)
+    reference = statistics.median(wall[list(contestants)[-1]])
+    print(f"{title}, called in a row, {blocks} blocks of {calls} calls")
+    for name in contestants:
+        own = statistics.median(wall[name])
+        print(f"  {name:44} {1e3 * own:31.3f} ms wall  {reference / own:6.2f}x")
+
+
 def startup() -> None:
     """Time to import the package and to print the help."""
     for title, command in (
@@ -140,33 +162,27 @@ def main() -> None:
     asked = parser.parse_args()
     columns = measured()
     if "J1" in asked.jobs:
-        alternate(
-            "J1: 10 particles x 31, 2 parameters, 3300 samples",
-            {
-                "pmsm_rs.identify, one thread": swarm(J1, columns, 1),
-                "numba, whole swarm compiled": fast_numba.run(J1, columns),
-            },
-            asked.rounds or 51,
-        )
+        contestants = {
+            "pmsm_rs.identify, one thread": swarm(J1, columns, 1),
+            "numba, whole swarm compiled": fast_numba.run(J1, columns),
+        }
+        alternate("J1: 10 particles x 31, 2 parameters, 3300 samples", contestants, asked.rounds or 51)
+        in_a_row("J1", contestants, asked.rounds or 5, calls=40)
     if "J2" in asked.jobs:
-        alternate(
-            "J2: 1000 particles x 31, 7 parameters, 3300 samples",
-            {
-                "pmsm_rs.identify, two threads": swarm(J2, columns, 2),
-                "pmsm_rs.identify, one thread": swarm(J2, columns, 1),
-                "numba, whole swarm compiled": fast_numba.run(J2, columns),
-            },
-            asked.rounds or 11,
-        )
+        own = {
+            "pmsm_rs.identify, two threads": swarm(J2, columns, 2),
+            "pmsm_rs.identify, one thread": swarm(J2, columns, 1),
+        }
+        numba = {"numba, whole swarm compiled": fast_numba.run(J2, columns)}
+        alternate("J2: 1000 particles x 31, 7 parameters, 3300 samples", own | numba, asked.rounds or 11)
+        in_a_row("J2", own, asked.rounds or 5, calls=4)
     if "LS" in asked.jobs:
-        alternate(
-            "Least squares, 2 parameters, 3300 samples",
-            {
-                "pmsm_rs.identify, one thread": descent(columns),
-                "scipy.optimize.least_squares, numba residual": scipy_descent(columns),
-            },
-            asked.rounds or 51,
-        )
+        contestants = {
+            "pmsm_rs.identify, one thread": descent(columns),
+            "scipy.optimize.least_squares, numba residual": scipy_descent(columns),
+        }
+        alternate("Least squares, 2 parameters, 3300 samples", contestants, asked.rounds or 51)
+        in_a_row("Least squares", contestants, asked.rounds or 5, calls=40)
     if "J3" in asked.jobs:
         long = measured(LONG)
         alternate(
