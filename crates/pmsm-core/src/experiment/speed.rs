@@ -60,7 +60,8 @@ impl<'a> Experiment<'a> {
         known: Option<&Course>,
         mut rows: Rows<'_>,
     ) {
-        // A pass whose columns change the torque has its own.
+        // A pass whose columns change the torque has its own. Whoever asks first computes it, on its own thread alone: one that took up
+        // another job meanwhile might wait for itself.
         let own = OnceLock::new();
         let torque = || known.map_or_else(|| &**own.get_or_init(|| self.torque_at(p)), |known| &known.torque);
         let starts = match (known, &self.starts) {
