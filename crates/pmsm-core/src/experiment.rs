@@ -228,6 +228,9 @@ impl<'a> Experiment<'a> {
     }
 
     /// What the model shows in each channel; the speed runs free from its estimated initial value in each window.
+    ///
+    /// # Panics
+    /// As [`Self::residual`].
     pub fn predict(&self, p: &[f64]) -> Prediction {
         let n = self.samples();
         let electrical = || -> Prediction {

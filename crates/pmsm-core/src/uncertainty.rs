@@ -61,7 +61,7 @@ pub fn spread(jacobian: &DMatrix<f64>, residual: &DVector<f64>, rows_per_channel
     // One score per sample and parameter, all channels together.
     let mut scores = DMatrix::<f64>::zeros(n, dim);
     // As slices: elements that a matrix hands out one by one take several times as long.
-    let slopes = jacobian.as_slice().chunks_exact(rows);
+    let slopes = jacobian.as_slice().chunks_exact(rows.max(1));
     for (scores, slopes) in scores.as_mut_slice().chunks_exact_mut(n).zip(slopes) {
         let channels = slopes.chunks_exact(n).zip(residual.as_slice().chunks_exact(n));
         for (slopes, errors) in channels {

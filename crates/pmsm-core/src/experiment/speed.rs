@@ -288,6 +288,11 @@ mod tests {
     use crate::simulate::mechanical::Nuisance;
     use std::ops::Range;
 
+    /// Keeps what a run hands out: speeds, and their derivatives.
+    fn keep(into: &mut (Vec<f64>, Vec<[f64; 4]>)) -> impl FnMut(usize, f64, &[f64; 4]) {
+        |k, now, slopes| (into.0[k], into.1[k]) = (now, *slopes)
+    }
+
     #[test]
     fn windows_beside_one_another_have_the_bits_of_one_after_the_other() {
         let effects = [
@@ -321,25 +326,9 @@ mod tests {
                 // Inertia, and a torque of the first friction.
                 let varied = &[4, 7][..if effects.is_empty() { 1 } else { 2 }];
                 let (mut one, mut beside) = (empty(), empty());
-                experiment.one_by_one(
-                    &p,
-                    varied,
-                    || &torque,
-                    &starts,
-                    |k, now, slopes: &[f64; 4]| {
-                        (one.0[k], one.1[k]) = (now, *slopes);
-                    },
-                );
+                experiment.one_by_one(&p, varied, || &torque, &starts, keep(&mut one));
                 assert!(one.0.iter().any(|w| *w != 0.0) && one.1.iter().flatten().all(|x| x.is_finite()));
-                let ran = experiment.side_by_side(
-                    &p,
-                    varied,
-                    || &torque,
-                    &starts,
-                    |k, now, slopes: &[f64; 4]| {
-                        (beside.0[k], beside.1[k]) = (now, *slopes);
-                    },
-                );
+                let ran = experiment.side_by_side(&p, varied, || &torque, &starts, keep(&mut beside));
                 assert_eq!(ran, Path::best() >= Path::Avx2);
                 if ran {
                     assert!(beside == one, "{h} {length} {effects:?}");

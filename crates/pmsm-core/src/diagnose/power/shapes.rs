@@ -99,3 +99,30 @@ impl Survey<'_> {
         Some(look)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn looks_come_to_the_same_in_whatever_parts_they_are_taken() {
+        let look = |power: f64, after: f64, cosine: f64| Look {
+            powers: vec![power],
+            at_best: power,
+            least: after.sqrt(),
+            strongest: Some(Strongest { at: 0, before: 9.0, after, whole: DVector::from_element(1, power) }),
+            likeness: vec![(cosine, power)],
+        };
+        let all = || [look(0.1, 1.0, 0.5), look(0.3, 4.0, 0.9), look(0.2, 4.0, 0.9)].into_iter();
+        let one_by_one = all().fold(Look::nothing(1), Look::and);
+        let mut rest = all();
+        let first = Look::nothing(1).and(rest.next().unwrap());
+        let in_parts = first.and(rest.fold(Look::nothing(1), Look::and));
+        for look in [one_by_one, in_parts] {
+            assert_eq!((look.powers, look.at_best, look.least), (vec![0.1, 0.3, 0.2], 0.3, 1.0));
+            // Of equals the first one stays.
+            let strongest = look.strongest.unwrap();
+            assert_eq!((strongest.after, strongest.whole[0], look.likeness[0]), (4.0, 0.3, (0.9, 0.3)));
+        }
+    }
+}
