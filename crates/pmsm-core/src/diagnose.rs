@@ -248,6 +248,25 @@ mod tests {
     }
 
     #[test]
+    fn friction_below_a_mismatch_under_a_speed_that_wanders_is_asked_about_and_a_clean_machine_not_accused() {
+        let answer = |effects| {
+            let path: Vec<(f64, f64)> =
+                (0..8).map(|k| (0.1 + 0.25 * f64::from(k), [90.0, -70.0][k as usize % 2])).collect();
+            let mut manoeuvre = speeds(2.0, &path);
+            manoeuvre.i_d =
+                Some(Schedule::new(vec![(0.0, 0.0), (0.3, -4.0), (1.4, 2.0)], Shape::Steps).unwrap());
+            let mut setup = setup(manoeuvre, effects);
+            setup.drive.sensors.noise_i = 0.3;
+            let recording = simulate(&setup, &Silent).unwrap().recording;
+            diagnose(&[&recording], &setup.nameplate, None, &Silent).unwrap()
+        };
+        let found = answer(vec![choice("coulomb_friction", "tau_c", 0.05)]);
+        assert_ne!(found.verdict, Verdict::NoMismatch);
+        assert!(found.ranking.iter().any(|c| c.effect == "coulomb_friction"), "{:?}", found.ranking);
+        assert_eq!(answer(Vec::new()).verdict, Verdict::NoMismatch);
+    }
+
+    #[test]
     fn a_load_that_steps_is_not_taken_for_friction() {
         let answer = stepping(Vec::new());
         assert_eq!(answer.verdict, Verdict::NoMismatch, "{:?}", answer.model);

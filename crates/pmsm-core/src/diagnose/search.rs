@@ -2,6 +2,7 @@
 //! simulation and judged on the recording and on the held-out run.
 
 mod again;
+mod hidden;
 mod refit;
 mod sets;
 mod smaller;
@@ -12,7 +13,6 @@ use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::power::{self, Shown};
-use super::reversals;
 use super::scale::Scale;
 use super::shortlist::{Prospect, Scorer};
 use super::transfer::transfer;
@@ -36,10 +36,10 @@ const LEAST_SHARE: f64 = 0.1;
 /// Of single effects, none is that scores less than this share of the best: it is no rival to it, and what it may explain beside it is
 /// seen when pairs are grown.
 const RIVAL: f64 = 0.05;
-/// Steps of an unknown load may hide what moves: mechanical effects are asked from this share of a mismatch on, unless they score less
-/// than that.
+/// Steps of an unknown load, or noise that lets the rotor wander, may hide what moves: mechanical effects are asked from this share of a
+/// mismatch on, unless they score less than that.
 const HIDING: f64 = 1.0 / 3.0;
-const IN_PLACE_OF_STEPS: f64 = 0.1;
+const LEAST_HIDDEN: f64 = 0.1;
 /// Single effects refitted at most.
 const SINGLES: usize = 10;
 /// Sets from which larger ones are grown.
@@ -107,9 +107,11 @@ impl Search<'_> {
     pub fn run(&self, base: Hypothesis) -> Result<Outcome> {
         let base = self.judge(base)?;
         let (able, unfit) = able::able(self.data);
-        // What explains less than would be called a mismatch may be the floor's own error; an unknown load may hide what moves.
+        // What explains less than would be called a mismatch may be the floor's own error; an unknown load may hide what moves, and so may
+        // a rotor that noise lets wander.
         let reversing = self.steps_reverse(&base);
-        let hiding = steps(&base) && mismatched_by(&base, HIDING);
+        let wanders = self.data.runs().iter().any(|run| run.wander().is_some());
+        let hiding = (steps(&base) || wanders) && mismatched_by(&base, HIDING);
         let asked = |e: &EffectId| {
             let hidden = hiding && e.info().site == Site::Mechanical;
             mismatched_by(&base, 1.0) || hidden || (e.jumps() && reversing)
@@ -157,6 +159,7 @@ impl Search<'_> {
                 _ => break,
             }
         }
+        let best = self.behind_steps(best, &base, &able, &mut seen, &mut scale)?;
         let mut best = self.pruned(best, &scale, &mut seen)?;
         let mut swaps = self.swaps(&best, &able, &mut seen)?;
         for _ in 0..PREFERRED {
@@ -216,7 +219,7 @@ impl Search<'_> {
             (LEAST_SHARE * parent.excess() / (1.0 + parent.excess())).max(LEAST_SCORE)
         } else {
             let best = prospects.iter().map(|p| p.score).fold(0.0, f64::max);
-            (RIVAL * best).max(if mismatched_by(parent, 1.0) { LEAST_SCORE } else { IN_PLACE_OF_STEPS })
+            (RIVAL * best).max(if mismatched_by(parent, 1.0) { LEAST_SCORE } else { LEAST_HIDDEN })
         };
         let shaken = thorough && parent.fitted.square(Channel::OmegaE) > 1.0 + MISMATCH;
         let reversing = self.steps_reverse(parent);
@@ -268,26 +271,6 @@ impl Search<'_> {
     fn rest(&self, able: &[EffectId], parent: &Judged) -> Vec<EffectId> {
         let effects = parent.fitted.effects();
         able.iter().copied().filter(|e| !effects.contains(e)).collect()
-    }
-
-    /// Whether the load steps where the speed reverses, on any recording.
-    fn steps_reverse(&self, judged: &Judged) -> bool {
-        let held_out = self.held_out.iter().zip(&judged.held_out);
-        std::iter::once((&self.data, &judged.fitted))
-            .chain(held_out)
-            .any(|(d, h)| reversals::meets_step(d, h))
-    }
-
-    /// The bare machine as `best` is to be compared with: without the load steps that an effect of it makes needless.
-    fn compared(&self, best: &Judged, base: Judged) -> Result<Judged> {
-        let effects = best.fitted.effects();
-        if effects.is_empty() {
-            return Ok(best.clone());
-        }
-        if !effects.iter().any(|e| e.jumps()) || !self.steps_reverse(&base) {
-            return Ok(base);
-        }
-        self.under_load_of(best, &base.fitted, base.refuted)
     }
 
     /// `other` fitted anew under the load that `best` finds on each recording.
