@@ -29,22 +29,23 @@ if TYPE_CHECKING:
         UsageError,
         __version__,
     )
+    from .answers import Diagnosis, Identification
     from .fleet import Failure, Fleet, diagnose_many
     from .loader import load
     from .recording import Recording
-    from .results import Diagnosis, Identification
-    from .run import Swarm, diagnose, effects, identify
+    from .registry import effects
+    from .run import Swarm, diagnose, identify
     from .simulation import Simulation, simulate
     from .systems import SystemFit, identify_system
     from .tracking import Tracker, WindowEstimate, track
 
 _HOME = {
     "DataError": "_core",
-    "Diagnosis": "results",
+    "Diagnosis": "answers",
     "Failure": "fleet",
     "Fitness": "_core",
     "Fleet": "fleet",
-    "Identification": "results",
+    "Identification": "answers",
     "InternalError": "_core",
     "Machine": "_core",
     "MachineError": "_core",
@@ -60,7 +61,7 @@ _HOME = {
     "__version__": "_core",
     "diagnose": "run",
     "diagnose_many": "fleet",
-    "effects": "run",
+    "effects": "registry",
     "identify": "run",
     "identify_system": "systems",
     "load": "loader",

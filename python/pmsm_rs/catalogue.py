@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .run import effect, effects
+from .registry import effect, effects
 from .words import EQUATIONS, number, unit
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from .results import Diagnosis, Estimate
+from .results import DiagnosisValues, Estimate
 from .words import estimate, lower_first, percent, title
 
 _FOLDER = Path(__file__).parent / "demo_data"
@@ -28,7 +28,7 @@ def sealed() -> dict[str, Any]:
     return content
 
 
-def compare(answer: Diagnosis) -> str:
+def compare(answer: DiagnosisValues) -> str:
     """Finding and truth side by side."""
     truth = sealed()
     effect: str = truth["effect"]

@@ -16,7 +16,7 @@ from .words import channel
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from .results import Diagnosis
+    from .results import DiagnosisValues
 
 _STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
@@ -84,7 +84,7 @@ def _escape(text: str) -> str:
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
-def located(answer: Diagnosis) -> list[Picture]:
+def located(answer: DiagnosisValues) -> list[Picture]:
     """Where it sits: the telling channel over the operating point, as a map, and by order of the angle."""
     if answer.shown is None:
         return []
@@ -112,7 +112,7 @@ def _picture(paint: Callable[..., Axes], caption: str) -> Picture:
     return Picture(draw(paint, caption), caption)
 
 
-def _telling(answer: Diagnosis, trace: traces.Trace) -> str:
+def _telling(answer: DiagnosisValues, trace: traces.Trace) -> str:
     """The channel that shows the equation found first, else the one furthest above its noise."""
     ranked = traces.rated(trace, answer.noise_floor)
     direct = {"d": ("i_d", "v_d"), "q": ("i_q", "v_q"), "mechanical": ("omega_e",)}.get(
@@ -121,7 +121,7 @@ def _telling(answer: Diagnosis, trace: traces.Trace) -> str:
     return next((name for name in direct if name in ranked), ranked[0])
 
 
-def _telling_angle(answer: Diagnosis, trace: traces.Trace, name: str) -> str | None:
+def _telling_angle(answer: DiagnosisValues, trace: traces.Trace, name: str) -> str | None:
     """The angle of which the mismatch is a function: the one that was located, else the one with the
     higher peak.
     """
@@ -139,13 +139,13 @@ def _telling_angle(answer: Diagnosis, trace: traces.Trace, name: str) -> str | N
     )
 
 
-def residual(answer: Diagnosis, name: str) -> Picture:
+def residual(answer: DiagnosisValues, name: str) -> Picture:
     """The residual of a channel over time, with the noise band."""
     paint = partial(plot.residual_over_time, source=answer, name=name)
     return _picture(paint, f"{channel(name)[0]}: measured minus model over the whole run")
 
 
-def before_after(answer: Diagnosis) -> list[Picture]:
+def before_after(answer: DiagnosisValues) -> list[Picture]:
     """Per channel, the residual over time with the noise band, and a stretch of the trajectory itself."""
     if answer.shown is None:
         return []
@@ -161,7 +161,7 @@ def before_after(answer: Diagnosis) -> list[Picture]:
     return out
 
 
-def unmodelled(answer: Diagnosis) -> list[Picture]:
+def unmodelled(answer: DiagnosisValues) -> list[Picture]:
     """The map of what no candidate explains, term by term."""
     terms = answer.unmodelled.terms if answer.unmodelled is not None else ()
     return [_picture(partial(plot.unmodelled, term), term.sentence) for term in terms]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import html
 import json
 import os
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -15,13 +16,15 @@ from typing import Any, overload
 
 from . import _core
 from ._core import Machine, UsageError
+from .answers import Diagnosis
 from .config import MachineFile, read_machine
 from .crew import INTERRUPTED, Crew, Makes, Run, Task, Told
 from .errors import expect_whole, refuse
 from .ledger import Ledger
 from .recording import DEFAULT_MAX_BYTES, Recording
-from .results import Diagnosis
 from .run import Progress
+from .summary import WIDTH, headline, hung
+from .words import percent
 
 Described = str | os.PathLike[str] | MachineFile | Machine
 
@@ -77,9 +80,18 @@ class Fleet(Sequence["Diagnosis | Failure"]):
         return self.results[index]
 
     def __str__(self) -> str:
-        from .summary import fleet
-
-        return fleet(self)
+        """How many there are of each verdict, and a line for each recording."""
+        verdicts = Counter(r.verdict if isinstance(r, Diagnosis) else "failed" for r in self)
+        counts = [f"{count} {verdict.replace('_', ' ')}" for verdict, count in verdicts.most_common()]
+        lines = [", ".join(counts)]
+        if self.interrupted:
+            lines.append("Interrupted: run it again with the same ledger for the rest.")
+        lines.append("")
+        wide = min(max((len(name) for name in self.names), default=0), WIDTH // 2)
+        for name, result in zip(self.names, self, strict=True):
+            shown = name if len(name) <= wide else f"…{name[1 - wide :]}"
+            lines.append(hung(f"{shown:<{wide}}  ", _line(result)))
+        return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(str(self))}</pre>"
@@ -190,6 +202,13 @@ def _interrupted(task: Task) -> Failure:
     return Failure(
         task.name, INTERRUPTED, f"{task.name}: interrupted before there was a result; run it again"
     )
+
+
+def _line(result: Diagnosis | Failure) -> str:
+    if isinstance(result, Failure):
+        return f"failed: {result.kind}"
+    sure = f" ({percent(result.ranking[0].probability)})" if result.verdict == "named" else ""
+    return f"{headline(result)}{sure}"
 
 
 def _entry(name: str, result: Diagnosis | Failure) -> dict[str, Any]:

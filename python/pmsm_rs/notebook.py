@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 from . import atomic, figures, plot, report, summary, traces, words
 
 if TYPE_CHECKING:
-    from .results import Diagnosis, Identification
+    from .results import DiagnosisValues, IdentificationValues
 
 TONES: Final = {"good": "#00785a", "found": plot.AFTER, "doubt": "#9a5b00", "poor": "#5d6873"}
 """Colours of verdicts, dark enough for small letters on white."""
@@ -44,7 +44,7 @@ class Page:
         )
 
 
-def diagnosis(answer: Diagnosis) -> str:
+def diagnosis(answer: DiagnosisValues) -> str:
     """The card of a diagnosis."""
     chip, tone = report.VERDICTS.get(answer.verdict, (answer.verdict, "poor"))
     chosen = [candidate for candidate in answer.ranking if candidate.effect in answer.effects]
@@ -79,7 +79,7 @@ def diagnosis(answer: Diagnosis) -> str:
     )
 
 
-def identification(answer: Identification) -> str:
+def identification(answer: IdentificationValues) -> str:
     """The card of an identification."""
     tone = "doubt" if answer.interrupted or not answer.converged else "good"
     chip = "Interrupted" if answer.interrupted else "Converged" if answer.converged else "Not converged"
@@ -108,7 +108,7 @@ def identification(answer: Identification) -> str:
     )
 
 
-def _worst(answer: Diagnosis) -> figures.Picture | None:
+def _worst(answer: DiagnosisValues) -> figures.Picture | None:
     """The residual over time of the channel that the model without the effects fails most."""
     if answer.shown is None:
         return None

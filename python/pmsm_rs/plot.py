@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from .results import Diagnosis, Identification
+    from .results import DiagnosisValues, IdentificationValues
     from .unmodelled import Term
 
-    Source = Diagnosis | Mapping[str, NDArray[np.float64]]
+    Source = DiagnosisValues | Mapping[str, NDArray[np.float64]]
 
 
 MEASURED: Final = "#1b1f24"
@@ -193,14 +193,14 @@ def unmodelled(term: Term, *, ax: Axes | None = None) -> Axes:
     return _label(ax, labels[0], value)
 
 
-def history(answer: Identification, *, ax: Axes | None = None) -> Axes:
+def history(answer: IdentificationValues, *, ax: Axes | None = None) -> Axes:
     """The best cost of each generation of an identification's swarm."""
     ax = _axes(ax)
     ax.semilogy(np.arange(1, len(answer.history) + 1), answer.history, color=AFTER, lw=1.4)
     return _label(ax, "generation", "best cost")
 
 
-def overview(answer: Diagnosis) -> Figure:
+def overview(answer: DiagnosisValues) -> Figure:
     """Per channel the residual over time and over the operating point. Raises UsageError without traces."""
     trace = _trace(answer)
     names = traces.channels(trace)
@@ -244,7 +244,7 @@ def _trace(source: Source, name: str | None = None, *over: str) -> Trace:
     return trace
 
 
-def _judged(source: Diagnosis) -> Trace:
+def _judged(source: DiagnosisValues) -> Trace:
     if source.shown is None:
         raise refuse(
             UsageError,

@@ -7,7 +7,8 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from . import figures, plot, words
-from .results import Candidate, Diagnosis, Estimate
+from .registry import effects
+from .results import Candidate, DiagnosisValues, Estimate
 from .summary import headline, recording_name
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ class FitRow:
     after_bar: float
 
 
-def render(answer: Diagnosis, title: str | None = None) -> str:
+def render(answer: DiagnosisValues, title: str | None = None) -> str:
     """The page as HTML text. The same answer and title give the same text."""
     chip, tone = VERDICTS.get(answer.verdict, (answer.verdict, "poor"))
     judged = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
@@ -134,7 +135,7 @@ def _typeset(text: str) -> str:
     return Markup(words.subscripted(str(escape(text)), "<sub>", "</sub>"))
 
 
-def _leading(answer: Diagnosis) -> Candidate | None:
+def _leading(answer: DiagnosisValues) -> Candidate | None:
     named = answer.verdict in {"named", "ambiguous"} and answer.ranking
     return answer.ranking[0] if named else None
 
@@ -146,8 +147,6 @@ def rows(candidate: Candidate) -> list[ParameterRow]:
 
 @cache
 def _meanings() -> dict[str, dict[str, str]]:
-    from .run import effects
-
     return {entry["id"]: {p["name"]: p["meaning"] for p in entry["parameters"]} for entry in effects()}
 
 
@@ -156,7 +155,7 @@ def row(name: str, entry: Estimate, meaning: str) -> ParameterRow:
     return ParameterRow(name, meaning, value, spread, unit, words.interval(entry), entry.why_none or "")
 
 
-def _fit(answer: Diagnosis, run: str) -> list[FitRow]:
+def _fit(answer: DiagnosisValues, run: str) -> list[FitRow]:
     import math
 
     part = answer.fit.get(run, {})
@@ -206,7 +205,7 @@ class RecordingRow:
     fit: tuple[tuple[str, str, str], ...]
 
 
-def _each(answer: Diagnosis) -> list[RecordingRow]:
+def _each(answer: DiagnosisValues) -> list[RecordingRow]:
     rows = []
     for count, entry in enumerate(answer.recordings, 1):
         noise, before, after = entry["noise_floor"], entry["fit"]["before"], entry["fit"]["after"]

@@ -1,21 +1,18 @@
-"""Answers as plain frozen values over the JSON that is written to files."""
+"""What answers say, as plain frozen values over the JSON that is written to files."""
 
 from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Self, overload
+from typing import TYPE_CHECKING, Any, Self
+
+from .unmodelled import Unmodelled
 
 if TYPE_CHECKING:
     import numpy as np
-    from matplotlib.figure import Figure
     from numpy.typing import NDArray
-
-    from .notebook import Page
-    from .unmodelled import Unmodelled
 
 Traces = Mapping[str, "Mapping[str, NDArray[np.float64]]"]
 
@@ -93,12 +90,8 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class Identification(Fit):
-    """Estimated parameters of the dq-model.
-
-    `history` holds the best cost of each generation, `rms` measured minus model per channel in its SI unit,
-    and `cannot_show` the parameters that this recording does not determine, with the reason.
-    """
+class IdentificationValues(Fit):
+    """The values of an `Identification`."""
 
     rms: Mapping[str, float]
     seed: int
@@ -109,16 +102,6 @@ class Identification(Fit):
         """From what `to_json` writes."""
         data = json.loads(text)
         return cls._of(data, seed=data["seed"], version=data["version"])
-
-    def __str__(self) -> str:
-        from .summary import identification
-
-        return identification(self)
-
-    def _repr_html_(self) -> str:
-        from .notebook import identification
-
-        return identification(self)
 
 
 @dataclass(frozen=True)
@@ -154,22 +137,8 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
-    """What the dq-model leaves out; fields are those of the JSON answer, of which `effects` and `base` stand
-    under `model` there.
-
-    Channels are i_d, i_q (A), omega_e (rad/s, electrical), of operating points v_d, v_q (V). `noise_floor`
-    is what a perfect model would leave in each, `fit["recording" or "validation"]["before" or "after"]`
-    what is left, both as root mean square in the channel's unit. `data_quality` has finding, consequence
-    and fix; `cannot_see` effect, why, and power, the probability that it would have been found.
-    `data["path"]` is the way to the model, one effect more at each step.
-
-    `traces["recording"]` and, where a validation run was given, `traces["validation"]` hold arrays of shape
-    (samples,): `t` in s, per channel `NAME_measured`, `NAME_before`, `NAME_after`, and the operating point
-    `op_omega_e` (rad/s), `op_i_d`, `op_i_q` (A), `op_theta_e`, `op_theta_m` (rad) as far as they are known.
-    Several recordings lie end to end there, numbered by `recording`; `recordings` says of each its file,
-    samples, duration in s, kind, load, noise_floor and fit, and is empty for a single one.
-    """
+class DiagnosisValues:
+    """The values of a `Diagnosis`, which says what each of them is."""
 
     verdict: str
     data_quality: tuple[Mapping[str, str], ...]
@@ -224,8 +193,6 @@ class Diagnosis:
     @property
     def unmodelled(self) -> Unmodelled | None:
         """Where the verdict is unknown, the map of what no candidate explains; else None."""
-        from .unmodelled import Unmodelled
-
         entry = self.model.get("unmodelled")
         return None if entry is None else Unmodelled.of(entry)
 
@@ -239,51 +206,6 @@ class Diagnosis:
     def to_json(self) -> str:
         """The whole answer as JSON text, schema pmsm-rs.diagnosis/1."""
         return json_text(self.data)
-
-    @overload
-    def report(self, path: str | os.PathLike[str], title: str | None = None) -> None: ...
-    @overload
-    def report(self, path: None = None, title: str | None = None) -> Page: ...
-    def report(self, path: str | os.PathLike[str] | None = None, title: str | None = None) -> Page | None:
-        """One self-contained HTML page: written to `path`, or returned for a notebook to show.
-
-        The same answer gives the same bytes. Raises UsageError if it cannot be written.
-        """
-        from .notebook import Page
-        from .report import render
-
-        page = Page(render(self, title))
-        if path is None:
-            return page
-        page.save(path)
-        return None
-
-    def trajectories(self, path: str | os.PathLike[str]) -> None:
-        """Writes t and the measured, before and after values per channel as Parquet.
-
-        Raises UsageError if it cannot.
-        """
-        from .trajectories import write
-
-        write(self, path)
-
-    def plot(self) -> Figure:
-        """A matplotlib figure: measured minus model before and after over time, and over the operating
-        points.
-        """
-        from .plot import overview
-
-        return overview(self)
-
-    def __str__(self) -> str:
-        from .summary import diagnosis
-
-        return diagnosis(self)
-
-    def _repr_html_(self) -> str:
-        from .notebook import diagnosis
-
-        return diagnosis(self)
 
 
 def _location(entry: Mapping[str, Any]) -> Location:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from . import _core
 from ._core import DataError, Machine, NotIdentifiableError, Recording, UsageError
+from .answers import Diagnosis, Identification
 from .errors import did_you_mean, expect_whole, fact, refuse
-from .results import Diagnosis, Identification
 
 if TYPE_CHECKING:
     from .config import MachineFile
@@ -242,23 +242,6 @@ def _with_files(answer: str, recordings: Sequence[Recording]) -> str:
 def _file(recording: Recording) -> str | None:
     file = getattr(recording, "file", None)
     return file if isinstance(file, str) else None
-
-
-def effects() -> list[dict[str, Any]]:
-    """The catalogue: per effect id, title, sentence, equation, acts_in, source, parameters, derived,
-    look_alikes, fingerprint. `derived` are results that an answer gives beside or in place of parameters:
-    name, unit, meaning.
-    """
-    catalogue: list[dict[str, Any]] = json.loads(_core.effects())
-    return catalogue
-
-
-def effect(name: str) -> dict[str, Any]:
-    """One entry of the catalogue by its id. Raises UsageError naming the nearest ids."""
-    known = {entry["id"]: entry for entry in effects()}
-    if name not in known:
-        raise refuse(UsageError, f"there is no effect '{name}'", fix=did_you_mean(name, known))
-    return known[name]
 
 
 def fit_bounds(

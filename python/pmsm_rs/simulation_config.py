@@ -40,7 +40,7 @@ from . import simulation_tables as tables
 from ._core import Machine, MachineError, UsageError
 from .config import Plate, Ratings, Table, read_machine, read_toml, validated
 from .errors import did_you_mean, refuse
-from .run import effects
+from .registry import effects
 
 _SHIPPED = Path(__file__).parent / "machines"
 _PLATE = (*Plate.model_fields, *Ratings.model_fields)

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import textwrap
-from collections import Counter
 from collections.abc import Mapping
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from .results import Diagnosis, Identification
+from .results import DiagnosisValues, Estimate, IdentificationValues
 from .words import EQUATIONS, channel, estimate, listed, lower_first, number, percent, title
-
-if TYPE_CHECKING:
-    from .fleet import Fleet
-    from .tracking import WindowEstimate
 
 WIDTH = 100
 """Columns of a line on a terminal."""
 
 
-def headline(answer: Diagnosis) -> str:
+def headline(answer: DiagnosisValues) -> str:
     """The verdict in one plain sentence."""
     names = [lower_first(title(effect)) for effect in answer.effects]
     several = len(answer.recordings) > 1
@@ -41,11 +36,11 @@ def headline(answer: Diagnosis) -> str:
     return "This recording is too poor to say what the model leaves out."
 
 
-def _first(answer: Diagnosis) -> list[str]:
+def _first(answer: DiagnosisValues) -> list[str]:
     return [lower_first(title(answer.ranking[0].effect))] if answer.ranking else ["something"]
 
 
-def _alternatives(answer: Diagnosis) -> list[str]:
+def _alternatives(answer: DiagnosisValues) -> list[str]:
     if not answer.ranking:
         return ["something"]
     first = answer.ranking[0]
@@ -57,7 +52,7 @@ def hung(head: str, text: str) -> str:
     return textwrap.fill(text, WIDTH, initial_indent=head, subsequent_indent=" " * len(head))
 
 
-def diagnosis(answer: Diagnosis) -> str:
+def diagnosis(answer: DiagnosisValues) -> str:
     """A diagnosis as text: the finding, where it sits, candidates, parameters, fit, what is not seen, what
     next.
     """
@@ -97,7 +92,7 @@ def diagnosis(answer: Diagnosis) -> str:
     return "\n".join(lines)
 
 
-def _by_reason(answer: Diagnosis) -> list[tuple[str, list[str]]]:
+def _by_reason(answer: DiagnosisValues) -> list[tuple[str, list[str]]]:
     """What cannot be seen, one entry per reason."""
     grouped: dict[str, list[str]] = {}
     for item in answer.cannot_see:
@@ -106,8 +101,6 @@ def _by_reason(answer: Diagnosis) -> list[tuple[str, list[str]]]:
 
 
 def _parameters(entries: list[tuple[str, object]]) -> list[str]:
-    from .results import Estimate
-
     rows = [
         (name, *estimate(entry), entry.why_none) for name, entry in entries if isinstance(entry, Estimate)
     ]
@@ -125,7 +118,7 @@ def _parameters(entries: list[tuple[str, object]]) -> list[str]:
     return lines
 
 
-def _fit(answer: Diagnosis, run: str) -> list[str]:
+def _fit(answer: DiagnosisValues, run: str) -> list[str]:
     before, after = answer.fit.get(run, {}).get("before", {}), answer.fit.get(run, {}).get("after", {})
     if not before:
         return []
@@ -140,7 +133,7 @@ def _fit(answer: Diagnosis, run: str) -> list[str]:
     return lines
 
 
-def _each(answer: Diagnosis) -> list[str]:
+def _each(answer: DiagnosisValues) -> list[str]:
     """A line for each of several recordings: what is left in its channels, in units of its own noise."""
     lines = []
     for count, entry in enumerate(answer.recordings, 1):
@@ -159,25 +152,7 @@ def recording_name(entry: Mapping[str, Any], count: int) -> str:
     return f"{count}  {PurePath(entry['file']).name}" if entry.get("file") else f"{count}"
 
 
-def fleet(answers: Fleet) -> str:
-    """Many diagnoses as text: how many there are of each verdict, and a line for each recording."""
-    verdicts = Counter(r.verdict if isinstance(r, Diagnosis) else "failed" for r in answers)
-    lines = [", ".join(f"{count} {verdict.replace('_', ' ')}" for verdict, count in verdicts.most_common())]
-    if answers.interrupted:
-        lines.append("Interrupted: run it again with the same ledger for the rest.")
-    lines.append("")
-    wide = min(max((len(name) for name in answers.names), default=0), WIDTH // 2)
-    for name, result in zip(answers.names, answers, strict=True):
-        shown = name if len(name) <= wide else f"…{name[1 - wide :]}"
-        if isinstance(result, Diagnosis):
-            sure = f" ({percent(result.ranking[0].probability)})" if result.verdict == "named" else ""
-            lines.append(hung(f"{shown:<{wide}}  ", f"{headline(result)}{sure}"))
-        else:
-            lines.append(hung(f"{shown:<{wide}}  ", f"failed: {result.kind}"))
-    return "\n".join(lines)
-
-
-def identification(answer: Identification) -> str:
+def identification(answer: IdentificationValues) -> str:
     """An identification as text."""
     state = (
         "interrupted, best so far"
@@ -196,23 +171,4 @@ def identification(answer: Identification) -> str:
     if answer.cannot_show:
         lines += ["", "What this recording cannot show"]
         lines += [hung("  ", f"{listed(item['parameters'])}: {item['why']}") for item in answer.cannot_show]
-    return "\n".join(lines)
-
-
-def window(answer: WindowEstimate) -> str:
-    """One window of a tracker in one line, with further lines for what happened in it."""
-    span = f"{answer.t_start:9.4f} .. {answer.t_end:.4f} s"
-    if answer.status != "estimated":
-        lines = [f"{span}  skipped: {answer.why}"]
-    else:
-        cells = []
-        for name, entry in answer.parameters.items():
-            value, spread, sign = estimate(entry)
-            cells.append(f"{name} {value}{f' ± {spread}' if spread else ''} {sign}".rstrip())
-        if answer.disturbed_load_torque is not None and {"j", "b"} & set(answer.parameters):
-            cells.append(f"T_Ld {number(answer.disturbed_load_torque, 4)} N·m")
-        looks = ", ".join(answer.drift.looks_like or ()) or "steady"
-        rest = "" if answer.converged else "  (not at rest)"
-        lines = [f"{span}  {'  '.join(cells)}  {looks}{rest}"]
-    lines += [hung("             ", f"{note['finding']}: {note['consequence']}") for note in answer.notes]
     return "\n".join(lines)

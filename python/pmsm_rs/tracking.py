@@ -21,6 +21,8 @@ from .loader import load_columns
 from .recording import DEFAULT_MAX_BYTES
 from .results import Estimate, estimates
 from .run import METHODS, Swarm, fit_bounds
+from .summary import hung
+from .words import estimate, number
 
 Fit = Mapping[str, tuple[float, float] | None] | Iterable[str]
 
@@ -101,9 +103,22 @@ class WindowEstimate:
         return json.dumps(self.data, ensure_ascii=False, allow_nan=False)
 
     def __str__(self) -> str:
-        from .summary import window
-
-        return window(self)
+        """One window of a tracker in one line, with further lines for what happened in it."""
+        span = f"{self.t_start:9.4f} .. {self.t_end:.4f} s"
+        if self.status != "estimated":
+            lines = [f"{span}  skipped: {self.why}"]
+        else:
+            cells = []
+            for name, entry in self.parameters.items():
+                value, spread, sign = estimate(entry)
+                cells.append(f"{name} {value}{f' ± {spread}' if spread else ''} {sign}".rstrip())
+            if self.disturbed_load_torque is not None and {"j", "b"} & set(self.parameters):
+                cells.append(f"T_Ld {number(self.disturbed_load_torque, 4)} N·m")
+            looks = ", ".join(self.drift.looks_like or ()) or "steady"
+            rest = "" if self.converged else "  (not at rest)"
+            lines = [f"{span}  {'  '.join(cells)}  {looks}{rest}"]
+        lines += [hung("             ", f"{note['finding']}: {note['consequence']}") for note in self.notes]
+        return "\n".join(lines)
 
 
 class Tracker:

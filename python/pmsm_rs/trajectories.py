@@ -7,12 +7,12 @@ import os
 from . import tabular
 from ._core import UsageError
 from .errors import refuse
-from .results import Diagnosis
+from .results import DiagnosisValues
 
 _PARTS = ("_measured", "_before", "_after")
 
 
-def write(answer: Diagnosis, path: str | os.PathLike[str]) -> None:
+def write(answer: DiagnosisValues, path: str | os.PathLike[str]) -> None:
     """Writes t and NAME_measured, NAME_before, NAME_after of the run that is judged.
 
     Raises UsageError where there are no traces or the file cannot be written.

@@ -6,6 +6,7 @@ import math
 import re
 from functools import cache
 
+from .registry import effects
 from .results import Estimate
 
 _UNITS = {
@@ -111,8 +112,6 @@ def percent(share: float) -> str:
 
 @cache
 def _titles() -> dict[str, str]:
-    from .run import effects
-
     return {entry["id"]: entry["title"] for entry in effects()}
 
 

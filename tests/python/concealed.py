@@ -8,8 +8,8 @@ from typing import Any
 
 import pmsm_rs as pm
 from conftest import ROOT
+from pmsm_rs import Diagnosis
 from pmsm_rs.config import read_machine
-from pmsm_rs.results import Diagnosis
 
 sys.path.insert(0, str(ROOT))
 

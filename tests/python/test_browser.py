@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from browser import Page, browser, installed
-from pmsm_rs.results import Identification
+from pmsm_rs import Identification
 from test_results import IDENTIFICATION, diagnosis
 
 PROGRAM = installed()

@@ -9,8 +9,8 @@ import numpy as np
 import pmsm_rs as pm
 import pytest
 from concealed import diagnosed
+from pmsm_rs import Diagnosis
 from pmsm_rs.plot import unmodelled as draw
-from pmsm_rs.results import Diagnosis
 from pmsm_rs.unmodelled import Term, functions
 
 pytest.importorskip("numba")
