@@ -45,9 +45,11 @@ def assemble(
     beside: Callable[[str], Source] | None = None,
     *,
     finite: bool = True,
+    first: int = 0,
 ) -> dict[str, NDArray[np.float64]]:
     """The canonical SI columns of `source` as contiguous float64 arrays, `n` already turned into `omega_m`.
-    Values that are not finite are let through where `finite` is False.
+    Values that are not finite are let through where `finite` is False; `first` rows went before those of
+    `source`.
 
     `beside` opens another file by its name next to the recording. Raises DataError on a missing, doubtful,
     empty or unreadable column, on an unknown unit, and on a file beside with other sample times.
@@ -64,7 +66,7 @@ def assemble(
     out: dict[str, NDArray[np.float64]] = {}
     for name, rule in plan.items():
         if rule.period is not None:
-            out[name] = np.arange(rows, dtype=np.float64) * rule.period
+            out[name] = np.arange(first, first + rows, dtype=np.float64) * rule.period
         elif rule.value is not None:
             value = _convert(np.array([rule.value]), name, rule, source)
             out["omega_m" if name == "n" else name] = np.full(rows, value[0])

@@ -60,10 +60,16 @@ class Task:
     max_bytes: int
 
     def key(self) -> str:
-        """The same for the same question: contents of the files, machine, seed and version."""
+        """The same for the same question: contents of the files and of those beside them, machine, seed and
+        version.
+        """
         digest = hashlib.sha256(repr((_core.__version__, self.seed, _plain(self.machine))).encode())
+        beside = _beside(self.machine)
         for run in (self.recording, self.validation):
             digest.update(_contents(run))
+            if run is not None and not isinstance(run, Recording):
+                for name in beside:
+                    digest.update(_contents(Path(run).parent / name))
         return digest.hexdigest()
 
 
@@ -72,6 +78,12 @@ def _plain(machine: MachineFile | Machine) -> object:
         rules = sorted((name, repr(rule)) for name, rule in machine.columns.items())
         return _plain(machine.machine), machine.load, machine.load_value, rules
     return sorted(machine.__getnewargs_ex__()[1].items())
+
+
+def _beside(machine: MachineFile | Machine) -> list[str]:
+    """Names of the other files that columns are taken from, in the folder of each recording."""
+    rules = machine.columns.values() if isinstance(machine, MachineFile) else ()
+    return sorted({rule.file for rule in rules if rule is not None and rule.file is not None})
 
 
 def _contents(run: Run | None) -> bytes:

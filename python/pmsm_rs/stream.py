@@ -39,7 +39,7 @@ def batches(reader: Reader, rules: Rules | None) -> Iterator[Columns]:
     delivered before it is refused. Raises DataError naming the line, its column and the fix.
     """
     table: _Table | None = None
-    any_row = False
+    rows = 0
     for numbered in _lots(reader):
         good: list[tuple[int, list[float]]] = []
         trouble: DataError | None = None
@@ -56,11 +56,11 @@ def batches(reader: Reader, rules: Rules | None) -> Iterator[Columns]:
                 trouble = error
                 break
         if table is not None and good:
-            any_row = True
-            yield _columns(table, good, rules)
+            yield _columns(table, good, rules, rows)
+            rows += len(good)
         if trouble is not None:
             raise trouble
-    if not any_row:
+    if rows == 0:
         came = "nothing came" if table is None else "no sample came behind the header"
         raise refuse(DataError, came, file=NAME, fix="send CSV with a header, or one JSON object per line")
 
@@ -186,7 +186,7 @@ def _once(names: tuple[str, ...], number: int) -> None:
         raise _bad("is named twice", number, "name each column once", twice)
 
 
-def _columns(table: _Table, rows: list[tuple[int, list[float]]], rules: Rules | None) -> Columns:
+def _columns(table: _Table, rows: list[tuple[int, list[float]]], rules: Rules | None, first: int) -> Columns:
     values = np.array([row for _, row in rows], dtype=np.float64).T
     at = {name: k for k, name in enumerate(table.names)}
 
@@ -197,4 +197,4 @@ def _columns(table: _Table, rows: list[tuple[int, list[float]]], rules: Rules | 
         return rows[row][0], f"line {rows[row][0]}"
 
     source = Source(NAME, table.names, read, units=table.units, place=place)
-    return assemble(source, rules, finite=False)
+    return assemble(source, rules, finite=False, first=first)

@@ -200,10 +200,14 @@ def test_a_motor_that_does_nothing_gives_no_confident_answer(
 ) -> None:
     columns = {name: np.zeros_like(values) for name, values in plausible().items()} | {"t": plausible()["t"]}
     (tmp_path / "r.csv").write_text(csv_text(columns))
-    ran = run("diagnose", tmp_path / "r.csv", "--machine", machine_file, "--json", tmp_path / "a.json")
-    assert ran.code in (0, 3, 4)
-    if ran.code == 0:
-        assert json.loads((tmp_path / "a.json").read_text())["verdict"] == "undetermined"
+    outputs = ("--json", tmp_path / "a.json", "--trajectories", tmp_path / "t.parquet")
+    ran = run("diagnose", tmp_path / "r.csv", "--machine", machine_file, *outputs)
+    assert ran.code == 0
+    assert json.loads((tmp_path / "a.json").read_text())["verdict"] == "undetermined"
+    assert "too poor" in ran.out
+    # There is nothing to compare with, which is no mistake of the user's.
+    assert "t.parquet is not written" in ran.err
+    assert not (tmp_path / "t.parquet").exists()
 
 
 def test_internal_faults_are_told_apart(monkeypatch: pytest.MonkeyPatch, run: Run) -> None:

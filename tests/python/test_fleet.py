@@ -18,6 +18,9 @@ import pmsm_rs as pm
 import pytest
 from conftest import PACKAGE, Ran, csv_text
 from pmsm_rs import crew
+from pmsm_rs.columns import Rule
+from pmsm_rs.config import MachineFile
+from pmsm_rs.crew import Task
 
 MACHINE = pm.Machine(n_p=3, r_s=0.9, l_d=0.0096, l_q=0.0213, psi_m=0.193, j=0.0126, b=0.0017)
 SPAWN = multiprocessing.get_context("spawn")
@@ -117,6 +120,20 @@ def test_only_the_same_question_is_answered_from_the_ledger(files: list[Path], t
     files[0].write_text(files[2].read_text())
     assert pm.diagnose_many(files[:1], MACHINE, ledger=ledger).resumed == 0
     assert pm.diagnose_many(files[:1], MACHINE, ledger=ledger).resumed == 1
+
+
+def test_a_file_beside_the_recording_is_a_part_of_the_question(files: list[Path], tmp_path: Path) -> None:
+    def key() -> str:
+        rule = Rule(source="C2", file="channel2.csv")
+        columns = {"v_b": rule, "temperature": None}
+        machine = MachineFile("m.toml", MACHINE, None, None, columns)
+        return Task(str(files[0]), "first", files[0], None, machine, 1, 1, 1 << 30).key()
+
+    absent = key()
+    (files[0].parent / "channel2.csv").write_text("t,C2\n0,1\n")
+    first = key()
+    (files[0].parent / "channel2.csv").write_text("t,C2\n0,2\n")
+    assert len({absent, first, key()}) == 3
 
 
 def test_a_torn_line_is_passed_over(files: list[Path], tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 import pmsm_rs as pm
 import pytest
 from conftest import Ran
+from pmsm_rs.columns import Rule
 from pmsm_rs.stream import batches
 
 Run = Callable[..., Ran]
@@ -287,14 +288,23 @@ def test_streams_that_are_none(data: bytes, says: str, machine_file: Path) -> No
     assert says in ran.stderr.decode()
 
 
+class Pipe:
+    """A reader that has these parts to give, one at a time."""
+
+    def __init__(self, *parts: bytes) -> None:
+        self.parts = list(parts)
+
+    def read1(self, _size: int) -> bytes:
+        return self.parts.pop(0) if self.parts else b""
+
+
+def test_a_stream_without_time_goes_on_where_the_last_lot_ended() -> None:
+    rules = {"t": Rule(period=0.5)}
+    got = list(batches(Pipe(b"i_d,i_q\n1,2\n", b"3,4\n5,", b"6\n"), rules))
+    assert [b["t"].tolist() for b in got] == [[0.0], [0.5], [1.0]]
+
+
 def test_units_and_names_of_a_stream_are_those_of_a_file() -> None:
-    class Pipe:
-        def __init__(self, *parts: bytes) -> None:
-            self.parts = list(parts)
-
-        def read1(self, _size: int) -> bytes:
-            return self.parts.pop(0) if self.parts else b""
-
     parts = Pipe(b"# a logger\ntime [ms];i_d;n [rpm]\n0;1,5;6", b"0\n1;;120\n\n", b"2;nan;180")
     got = list(batches(parts, None))
     assert np.concatenate([b["t"] for b in got]) == pytest.approx([0.0, 1e-3, 2e-3])

@@ -105,7 +105,9 @@ def diagnose(
         terminal.finish(json_file, refused(error, seed=seed).to_json)
         raise
     terminal.finish(json_file, answer.to_json)
-    if trajectories:
+    if trajectories and answer.shown is None:
+        terminal.say(f"{trajectories} is not written: no model was simulated on this recording")
+    elif trajectories:
         answer.trajectories(trajectories)
     if report_file:
         answer.report(report_file, title=", ".join(Path(recording).name for recording in recordings))

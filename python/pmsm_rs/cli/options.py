@@ -47,7 +47,7 @@ SEED = click.option(
     default=1,
     show_default=True,
     metavar="N",
-    help="Seed of all random numbers.",
+    help="Seed of the swarm's random numbers; a diagnosis only records it.",
 )
 
 

@@ -40,10 +40,15 @@ def finish(json_file: str | None, text: Callable[[], str]) -> None:
         write_text(json_file, text())
 
 
-def fail(code: int, message: str) -> NoReturn:
-    """Ends the program with one sentence on standard error."""
+def say(message: str) -> None:
+    """One sentence on standard error."""
     clear()
     click.echo(f"pmsm-rs: {message}", err=True)
+
+
+def fail(code: int, message: str) -> NoReturn:
+    """Ends the program with one sentence on standard error."""
+    say(message)
     sys.exit(code)
 
 
