@@ -125,8 +125,8 @@ impl Signals {
     /// The same without phase currents where only rotor-frame ones were logged: the model without effects needs none.
     ///
     /// # Errors
-    /// [`Error::Column`] if angle and speed contradict each other (mechanical taken for electrical, opposite sense), or if
-    /// the angle turns too far between samples to be unwrapped.
+    /// [`Error::Column`] if angle and speed contradict each other (mechanical taken for electrical, opposite sense), if
+    /// the angle turns too far between samples to be unwrapped, or if all phase currents but one are zero.
     pub fn in_rotor_frame(recording: &Recording, machine: &Machine) -> Result<Self> {
         let n_p = f64::from(machine.n_p);
         let n = recording.len();
@@ -189,6 +189,9 @@ impl Signals {
             (Some(d), Some(q)) => Some([d.to_vec(), q.to_vec()]),
             _ => phases.as_ref().map(|abc| phases::to_rotor(abc, &theta_e)),
         };
+        if i.is_none() && (recording.kind() != Kind::Mechanical || recording.column("tau_e").is_none()) {
+            return Err(phases::too_few(recording));
+        }
         let (v_d, v_q) = (recording.column("v_d"), recording.column("v_q"));
         let (v, axes) = match (v_d, v_q) {
             (Some(d), Some(q)) => (Some([d.to_vec(), q.to_vec()]), [true; 2]),
@@ -200,9 +203,11 @@ impl Signals {
                 (v, [true; 2])
             }
         };
-        let relative =
-            |name: &str| recording.column(name).map(|x| x.iter().map(|v| v - x[0]).collect::<Vec<f64>>());
-        let (heating, magnet_heating) = (relative("temperature"), relative("temperature_magnet"));
+        let above = |name: &str| {
+            let column = recording.column(name);
+            column.map(|x| x.iter().map(|v| v - REFERENCE_TEMPERATURE).collect::<Vec<f64>>())
+        };
+        let (heating, magnet_heating) = (above("temperature"), above("temperature_magnet"));
         let tau_e = scaled("tau_e", 1.0);
         if segments.len() > 1 {
             findings.push(Finding {
@@ -321,6 +326,30 @@ mod tests {
         assert!((signals.theta_m[last] - 75.0 * signals.t[last]).abs() < 1e-9);
         assert_eq!(signals.context.i_max, 5.0);
         assert_eq!(signals.context.omega_e_max, 300.0);
+    }
+
+    #[test]
+    fn a_winding_is_as_warm_as_was_logged_from_the_first_sample_on() {
+        let cold = turning(2000, 300.0, 1.0);
+        let columns = ["t", "theta_e", "omega_e", "v_d", "v_q", "i_d", "i_q"]
+            .map(|name| (name.to_string(), cold.column(name).unwrap().to_vec()));
+        let warm = columns.into_iter().chain([("temperature".to_string(), vec![80.0; 2000])]).collect();
+        let signals = Signals::new(&Recording::new(warm, None).unwrap(), &Machine::new(4).unwrap()).unwrap();
+        assert_eq!(signals.heating.unwrap()[0], 60.0);
+    }
+
+    #[test]
+    fn one_current_clamp_is_too_few() {
+        let whole = turning(2000, 300.0, 1.0);
+        let current = |name: &str, f: fn(f64) -> f64| {
+            (name.to_string(), whole.t().iter().map(|t| f(300.0 * t)).collect::<Vec<f64>>())
+        };
+        let columns = ["t", "theta_e", "omega_e", "v_d", "v_q"]
+            .map(|name| (name.to_string(), whole.column(name).unwrap().to_vec()));
+        let currents = [current("i_a", f64::sin), current("i_b", |_| 0.0), current("i_c", |_| 0.0)];
+        let recording = Recording::new(columns.into_iter().chain(currents).collect(), None).unwrap();
+        let error = Signals::new(&recording, &Machine::new(4).unwrap()).unwrap_err().to_string();
+        assert!(error.contains("i_b") && error.contains("two phase currents"), "{error}");
     }
 
     #[test]

@@ -215,7 +215,8 @@ fn read(phases: &[Phase], speed: f64, top: f64) -> Result<Calibration> {
     let mut sorted = flux;
     sorted.sort_by(f64::total_cmp);
     for (x, phase) in phases.iter().enumerate() {
-        if flux[x] < CERTAIN * phase.spread[1] {
+        // Not "less": a channel of zeros has no scatter either.
+        if !(flux[x] > CERTAIN * phase.spread[1]) {
             let column = ["v_a", "v_b", "v_c"][x].to_string();
             let problem = "shows no voltage at the frequency of the speed".to_string();
             return Err(Error::Column { column, problem, fix: "check the probe, the speed and n_p".into() });
@@ -343,6 +344,16 @@ mod tests {
         assert!(
             words[1].contains("v_b has an offset") && words[2].contains("v_c has an offset of -0.2000 V")
         );
+    }
+
+    #[test]
+    fn a_probe_that_fell_off_is_named() {
+        let (mut v, omega, theta) = run(1.0);
+        v[1].fill(0.0);
+        for angle_known in [false, true] {
+            let text = calibrate([&v[0], &v[1], &v[2]], &omega, &theta, angle_known).unwrap_err().to_string();
+            assert!(text.contains("v_b") && text.contains("shows no voltage"), "{text}");
+        }
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use super::Finding;
 use super::open_circuit::Calibration;
+use crate::error::Error;
 use crate::real::Real;
 use crate::recording::Recording;
 use crate::transforms::park;
@@ -38,6 +39,18 @@ pub fn currents(recording: &Recording, findings: &mut Vec<Finding>) -> (Option<[
     let mut phases = logged.map(|x| x.unwrap_or_default().to_vec());
     phases[lost] = rest;
     (Some(phases), false)
+}
+
+/// What is wrong with a recording whose phase currents do not make a current vector.
+pub fn too_few(recording: &Recording) -> Error {
+    let measured = measured(recording);
+    let dead = (0..3).find(|k| measured[*k].is_none() && recording.column(PHASES[*k]).is_some());
+    Error::Column {
+        column: PHASES[dead.unwrap_or(0)].into(),
+        problem: "is zero throughout, and so is another phase current".into(),
+        fix: "log two phase currents at least, or leave the columns of phases that were not measured out"
+            .into(),
+    }
 }
 
 /// Number of the only phase whose current was not logged.
