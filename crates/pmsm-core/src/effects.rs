@@ -154,3 +154,37 @@ impl EffectId {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effect::Context;
+    use crate::effects::testing::CX;
+
+    #[test]
+    fn bounds_hold_what_is_typical_on_the_shortest_and_slowest_of_logs_too() {
+        for cx in [
+            CX,
+            Context { period: 0.1, duration: 1.6, ..CX },
+            Context { period: 1e-5, duration: 600.0, ..CX },
+        ] {
+            for effect in ALL {
+                for parameter in effect.info().parameters {
+                    let [low, typical, high] =
+                        [parameter.low, parameter.typical, parameter.high].map(|f| f(&cx));
+                    let name = parameter.name;
+                    assert!(
+                        low <= typical.abs() && typical <= high,
+                        "{} {name}: {low} {typical} {high}",
+                        effect.id()
+                    );
+                }
+                let inside = |probe: &Vec<f64>| {
+                    let mut both = effect.info().parameters.iter().zip(probe);
+                    both.all(|(p, x)| (p.low)(&cx) <= *x && *x <= (p.high)(&cx))
+                };
+                assert!(effect.probes(&cx).iter().all(inside), "{}", effect.id());
+            }
+        }
+    }
+}

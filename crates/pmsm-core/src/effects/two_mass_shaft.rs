@@ -47,7 +47,7 @@ impl Effect for TwoMassShaft {
                 meaning: "antiresonance: the load swinging on a held rotor",
                 role: Role::Shape,
                 low: |cx| 2.0 / cx.duration,
-                high: |cx| 0.1 / cx.period,
+                high: |cx| (0.1 / cx.period).max(2.0 / cx.duration),
                 typical: |cx| 60f64.min(0.1 / cx.period).max(2.0 / cx.duration),
             },
             Parameter {
@@ -74,7 +74,8 @@ impl Effect for TwoMassShaft {
         let low = 8f64.max(3.0 / cx.duration).min(0.5 * high);
         let steps = ((high / low).ln() / 1.2f64.ln()).ceil().max(1.0) as i32;
         (0..=steps)
-            .map(|k| vec![0.5, low * (high / low).powf(f64::from(k) / f64::from(steps)), 0.03])
+            .map(|k| low * (high / low).powf(f64::from(k) / f64::from(steps)))
+            .map(|f| vec![0.5, f.clamp(2.0 / cx.duration, (0.1 / cx.period).max(2.0 / cx.duration)), 0.03])
             .collect()
     }
 

@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 
 /// Largest accepted number of particles and of iterations: memory is reserved for them in advance.
 const MAX_COUNT: usize = 1_000_000;
+/// The same where every particle keeps a list of all others.
+const MOST_INFORMED: usize = 3000;
 
 /// Settings of the swarm. The default is the paper's: 10 particles, 30 iterations, w = 0.8, c₁ = c₂ = 2; the paper
 /// leaves the velocity limit open, here it is 0.2 of each range.
@@ -82,6 +84,11 @@ impl SwarmSettings {
             let expected = "a constricted swarm needs more than 4, such as 2.05 + 2.05";
             return Err(Error::quantity("cognitive + social", phi, "", expected));
         }
+        let crowded = self.update == Update::FullyInformed && self.neighbourhood == Neighbourhood::All;
+        if crowded && self.particles > MOST_INFORMED {
+            let expected = "where each listens to all others it must be at most 3000; name a neighbourhood, ring or von_neumann";
+            return Err(Error::quantity("particles", self.particles as f64, "", expected));
+        }
         Ok(())
     }
 }
@@ -93,6 +100,7 @@ mod tests {
     #[test]
     fn what_makes_no_sense_is_refused() {
         let ok = SwarmSettings::default();
+        let informed = SwarmSettings { update: Update::FullyInformed, cognitive: 2.05, social: 2.05, ..ok };
         for bad in [
             SwarmSettings { particles: 0, ..ok },
             SwarmSettings { iterations: 0, ..ok },
@@ -102,8 +110,11 @@ mod tests {
             SwarmSettings { social: f64::INFINITY, ..ok },
             SwarmSettings { velocity_limit: 0.0, ..ok },
             SwarmSettings { velocity_limit: 1.5, ..ok },
+            SwarmSettings { particles: 100_000, ..informed },
         ] {
             assert!(matches!(bad.validate(), Err(Error::Quantity { .. })), "{bad:?}");
         }
+        let ring = SwarmSettings { neighbourhood: Neighbourhood::Ring, particles: 100_000, ..informed };
+        assert!(ring.validate().is_ok() && informed.validate().is_ok());
     }
 }

@@ -66,7 +66,8 @@ impl Neighbourhood {
             Self::All => (0..n).collect(),
             Self::Ring => around(n, i).to_vec(),
             Self::VonNeumann => {
-                let width = (1..=n).filter(|w| n.is_multiple_of(*w) && w * w <= n).max().unwrap_or(1);
+                let width =
+                    (1..=n).take_while(|w| w * w <= n).filter(|w| n.is_multiple_of(*w)).last().unwrap_or(1);
                 let (row, column) = (i / width, i % width);
                 let beside = around(width, column).map(|c| row * width + c);
                 let above = around(n / width, row).map(|r| r * width + column);
