@@ -83,7 +83,7 @@ pub fn diagnose(
         Held::InRotor(theirs) => settled = Some(theirs),
         Held::Unasked => {}
     }
-    if turns::settle(&mut whole, &base) {
+    if turns::settle(&mut whole, &base, monitor) {
         base = fitting::refit(&whole, &base, monitor)?;
         settled = None;
     }

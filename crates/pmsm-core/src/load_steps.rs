@@ -15,6 +15,7 @@ use crate::dual::Dual;
 use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::model::Model;
+use crate::monitor::Monitor;
 use crate::real::Real;
 use crate::signals::Signals;
 use crate::simulate::electrical::measured_env;
@@ -39,20 +40,27 @@ const LANES: usize = 8;
 
 /// Instants (s from the first sample, ascending) at which the load changes, given the motor torque per sample
 /// `tau_e` and the mechanical parameters `free` that may still be wrong. Effects with states of their own are
-/// taken as rigid here.
-pub fn find(model: &Model, signals: &Signals, p: &[f64], tau_e: &[f64], free: &[usize]) -> Vec<f64> {
+/// taken as rigid here. Once `monitor` says stop, those that have been found by then.
+pub fn find(
+    model: &Model,
+    signals: &Signals,
+    p: &[f64],
+    tau_e: &[f64],
+    free: &[usize],
+    monitor: &dyn Monitor,
+) -> Vec<f64> {
     let grid = Grid::new(model, signals, p, tau_e, free);
     let most = RATE.1.max((RATE.0 * signals.context.duration) as usize);
     // Steps are added without asking what they are worth, because with some of them missing what is left is too
     // coloured to tell; those that do not pay in the end are pruned.
     let mut steps: Vec<f64> = Vec::new();
-    while steps.len() < most {
+    while steps.len() < most && !monitor.cancelled() {
         let Some(step) = Fit::new(&grid, &steps).best_hinge(&grid, &steps) else { break };
         steps.push(step);
-        grid.move_each(&mut steps, &STRIDES[..2]);
+        grid.move_each(&mut steps, &STRIDES[..2], monitor);
     }
-    grid.move_each(&mut steps, &STRIDES);
-    grid.prune(&mut steps);
+    grid.move_each(&mut steps, &STRIDES, monitor);
+    grid.prune(&mut steps, monitor);
     steps
 }
 
@@ -148,10 +156,10 @@ impl Grid {
     }
 
     /// Moves each step to where it explains most, in ever finer strides.
-    fn move_each(&self, steps: &mut [f64], strides: &[f64]) {
+    fn move_each(&self, steps: &mut [f64], strides: &[f64], monitor: &dyn Monitor) {
         let duration = self.t[self.t.len() - 1];
         for stride in strides.iter().map(|s| s / SCAN as f64) {
-            for at in 0..steps.len() {
+            for at in (0..steps.len()).take_while(|_| !monitor.cancelled()) {
                 let others: Vec<f64> =
                     steps.iter().enumerate().filter(|(k, _)| *k != at).map(|(_, s)| *s).collect();
                 let fit = Fit::new(self, &others);
@@ -165,8 +173,8 @@ impl Grid {
     }
 
     /// Takes away every step that does not pay for itself once the others are in place.
-    fn prune(&self, steps: &mut Vec<f64>) {
-        loop {
+    fn prune(&self, steps: &mut Vec<f64>, monitor: &dyn Monitor) {
+        while !monitor.cancelled() {
             let whole = Fit::new(self, steps);
             let worth = |at: usize| {
                 let mut others = steps.clone();
@@ -178,7 +186,7 @@ impl Grid {
             match weakest {
                 Some((at, worth)) if worth < GAIN => {
                     steps.remove(at);
-                    self.move_each(steps, &STRIDES);
+                    self.move_each(steps, &STRIDES, monitor);
                 }
                 _ => return,
             }
@@ -300,6 +308,7 @@ fn restrict(model: &Model, kept: &Model, p: &[f64]) -> (Vec<f64>, Vec<Option<usi
 mod tests {
     use super::*;
     use crate::machine::{BaseParameter, Machine};
+    use crate::monitor::{Silent, StopFlag};
     use crate::recording::{Load, Recording};
 
     const J: f64 = 0.01;
@@ -341,7 +350,7 @@ mod tests {
         let model = Model::new(signals.context, &[]);
         let torque = signals.tau_e.clone().unwrap();
         let p = [1.0, 1e-3, 1e-3, 0.1, 0.012, 0.0025];
-        find(&model, &signals, &p, &torque, &[4, 5])
+        find(&model, &signals, &p, &torque, &[4, 5], &Silent)
     }
 
     #[test]
@@ -352,6 +361,17 @@ mod tests {
         for (found, step) in found.iter().zip(steps) {
             assert!((found - step).abs() < 0.001, "{step}: {found}");
         }
+    }
+
+    #[test]
+    fn nothing_is_sought_once_it_is_to_stop() {
+        let (recording, machine) = run(&[0.8, 1.6], &[0.9]);
+        let signals = Signals::new(&recording, &machine).unwrap();
+        let stop = StopFlag::default();
+        stop.stop();
+        let (model, torque) = (Model::new(signals.context, &[]), signals.tau_e.clone().unwrap());
+        let p = [1.0, 1e-3, 1e-3, 0.1, 0.012, 0.0025];
+        assert!(find(&model, &signals, &p, &torque, &[4, 5], &stop).is_empty());
     }
 
     #[test]

@@ -40,8 +40,9 @@ pub fn fit(
 ) -> Result<Motion> {
     let own = &start[..model.parameter_count()];
     let torque = &data.torque(model, own);
-    let begin =
-        |(run, part): (usize, &Data)| State::start(part, model, own, rotor, &torque[data.samples_of(run)]);
+    let begin = |(run, part): (usize, &Data)| {
+        State::start(part, model, own, rotor, &torque[data.samples_of(run)], monitor)
+    };
     let states = match load {
         Some((nuisances, load)) => found(nuisances, load),
         None => data.runs().iter().enumerate().map(begin).collect(),

@@ -9,13 +9,14 @@ use super::hypothesis::Hypothesis;
 use super::shortlist::Scorer;
 use crate::effect::Site;
 use crate::effects::{self, EffectId};
+use crate::monitor::Monitor;
 use std::f64::consts::TAU;
 
 /// Another turn must raise the score by this factor to be taken.
 const BETTER: f64 = 1.02;
 
 /// Shifts the mechanical angle of the recordings by whole electrical turns so that they agree, and says whether any was shifted.
-pub fn settle(data: &mut Data, base: &Hypothesis) -> bool {
+pub fn settle(data: &mut Data, base: &Hypothesis, monitor: &dyn Monitor) -> bool {
     let turns = data.signals.n_p as usize;
     let known = data.parts.iter().position(|p| p.signals.turn_known);
     let reference = known.unwrap_or(0);
@@ -27,14 +28,16 @@ pub fn settle(data: &mut Data, base: &Hypothesis) -> bool {
         }
         let step = TAU / data.signals.n_p;
         let mut best = (0, score(data, base));
-        for turn in 1..turns {
+        let mut on = 0;
+        for turn in (1..turns).take_while(|_| !monitor.cancelled()) {
             turn_on(data, run, step);
+            on = turn;
             let score = score(data, base);
             if score > BETTER * best.1 {
                 best = (turn, score);
             }
         }
-        turn_on(data, run, step * (best.0 as f64 - (turns - 1) as f64));
+        turn_on(data, run, step * (best.0 as f64 - on as f64));
         shifted |= best.0 > 0;
     }
     shifted

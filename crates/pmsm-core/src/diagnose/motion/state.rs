@@ -5,6 +5,7 @@ use crate::experiment::split;
 use crate::load_steps;
 use crate::machine::BaseParameter;
 use crate::model::Model;
+use crate::monitor::Monitor;
 use crate::recording::Load;
 use crate::simulate::mechanical::Nuisance;
 
@@ -18,13 +19,23 @@ pub struct State {
 
 impl State {
     /// Where the fit of one recording begins.
-    pub fn start(data: &Data, model: &Model, own: &[f64], rotor: &[usize], torque: &[f64]) -> Self {
+    pub fn start(
+        data: &Data,
+        model: &Model,
+        own: &[f64],
+        rotor: &[usize],
+        torque: &[f64],
+        monitor: &dyn Monitor,
+    ) -> Self {
         if !data.has(false) {
             return Self { levels: Vec::new(), steps: Vec::new(), deviations: Vec::new() };
         }
         let piecewise = data.signals.load == Load::UnknownPiecewise;
-        let steps =
-            if piecewise { load_steps::find(model, &data.signals, own, torque, rotor) } else { Vec::new() };
+        let steps = if piecewise {
+            load_steps::find(model, &data.signals, own, torque, rotor, monitor)
+        } else {
+            Vec::new()
+        };
         let unknown = piecewise || data.signals.load == Load::UnknownConstant;
         let level = if unknown { start_level(data, torque, own) } else { 0.0 };
         Self {
