@@ -216,7 +216,7 @@ fn read(phases: &[Phase], speed: f64, top: f64) -> Result<Calibration> {
     sorted.sort_by(f64::total_cmp);
     for (x, phase) in phases.iter().enumerate() {
         // Not "less": a channel of zeros has no scatter either.
-        if !(flux[x] > CERTAIN * phase.spread[1]) {
+        if flux[x] <= CERTAIN * phase.spread[1] || flux[x].is_nan() {
             let column = ["v_a", "v_b", "v_c"][x].to_string();
             let problem = "shows no voltage at the frequency of the speed".to_string();
             return Err(Error::Column { column, problem, fix: "check the probe, the speed and n_p".into() });

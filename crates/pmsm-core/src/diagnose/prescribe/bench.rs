@@ -158,8 +158,10 @@ impl<'a> Bench<'a> {
         }
         let mut columns: Vec<(String, Vec<f64>)> = Vec::new();
         match (&known.tau_e, &known.i, &known.phases) {
-            (None, Some(_), Some(_)) if known.three_currents => names.extend(["i_a", "i_b", "i_c"]),
-            (None, Some(_), Some(_)) => names.extend(["i_a", "i_b"]),
+            (None, Some(_), Some(_)) => {
+                let measured = (0..3).filter(|x| known.context.completed_phase != Some(*x));
+                names.extend(measured.map(|x| ["i_a", "i_b", "i_c"][x]));
+            }
             (tau_e, ..) => {
                 let seen = Signals::new(&recording, &self.nameplate)?;
                 if tau_e.is_some() {
