@@ -49,13 +49,19 @@ fn tracker(c: &mut Criterion) {
     group.finish();
 }
 
-/// A drive that reverses once a second, at 10 kHz.
-fn recording(seconds: u32, effects: &[Choice]) -> (Recording, Machine) {
+/// A drive that reverses once a second, at 10 kHz, under a load that nobody knows and that changes every 0.7 s, or under none.
+fn recording(seconds: u32, effects: &[Choice], stepping: bool) -> (Recording, Machine) {
     let machine = Machine::liu_2008().with_drive(Some(560.0), Some(20.0), Some(1e4)).expect("a sane drive");
     let mut manoeuvre = Manoeuvre::new(f64::from(seconds));
     manoeuvre.settle = 0.3;
     let speeds = (0..=4 * seconds).map(|k| (0.25 * f64::from(k), [0.0, 90.0, -40.0, -80.0][k as usize % 4]));
     manoeuvre.omega_m = Some(Schedule::new(speeds.collect(), Shape::Linear).expect("a schedule"));
+    if stepping {
+        let loads =
+            (0..=seconds * 10 / 7).map(|k| (0.7 * f64::from(k), [2.0, 5.0, 1.0, 3.5][k as usize % 4]));
+        manoeuvre.tau_load = Some(Schedule::new(loads.collect(), Shape::Steps).expect("a schedule"));
+        manoeuvre.load_kind = Some("unknown_piecewise".into());
+    }
     let mut setup = Setup::new(machine, manoeuvre);
     setup.effects = effects.to_vec();
     (setup.drive.sensors.noise_i, setup.drive.sensors.noise_omega_e) = (0.05, 0.3);
@@ -67,9 +73,13 @@ fn diagnosis(c: &mut Criterion) {
         Choice { effect: "coulomb_friction".into(), parameters: [("tau_c".to_owned(), 0.3)].into() };
     let mut group = c.benchmark_group("diagnosis with the whole catalogue");
     group.sample_size(10);
-    for (name, effects) in [("clean", Vec::new()), ("Coulomb friction", vec![friction])] {
+    for (name, effects, stepping) in [
+        ("clean", Vec::new(), false),
+        ("Coulomb friction", vec![friction], false),
+        ("a load that steps", Vec::new(), true),
+    ] {
         for seconds in [1, 2, 4, 8] {
-            let (recording, machine) = recording(seconds, &effects);
+            let (recording, machine) = recording(seconds, &effects, stepping);
             group.throughput(Throughput::Elements(recording.len() as u64));
             group.bench_function(BenchmarkId::new(name, format!("{seconds} s")), |b| {
                 b.iter(|| diagnose(&[&recording], &machine, None, &Silent).expect("an answer"));

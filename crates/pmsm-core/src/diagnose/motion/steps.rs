@@ -71,7 +71,7 @@ pub fn steps_apart(experiment: &Joint, fitted: &Fitted, run: usize) -> Vec<usize
     let (nuisance, own) = (experiment.runs()[run].nuisance, experiment.nuisance(run).start);
     let steps = &fitted.parameters[own + nuisance.levels..][..nuisance.steps()];
     let duration = experiment.runs()[run].signals.context.duration;
-    let closest = load_steps::CLOSEST * duration;
+    let closest = load_steps::closest(duration);
     let mut last = 0.0;
     let mut apart = Vec::with_capacity(steps.len());
     for (at, step) in steps.iter().enumerate() {
