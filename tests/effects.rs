@@ -10,7 +10,7 @@ mod support;
 
 use pmsm_core::base::{BASE, Base};
 use pmsm_core::dual::Dual;
-use pmsm_core::effect::{Env, Role, Site};
+use pmsm_core::effect::{Context, Env, Role, Site};
 use pmsm_core::effects::{ALL, EffectId};
 use pmsm_core::model::Model;
 use pmsm_core::real::Real;
@@ -177,8 +177,10 @@ fn a_steady_state_carries_the_current_it_was_asked_for() {
 #[test]
 fn the_true_current_is_found_behind_the_measured_one() {
     let signals = run(false);
+    // Three sensors without noise add up to nothing, as if one of them were none.
+    let cx = Context { completed_phase: None, ..signals.context };
     for &effect in ALL.iter().filter(|e| e.info().site == Site::Sensor) {
-        let model = Model::new(signals.context, &[effect]);
+        let model = Model::new(cx, &[effect]);
         let own: Vec<f64> = typical(effect, &signals).iter().map(|x| 5.0 * x).collect();
         let p = with(&own);
         for k in 0..50 {

@@ -16,7 +16,7 @@ use crate::wander::Wander;
 const STRETCH: usize = 64;
 const LOUD: f64 = 1.2;
 
-/// Share of driven noise in the square of a speed's floor from which its residual is whitened.
+/// Share of driven noise in the square of a floor from which a speed's residual is whitened, and a current's may lie above it by chance.
 const WANDERS: f64 = 0.05;
 /// Standard errors by which whitening may misjudge an inertia; where it would by more the residual is left as it is.
 const HARMLESS: f64 = 0.3;
@@ -43,6 +43,9 @@ pub struct Floor {
     pub driven: f64,
     /// How far the mean square may be off, share of it: two standard errors, where few samples tell of it.
     pub unsure: f64,
+    /// How far the square of the driven part may be off, share of the mean square: two standard errors, by what the draws of that noise
+    /// differ. Zero where it is no good part of the whole.
+    pub swing: f64,
     /// How the driven part makes a speed wander, where it is a good part of the whole: what is left is then judged by its innovations.
     pub wander: Option<Wander>,
 }
@@ -53,11 +56,11 @@ impl Floor {
         self.sensor.hypot(self.driven)
     }
 
-    /// How far a mean square may lie above the floor's by chance, share of it: by what the floor is unsure of, and by the driven noise of a
-    /// speed where that is not taken out; currents forget what drove them within a few samples.
+    /// How far a mean square may lie above the floor's by chance, share of it: by what the floor is unsure of, and by the driven noise, which
+    /// adds up in a speed and lasts in the currents of a machine of little resistance, where that is not taken out.
     pub fn chance(&self) -> f64 {
-        let forgets = self.channel.is_electrical() || self.wander.is_some();
-        self.unsure + if forgets { 0.0 } else { self.share() }
+        let speed = !self.channel.is_electrical() && self.wander.is_none();
+        self.unsure + if speed { self.share() } else { self.swing }
     }
 
     /// Share of the driven noise in the square of both parts.
@@ -123,7 +126,7 @@ pub fn floors(experiment: &Experiment, p: &[f64]) -> (Vec<Floor>, InputNoise) {
             // A noiseless log still has a resolution; nothing can be told below it.
             let scale = experiment.measured(*channel).iter().fold(0.0f64, |m, x| m.max(x.abs()));
             let sensor = sensor.max(1e-6 * scale).max(f64::MIN_POSITIVE);
-            Floor { channel: *channel, sensor, driven: 0.0, unsure, wander: None }
+            Floor { channel: *channel, sensor, driven: 0.0, unsure, swing: 0.0, wander: None }
         })
         .collect();
     let input = voltage_noise(experiment, p, &rest, &mut floors);
@@ -164,7 +167,7 @@ fn add_driven(
     floors: &mut [Floor],
 ) {
     let mut random = Gaussian::new();
-    let mut squares = vec![0.0; floors.len()];
+    let mut squares = vec![Vec::with_capacity(DRAWS); floors.len()];
     let speed = floors.iter().position(|f| f.channel == Channel::OmegaE);
     let mut steps = (0.0, 0);
     // Only the inputs are noisy: the initial currents and speeds come from the clean log.
@@ -177,7 +180,7 @@ fn add_driven(
     for again in drawn {
         for (at, square) in squares.iter_mut().enumerate() {
             let difference = clean[at].iter().zip(&again[at]).map(|(a, b)| (a - b).powi(2));
-            *square += difference.sum::<f64>() / (clean[at].len() * DRAWS) as f64;
+            square.push(difference.sum::<f64>() / (clean[at].len() * DRAWS) as f64);
         }
         if let Some(at) = speed {
             let off = |k: usize| again[at][k] - clean[at][k];
@@ -186,9 +189,16 @@ fn add_driven(
             }
         }
     }
-    for (floor, square) in floors.iter_mut().zip(squares) {
+    for (floor, squares) in floors.iter_mut().zip(squares) {
         // In the speed the fitted initial value answers to the added sensor noise, too; that part is small.
+        let square = squares.iter().sum::<f64>();
         floor.driven = if square.is_finite() { square.sqrt() } else { 0.0 };
+        if floor.channel.is_electrical() && floor.share() > WANDERS {
+            let draws = DRAWS as f64;
+            let spread = squares.iter().map(|x| (draws * x - square).powi(2)).sum::<f64>() / (draws - 1.0);
+            // Of what is left, and of the mean of the draws.
+            floor.swing = 2.0 * (spread * (1.0 + 1.0 / draws)).sqrt() / floor.total().powi(2);
+        }
     }
     let step = (steps.0 / steps.1.max(1) as f64).sqrt();
     if let Some(at) = speed.filter(|at| step.is_finite() && floors[*at].share() > WANDERS) {

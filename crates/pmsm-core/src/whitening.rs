@@ -5,7 +5,8 @@
 //!
 //! > x_{k+1} = A_k·x_k + w_k,  e_k = x_k + n_k,  A_k = exp(h·[[−r_s/l_d, ω·l_q/l_d], [−ω·l_d/l_q, −r_s/l_q]]),
 //!
-//! w the voltage noise times h/l, n the sensors' noise. A Kalman filter with these covariances turns e into innovations, and their
+//! w the voltage noise times h/l, n the sensors' noise. Where the voltage is clean w is what the noise of the logged speed does,
+//! h·(l_q·i_q/l_d, −(ψ_m + l_d·i_d)/l_q) times it. A Kalman filter with these covariances turns e into innovations, and their
 //! Cholesky factor into white noise of unit variance (Anderson & Moore, "Optimal filtering", 1979, chapters 3 and 5). The filter
 //! depends on the machine and the log alone: it is one fixed linear map for derivatives of every model.
 //!
@@ -26,6 +27,9 @@ const NEAR: f64 = 0.01;
 /// Distance (ln) up to which the filter follows: inductances near zero would drown every misfit in the noise that they let through.
 const REACH: f64 = 0.25;
 
+/// Share of what is new in a residual by which the filter corrects what it expects next, in the mean, from which the currents wander.
+const CORRECTS: f64 = 0.02;
+
 /// A whitening filter over one recording.
 #[derive(Debug, Clone)]
 pub struct Whitening {
@@ -38,11 +42,24 @@ pub struct Whitening {
 /// What a filter depends on that follows the inductances.
 #[derive(Debug, Clone)]
 struct Wander {
-    r_s: f64,
+    bench: Bench,
     l: [f64; 2],
-    sensor: [f64; 2],
-    input: InputNoise,
     beside: Option<[Filter; 2]>,
+}
+
+/// What is noisy on a bench, and what of the machine decides how much of it shows.
+#[derive(Debug, Clone)]
+pub struct Bench {
+    /// Resistance, Ω.
+    pub r_s: f64,
+    /// Flux linkage of the magnet, V·s.
+    pub psi_m: f64,
+    /// Noise of the current sensors, A per axis.
+    pub sensor: [f64; 2],
+    /// Noise of the electrical speed, rad/s; zero where it does not drive the model.
+    pub speed: f64,
+    /// Noise of the voltages.
+    pub input: InputNoise,
 }
 
 /// What a residual of d and q turns into when the filter changes with ln l_d and with ln l_q.
@@ -60,28 +77,22 @@ struct Filter {
 }
 
 impl Whitening {
-    /// The filter for a machine with this resistance (Ω) and these inductances (d, q), H, whose current sensors have the noise
-    /// `sensor` (A per axis).
-    pub fn new(signals: &Signals, r_s: f64, l: [f64; 2], sensor: [f64; 2], input: &InputNoise) -> Self {
-        Self::made(signals, (r_s, l, sensor, input), true)
+    /// The filter for a machine with the inductances `l` (d, q), H.
+    pub fn new(signals: &Signals, l: [f64; 2], bench: Bench) -> Self {
+        Self::made(signals, l, &bench, true)
     }
 
-    fn made(
-        signals: &Signals,
-        (r_s, l, sensor, input): (f64, [f64; 2], [f64; 2], &InputNoise),
-        beside: bool,
-    ) -> Self {
-        let (r_s, l) = (r_s.max(1e-12), l.map(|l| l.max(1e-12)));
-        let at = |l: [f64; 2]| Filter::new(signals, r_s, l, sensor, input);
-        let more = 1.0 + STEP;
-        let wander = (input.voltage > 0.0).then(|| Wander {
-            r_s,
+    fn made(signals: &Signals, l: [f64; 2], bench: &Bench, beside: bool) -> Self {
+        let bench = Bench { r_s: bench.r_s.max(1e-12), ..bench.clone() };
+        let l = l.map(|l| l.max(1e-12));
+        let at = |l: [f64; 2]| Filter::new(signals, l, &bench);
+        let (here, more) = (at(l), 1.0 + STEP);
+        let wander = (bench.input.voltage > 0.0).then(|| Wander {
             l,
-            sensor,
-            input: input.clone(),
             beside: beside.then(|| [at([l[0] * more, l[1]]), at([l[0], l[1] * more])]),
+            bench: bench.clone(),
         });
-        Self { segments: signals.segments.clone(), here: at(l), wander }
+        Self { segments: signals.segments.clone(), here, wander }
     }
 
     /// The nearest inductances (d, q), H, to which the filter follows.
@@ -94,14 +105,19 @@ impl Whitening {
     pub fn at(&self, signals: &Signals, l: [f64; 2], derivatives: bool) -> Cow<'_, Self> {
         match &self.wander {
             Some(w) if self.away(l).iter().any(|x| x.abs() > NEAR) => {
-                Cow::Owned(Self::made(signals, (w.r_s, l, w.sensor, &w.input), derivatives))
+                Cow::Owned(Self::made(signals, l, &w.bench, derivatives))
             }
             _ => Cow::Borrowed(self),
         }
     }
 
-    /// Whether noise of the voltage lets the currents wander all along, so that a plain residual hides what lasts.
+    /// Whether noise of the voltage or of the speed lets the currents wander all along, so that a plain residual hides what lasts.
     pub fn wanders(&self) -> bool {
+        self.follows() || self.here.corrects() > CORRECTS
+    }
+
+    /// Whether the filter follows the inductances of a model.
+    pub fn follows(&self) -> bool {
         self.wander.is_some()
     }
 
@@ -142,7 +158,10 @@ impl Whitening {
 }
 
 impl Filter {
-    fn new(signals: &Signals, r_s: f64, [l_d, l_q]: [f64; 2], sensor: [f64; 2], input: &InputNoise) -> Self {
+    fn new(signals: &Signals, [l_d, l_q]: [f64; 2], bench: &Bench) -> Self {
+        let Bench { r_s, sensor, input, .. } = bench;
+        // What passes for noise of the voltages was found in the currents, with what the speed's noise does.
+        let speed = if input.is_none() { bench.speed } else { 0.0 };
         let n = signals.len();
         let mut out =
             Self { transition: vec![[0.0; 4]; n], gain: vec![[0.0; 4]; n], root: vec![[0.0; 3]; n] };
@@ -181,19 +200,27 @@ impl Filter {
                 }
                 let h = signals.t[k + 1] - signals.t[k];
                 let omega = signals.omega_e[k];
-                let m = transition(h, omega, r_s, l_d, l_q);
+                let m = transition(h, omega, *r_s, l_d, l_q);
                 out.transition[k] = m;
                 let sigma = input.at(k, h * (r_s / l_d.min(l_q)).hypot(omega));
                 let [a, b, c] = covariance;
-                let q = [(sigma * h / l_d).powi(2), (sigma * h / l_q).powi(2)];
+                let [i_d, i_q] = signals.i.as_ref().map_or([0.0; 2], |[d, q]| [d[k], q[k]]);
+                let swing = [l_q * i_q / l_d, -(bench.psi_m + l_d * i_d) / l_q].map(|x| x * h * speed);
+                let q = [sigma * h / l_d, sigma * h / l_q].map(|x| x * x);
+                let q = [q[0] + swing[0] * swing[0], q[1] + swing[1] * swing[1]];
                 covariance = [
                     m[0] * (m[0] * a + m[1] * b) + m[1] * (m[0] * b + m[1] * c) + q[0],
-                    m[0] * (m[2] * a + m[3] * b) + m[1] * (m[2] * b + m[3] * c),
+                    m[0] * (m[2] * a + m[3] * b) + m[1] * (m[2] * b + m[3] * c) + swing[0] * swing[1],
                     m[2] * (m[2] * a + m[3] * b) + m[3] * (m[2] * b + m[3] * c) + q[1],
                 ];
             }
         }
         out
+    }
+
+    /// Mean gain.
+    fn corrects(&self) -> f64 {
+        self.gain.iter().map(|g| 0.5 * (g[0] + g[3])).sum::<f64>() / self.gain.len().max(1) as f64
     }
 
     fn apply(&self, segments: &[Range<usize>], d: &mut [f64], q: &mut [f64]) {
@@ -266,8 +293,13 @@ mod tests {
         Signals::new(&Recording::new(columns, None).unwrap(), &Machine::new(3).unwrap()).unwrap()
     }
 
-    /// What a correct model leaves in free run from a noisy start under a noisy voltage.
-    fn residual(signals: &Signals, sensor: f64, voltage: f64) -> [Vec<f64>; 2] {
+    fn bench(sensor: f64, speed: f64, voltage: f64) -> Bench {
+        let input = InputNoise { voltage, hidden: Vec::new() };
+        Bench { r_s: P[0], psi_m: P[3], sensor: [sensor; 2], speed, input }
+    }
+
+    /// What a correct model leaves in free run from a noisy start under a noisy voltage and at a noisy speed.
+    fn residual(signals: &Signals, sensor: f64, voltage: f64, speed: f64) -> [Vec<f64>; 2] {
         let noise = |k: usize, what: u32| normal_pair(7, [k as u32, what, 0, 0]);
         let mut x = [0.0; 2];
         let mut out = [Vec::new(), Vec::new()];
@@ -280,9 +312,11 @@ mod tests {
             out[1].push(x[1] + sensor * n.1);
             let m = transition(H, signals.omega_e[k], P[0], P[1], P[2]);
             let w = noise(k, 1);
+            let swing = speed * noise(k, 2).0;
+            let [i_d, i_q] = signals.i.as_ref().map(|i| [i[0][k], i[1][k]]).unwrap();
             x = [
-                m[0] * x[0] + m[1] * x[1] + voltage * H / P[1] * w.0,
-                m[2] * x[0] + m[3] * x[1] + voltage * H / P[2] * w.1,
+                m[0] * x[0] + m[1] * x[1] + H / P[1] * (voltage * w.0 + P[2] * i_q * swing),
+                m[2] * x[0] + m[3] * x[1] + H / P[2] * (voltage * w.1 - (P[3] + P[1] * i_d) * swing),
             ];
         }
         out
@@ -291,27 +325,32 @@ mod tests {
     #[test]
     fn what_noise_alone_leaves_becomes_white_with_unit_variance() {
         let signals = signals(30_000);
-        let (sensor, voltage) = (0.02, 1.5);
-        let [mut d, mut q] = residual(&signals, sensor, voltage);
-        let input = InputNoise { voltage, hidden: Vec::new() };
-        Whitening::new(&signals, P[0], [P[1], P[2]], [sensor; 2], &input).apply(&mut d, &mut q);
-        for x in [&d, &q] {
-            let square = x.iter().map(|x| x * x).sum::<f64>() / x.len() as f64;
-            assert!((square - 1.0).abs() < 0.03, "{square}");
-            for lag in [1, 3, 20] {
-                let rho = x.windows(lag + 1).map(|w| w[0] * w[lag]).sum::<f64>() / x.len() as f64;
-                assert!(rho.abs() < 0.025, "{lag}: {rho}");
+        for (sensor, voltage, speed) in [(0.02, 1.5, 0.0), (0.02, 0.0, 8.0)] {
+            let [mut d, mut q] = residual(&signals, sensor, voltage, speed);
+            let plain = d.iter().map(|x| x * x).sum::<f64>() / d.len() as f64;
+            assert!(plain > 2.0 * sensor * sensor, "{plain}");
+            let filter = Whitening::new(&signals, [P[1], P[2]], bench(sensor, speed, voltage));
+            assert!(filter.wanders());
+            filter.apply(&mut d, &mut q);
+            for x in [&d, &q] {
+                let square = x.iter().map(|x| x * x).sum::<f64>() / x.len() as f64;
+                assert!((square - 1.0).abs() < 0.03, "{square}");
+                for lag in [1, 3, 20] {
+                    let rho = x.windows(lag + 1).map(|w| w[0] * w[lag]).sum::<f64>() / x.len() as f64;
+                    assert!(rho.abs() < 0.025, "{lag}: {rho}");
+                }
             }
+            let cross = d.iter().zip(&q).map(|(a, b)| a * b).sum::<f64>() / d.len() as f64;
+            assert!(cross.abs() < 0.025, "{cross}");
         }
-        let cross = d.iter().zip(&q).map(|(a, b)| a * b).sum::<f64>() / d.len() as f64;
-        assert!(cross.abs() < 0.025, "{cross}");
+        assert!(!Whitening::new(&signals, [P[1], P[2]], bench(0.02, 0.0, 0.0)).wanders());
     }
 
     #[test]
     fn the_noise_is_found_in_such_a_residual() {
         let signals = signals(30_000);
         let (sensor, voltage) = (0.02, 1.5);
-        let [d, q] = residual(&signals, sensor, voltage);
+        let [d, q] = residual(&signals, sensor, voltage, 0.0);
         let mut known = [sensor; 2];
         let found = InputNoise::estimate(&signals, [P[1], P[2]], [&d, &q], &mut known, true);
         assert!((found.voltage / voltage - 1.0).abs() < 0.1, "{}", found.voltage);
@@ -320,7 +359,7 @@ mod tests {
         let bent = |x: &[f64]| -> Vec<f64> {
             x.iter().zip(&signals.t).map(|(x, t)| x + 0.1 * (150.0 * t).sin()).collect()
         };
-        let [quiet_d, quiet_q] = residual(&signals, sensor, 0.0).map(|x| bent(&x));
+        let [quiet_d, quiet_q] = residual(&signals, sensor, 0.0, 0.0).map(|x| bent(&x));
         let found = InputNoise::estimate(&signals, [P[1], P[2]], [&quiet_d, &quiet_q], &mut known, true);
         assert_eq!(found.voltage, 0.0);
     }

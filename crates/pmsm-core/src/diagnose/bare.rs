@@ -100,7 +100,7 @@ mod tests {
     use crate::monitor::Silent;
     use crate::random::normal_pair;
     use crate::signals::Signals;
-    use crate::whitening::Whitening;
+    use crate::whitening::{Bench, Whitening};
 
     /// A quarter of a per cent of the link voltage, V.
     const NOISE: f64 = 1.4;
@@ -203,7 +203,9 @@ mod tests {
         let (mut data, base) = testing::data(&setup);
         data.input.voltage = 6.0;
         let l = [BaseParameter::LD, BaseParameter::LQ].map(|l| base.own()[l.index()]);
-        data.whitening = Some(Whitening::new(&data.signals, base.own()[0], l, [0.05; 2], &data.input));
+        let (r_s, psi_m, input) = (base.own()[0], base.own()[3], data.input.clone());
+        let bench = Bench { r_s, psi_m, sensor: [0.05; 2], speed: 0.0, input };
+        data.whitening = Some(Whitening::new(&data.signals, l, bench));
         let experiment = data.whole(&base);
         let free = [BaseParameter::LD.index(), BaseParameter::LQ.index()];
         let linear = experiment.linearise(&base.parameters, &free);

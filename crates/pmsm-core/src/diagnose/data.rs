@@ -90,7 +90,7 @@ impl Data {
                     }
                     Channel::VD | Channel::VQ => 0.005 * signals.context.v_max,
                 };
-                Floor { channel, sensor, driven: 0.0, unsure: 0.0, wander: None }
+                Floor { channel, sensor, driven: 0.0, unsure: 0.0, swing: 0.0, wander: None }
             })
             .collect();
         let (input, whitening) = (InputNoise::default(), None);

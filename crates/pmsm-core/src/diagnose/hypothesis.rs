@@ -9,7 +9,7 @@ use crate::model::Model;
 use crate::noise::{self, Floor};
 use crate::simulate::electrical::incremental_inductances;
 use crate::simulate::mechanical::Nuisance;
-use crate::whitening::Whitening;
+use crate::whitening::{Bench, Whitening};
 
 /// Share of its typical strength below which an effect counts as absent.
 const VANISHING: f64 = 2e-3;
@@ -28,11 +28,18 @@ impl Data {
             (Some(d), Some(q)) if !input.is_none() || self.signals.segments.len() > 1 => {
                 let own = hypothesis.own();
                 let l = incremental_inductances(&hypothesis.model, &self.signals, own);
-                Some(Whitening::new(&self.signals, own[BaseParameter::RS.index()], l, [d, q], &input))
+                let [r_s, psi_m] = [BaseParameter::RS, BaseParameter::PsiM].map(|x| own[x.index()]);
+                let speed = sensor(Channel::OmegaE).filter(|_| self.signals.speed_known).unwrap_or(0.0);
+                let bench = Bench { r_s, psi_m, sensor: [d, q], speed, input: input.clone() };
+                Some(Whitening::new(&self.signals, l, bench))
             }
             _ => None,
         };
         (self.floors, self.input) = (floors, input);
+        if self.whitening.is_some() {
+            // What the driven noise does to the currents is taken out there.
+            self.floors.iter_mut().filter(|f| f.channel.is_electrical()).for_each(|f| f.swing = 0.0);
+        }
     }
 
     /// How far (ln) the inductances of a fitted hypothesis are at most from those that the noise of the voltages was estimated with.

@@ -50,7 +50,7 @@ impl Experiment<'_> {
     pub(super) fn whiten_residual(&self, p: &[f64], free: &[usize], columns: &[usize], rows: &mut Rows<'_>) {
         let Some((whitening, _)) = self.whitening else { return };
         let count = self.model.parameter_count();
-        if !whitening.wanders() {
+        if !whitening.follows() {
             self.on_currents(rows.residual, |d, q| whitening.apply(d, q));
             let own = of_groups(&mut rows.columns, &[columns]).swap_remove(0);
             own.into_par_iter().for_each(|rows| {
