@@ -21,7 +21,7 @@ from .manoeuvres import Manoeuvre, make
 from .parameters import Machine
 from .peers import simulate_by
 from .plant import Run, simulate
-from .reference import fit_plain, park, speed_residual, torque_of
+from .reference import currents, fit_plain, park, speed_residual, torque_of
 
 BASE = ("r_s", "l_d", "l_q", "psi_m", "n_p", "j", "b")
 
@@ -119,8 +119,8 @@ def account(machine: Machine, effects: Effects, manoeuvre: Manoeuvre, run: Run) 
     """Noise of a run, the least that true equations leave, and the plain machine's residual over the noise at
     the true and at re-fitted base parameters.
 
-    True equations leave more than the noise in the speed: their free run is driven by the torque of noisy
-    currents, less a noisy load torque where that is measured.
+    True equations leave more than the noise.  Their free run of the currents is driven by the noisy speed,
+    that of the speed by the torque of noisy currents, less a noisy load torque where that is measured.
     """
     clean, theta = clean_channels(machine, effects, run), run.log["theta_e"]
     noise = {k: run.log[k] - v for k, v in clean.items()}
@@ -130,14 +130,23 @@ def account(machine: Machine, effects: Effects, manoeuvre: Manoeuvre, run: Run) 
         for k, v in (("i_d", n_d), ("i_q", n_q), ("omega_e", noise["omega_e"]))
     }
     load, known = manoeuvre.tau_load[manoeuvre.settle :], manoeuvre.known_load
-    base, least = base_of(machine), dict(rms)
+    base, least = base_of(machine), rms
     if not manoeuvre.locked:
         i_d, i_q = park(*(clean[k] for k in ("i_a", "i_b", "i_c")), theta)
         push = torque_of(base, i_d + n_d, i_q + n_q) - torque_of(base, i_d, i_q)
         if "tau_m" in run.log:
             push -= run.log["tau_m"] - load
-        rest = speed_residual(base, push, noise["omega_e"], 1.0 / machine.f_sample, machine.n_p)
-        least["omega_e"] = float(np.sqrt(np.mean(rest**2)))
+        t_s, first = 1.0 / machine.f_sample, np.array([i_d[0], i_q[0]])
+        seen, true = (
+            currents(base, {**run.log, "omega_e": omega}, t_s, first)
+            for omega in (run.log["omega_e"], clean["omega_e"])
+        )
+        rest = {
+            "i_d": n_d - (seen - true)[:, 0],
+            "i_q": n_q - (seen - true)[:, 1],
+            "omega_e": speed_residual(base, push, noise["omega_e"], t_s, machine.n_p),
+        }
+        least = {k: float(np.sqrt(np.mean(v**2))) for k, v in rest.items()}
     out: dict[str, Any] = {"noise_rms": rms, "least_rms": least, "load_breaks": list(known["breaks"])}
     for name, refit in (("plain_true", False), ("plain_refit", True)):
         fit = fit_plain(base, run.log, 1.0 / machine.f_sample, **known, refit=refit)
