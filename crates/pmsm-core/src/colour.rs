@@ -77,6 +77,30 @@ fn levinson(covariances: &[f64]) -> Option<(Vec<Vec<f64>>, Vec<f64>)> {
     Some((predictors, variances))
 }
 
+/// Effective number of independent samples of a coloured series: n/(1 + 2Σρ), summed up to the first ρ < 0.05.
+pub fn effective_samples(x: &[f64]) -> f64 {
+    let n = x.len();
+    let energy: f64 = x.iter().map(|v| v * v).sum();
+    if energy <= 0.0 {
+        return n as f64;
+    }
+    let correlation = |lag: usize| (0..n - lag).map(|k| x[k] * x[k + lag]).sum::<f64>() / energy;
+    // Every lag at first; then ever longer strides, the correlation being smooth by then.
+    let (mut colour, mut lag, mut last) = (1.0, 1, 1.0);
+    let mut before = 0;
+    while lag < n / 2 {
+        let rho = correlation(lag);
+        if rho < 0.05 {
+            break;
+        }
+        let stride = (lag - before) as f64;
+        colour += 2.0 * (rho + (stride - 1.0) * 0.5 * (last + rho));
+        (before, last) = (lag, rho);
+        lag += 1 + lag / 16;
+    }
+    (n as f64 / colour).max(2.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -123,5 +147,13 @@ mod tests {
         colour.whiten(&mut white);
         assert_eq!(white, x);
         assert!(Colour::of(&[0.0; 100], &[0..50, 50..100]).is_none());
+    }
+
+    #[test]
+    fn coloured_series_are_worth_fewer_samples() {
+        let white: Vec<f64> = (0..2000).map(|k| normal_pair(3, [k, 0, 0, 0]).0).collect();
+        let slow: Vec<f64> = (0..2000).map(|k| (f64::from(k) / 50.0).sin()).collect();
+        assert!(effective_samples(&white) > 1500.0);
+        assert!(effective_samples(&slow) < 60.0);
     }
 }

@@ -95,30 +95,6 @@ pub fn closest(duration: f64) -> f64 {
     CLOSEST * (duration / pieces(duration) as f64)
 }
 
-/// Effective number of independent samples of a coloured series: n/(1 + 2Σρ), summed up to the first ρ < 0.05.
-pub fn effective_samples(x: &[f64]) -> f64 {
-    let n = x.len();
-    let energy: f64 = x.iter().map(|v| v * v).sum();
-    if energy <= 0.0 {
-        return n as f64;
-    }
-    let correlation = |lag: usize| (0..n - lag).map(|k| x[k] * x[k + lag]).sum::<f64>() / energy;
-    // Every lag at first; then ever longer strides, the correlation being smooth by then.
-    let (mut colour, mut lag, mut last) = (1.0, 1, 1.0);
-    let mut before = 0;
-    while lag < n / 2 {
-        let rho = correlation(lag);
-        if rho < 0.05 {
-            break;
-        }
-        let stride = (lag - before) as f64;
-        colour += 2.0 * (rho + (stride - 1.0) * 0.5 * (last + rho));
-        (before, last) = (lag, rho);
-        lag += 1 + lag / 16;
-    }
-    (n as f64 / colour).max(2.0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -204,13 +180,5 @@ mod tests {
     #[test]
     fn a_constant_load_has_no_steps() {
         assert_eq!(found(&[0.8], &[], 8000, 2.5e-4), Vec::<f64>::new());
-    }
-
-    #[test]
-    fn coloured_series_are_worth_fewer_samples() {
-        let white: Vec<f64> = (0..2000).map(noise).collect();
-        let slow: Vec<f64> = (0..2000).map(|k| (f64::from(k) / 50.0).sin()).collect();
-        assert!(effective_samples(&white) > 1500.0);
-        assert!(effective_samples(&slow) < 60.0);
     }
 }

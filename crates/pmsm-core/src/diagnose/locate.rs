@@ -2,8 +2,8 @@
 
 use super::data::Data;
 use super::hypothesis::Hypothesis;
+use crate::colour::effective_samples;
 use crate::experiment::Channel;
-use crate::load_steps::effective_samples;
 use crate::real::Real;
 use crate::recording::Kind;
 use rayon::prelude::*;

@@ -1,7 +1,7 @@
 //! Products of columns with hinges from sums over the points behind each: what a product costs does not depend on the number of points.
 
-use super::grid::Grid;
 use nalgebra::{DMatrix, DVector};
+use std::ops::Range;
 
 /// Columns over the points of a grid, and what they add up to from each point on.
 #[derive(Clone)]
@@ -27,13 +27,13 @@ impl Behind {
         Self { columns, sums }
     }
 
-    /// The product of each column with the hinge of a step at the time `step`.
-    pub fn along(&self, grid: &Grid, step: f64) -> DVector<f64> {
-        let (corner, count) = (grid.corner(step), self.columns.nrows());
-        let sums = self.sums.column(corner.end);
+    /// The product of each column with the hinge of a step at the time `step`, whose points `corner` are no part of a straight line but
+    /// what `hinge` says.
+    pub fn along(&self, corner: Range<usize>, step: f64, hinge: impl Fn(usize) -> f64) -> DVector<f64> {
+        let (sums, count) = (self.sums.column(corner.end), self.columns.nrows());
         let mut along = DVector::from_fn(count, |c, _| sums[count + c] - step * sums[c]);
         for row in corner {
-            along.axpy(grid.hinge_at(row, step), &self.columns.column(row), 1.0);
+            along.axpy(hinge(row), &self.columns.column(row), 1.0);
         }
         along
     }

@@ -130,6 +130,11 @@ impl Grid {
         if behind.abs() < half { (behind + half).powi(2) / (4.0 * half) } else { behind.max(0.0) }
     }
 
+    /// The product of each of some columns with that hinge.
+    pub fn along(&self, columns: &Behind, step: f64) -> DVector<f64> {
+        columns.along(self.corner(step), step, |row| self.hinge_at(row, step))
+    }
+
     /// The points that may be averages over the time `step`: the hinge is zero before them, and its straight part behind them.
     pub fn corner(&self, step: f64) -> Range<usize> {
         self.t.partition_point(|t| *t <= step - self.reach)

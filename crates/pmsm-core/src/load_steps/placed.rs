@@ -1,9 +1,9 @@
 //! Steps with their place, and what others would explain in their stead.
 
 use super::behind::Behind;
-use super::effective_samples;
 use super::grid::Grid;
 use crate::basis::{self, DEPENDENT};
+use crate::colour::effective_samples;
 use crate::monitor::Monitor;
 use nalgebra::{DMatrix, DVector};
 
@@ -56,7 +56,7 @@ impl<'a> Placed<'a> {
         self.left = Behind::new(&grid.t, &DMatrix::from_columns(&[self.residual.column(0)]));
         self.hinges = DMatrix::zeros(self.own.ncols(), self.steps.len());
         for (k, step) in self.steps.iter().enumerate() {
-            self.hinges.set_column(k, &self.along.along(grid, *step));
+            self.hinges.set_column(k, &grid.along(&self.along, *step));
         }
     }
 
@@ -199,9 +199,9 @@ impl<'a> Placed<'a> {
         let grid = self.grid;
         let length =
             (grid.corner(step).start..grid.t.len()).map(|row| grid.hinge_at(row, step).powi(2)).sum::<f64>();
-        let along = self.along.along(grid, step);
-        let mut square = length - grid.known.along(grid, step).norm_squared() - along.norm_squared();
-        let mut product = self.left.along(grid, step)[0];
+        let along = grid.along(&self.along, step);
+        let mut square = length - grid.along(&grid.known, step).norm_squared() - along.norm_squared();
+        let mut product = grid.along(&self.left, step)[0];
         if let Some(alone) = alone {
             let back = alone.dot(&along);
             square += back * back;

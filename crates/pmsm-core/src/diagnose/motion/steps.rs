@@ -2,6 +2,7 @@
 
 use super::state::State;
 use crate::basis;
+use crate::colour::effective_samples;
 use crate::diagnose::data::Data;
 use crate::experiment::{Channel, Fitted, Joint};
 use crate::least_squares;
@@ -95,7 +96,7 @@ pub fn worthwhile_steps(experiment: &Joint, fitted: &Fitted, run: usize) -> Vec<
     let rows = experiment.rows(run, Channel::OmegaE).expect("a load shows in the speed");
     let residual = DVector::from_column_slice(&residual.as_slice()[rows]);
     let n = residual.len() as f64;
-    let colour = n / load_steps::effective_samples(residual.as_slice());
+    let colour = n / effective_samples(residual.as_slice());
     let unit = (residual.norm_squared() / n).max(1.0) * colour.max(1.0);
     let threshold =
         (STEP_SIGNIFICANCE * unit).max(STEP_SHARE * experiment.runs()[run].fewest_speeds() as f64);
