@@ -123,16 +123,16 @@ def picture(rows: Sequence[Judged]) -> Figure:
         )
     top.plot([b.stated for b in bins], [b.observed for b in bins], "o", color=BLUE, markersize=7, zorder=3)
     for b in bins:
-        left = b.stated > 0.85
+        below = b.observed > 0.5
         top.annotate(
             f"{b.count}",
             (b.stated, b.observed),
-            xytext=(-8 if left else 8, -3),
+            xytext=(0, -6 if below else 6),
             textcoords="offset points",
-            ha="right" if left else "left",
-            va="top" if b.observed > 0.5 else "bottom",
+            ha="center",
+            va="top" if below else "bottom",
             fontsize=9,
-            color=GREY,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
         )
     top.set(xlim=(-0.02, 1.02), ylim=(-0.04, 1.06), ylabel="share that was right")
     score = brier(rows)
