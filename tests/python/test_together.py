@@ -114,6 +114,20 @@ def test_loads_may_differ(folder: Path) -> None:
     assert answer.base["tau_load_of_2"].value == pytest.approx(1.5, abs=0.02)
 
 
+def test_a_cold_and_a_hot_recording_tell_how_the_winding_warms(folder: Path) -> None:
+    alpha, rich = 0.0039, make(SERVO, "rich", "none", duration=0.6, seed=6)
+    runs = []
+    for number, degrees in enumerate((20.0, 80.0)):
+        warm = replace(SERVO, r_s=SERVO.r_s * (1.0 + alpha * (degrees - 20.0)))
+        log = simulate(warm, {}, rich, seed=31 + number)
+        columns = {"t": log.t, **log.log, "temperature": np.full_like(log.t, degrees)}
+        runs.append(pm.Recording(columns, load="none"))
+    answer = pm.diagnose(runs, machine(folder))
+    assert (answer.verdict, answer.effects) == ("named", ("rs_thermal_drift",))
+    assert answer.ranking[0].parameters["alpha"].value == pytest.approx(alpha, rel=0.03)
+    assert answer.base["r_s"].value == pytest.approx(SERVO.r_s, rel=0.01)
+
+
 def test_what_cannot_be_combined_is_refused_with_number_and_file(folder: Path, tmp_path: Path) -> None:
     points = tmp_path / "points.csv"
     rows = "\n".join(f"{k},{50 + k},0.5,{1 + 0.1 * k},{2 + k},{9 + k}" for k in range(20))
