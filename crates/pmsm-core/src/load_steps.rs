@@ -5,7 +5,7 @@
 //! > y(t) = ∫J·a dt − J·(ω_m(t) − ω_m(0)),  a = acceleration of the model without load,
 //!
 //! in which a load step at s is a hinge Δτ·max(0, t − s) under little noise. In this form a wrong inertia adds the speed
-//! itself, which no load resembles. Steps are added where a hinge explains
+//! itself, which no load resembles; behind a gap of the log y(t) begins anew. Steps are added where a hinge explains
 //! most, together with corrections of the model's own mechanical parameters, moved, and pruned again; how much a step
 //! must explain follows from the effective number of independent samples in what is left.
 
@@ -136,7 +136,11 @@ mod tests {
 
     fn found(levels: &[f64], steps: &[f64], n: i32, h: f64) -> Vec<f64> {
         let (recording, machine) = run(levels, steps, n, h);
-        let signals = Signals::new(&recording, &machine).unwrap();
+        found_in(&recording, &machine)
+    }
+
+    fn found_in(recording: &Recording, machine: &Machine) -> Vec<f64> {
+        let signals = Signals::new(recording, machine).unwrap();
         let model = Model::new(signals.context, &[]);
         let torque = signals.tau_e.clone().unwrap();
         let p = [1.0, 1e-3, 1e-3, 0.1, 0.012, 0.0025];
@@ -164,6 +168,25 @@ mod tests {
         }
         assert_eq!([pieces(8.0), pieces(8.001), pieces(60.0)], [1, 2, 8]);
         assert!((closest(60.0) / closest(7.5) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_happens_in_a_gap_is_no_load_step() {
+        let (recording, machine) = run(&[0.8, 1.6], &[0.9], 8000, 2.5e-4);
+        let logged: Vec<usize> = (0..8000).filter(|k| !(4800..5200).contains(k)).collect();
+        // A jerk that nobody logged, and what the friction leaves of it.
+        let jerk = |t: f64| if t > 1.25 { 5.0 * (-B / J * (t - 1.25)).exp() } else { 0.0 };
+        let column = |name: &str| -> Vec<f64> {
+            let (t, x) = (recording.t(), recording.column(name).unwrap());
+            logged.iter().map(|k| x[*k] + if name == "omega_m" { jerk(t[*k]) } else { 0.0 }).collect()
+        };
+        let t = logged.iter().map(|k| recording.t()[*k]).collect();
+        let columns =
+            vec![("t".into(), t), ("omega_m".into(), column("omega_m")), ("tau_e".into(), column("tau_e"))];
+        let gapped = Recording::new(columns, Some(Load::UnknownPiecewise)).unwrap();
+        assert_eq!(gapped.segments().len(), 2);
+        let found = found_in(&gapped, &machine);
+        assert!(found.len() == 1 && (found[0] - 0.9).abs() < 0.001, "{found:?}");
     }
 
     #[test]

@@ -62,7 +62,11 @@ impl Grid {
         let count = n.div_ceil(block);
         let (mut t, mut y) = (Vec::with_capacity(count), DVector::zeros(count));
         let mut half = Vec::with_capacity(count);
-        let mut columns = DMatrix::zeros(count, 2 + seeds.len());
+        // What the motor did in a gap is unknown.
+        let point = (signals.t[rows.end - 1] - signals.t[first]) / count as f64;
+        let gap = |k: &usize| *k > first && *k < rows.end && signals.t[*k] - signals.t[*k - 1] > point;
+        let behind_gaps: Vec<usize> = signals.segments.iter().map(|s| s.start).filter(gap).collect();
+        let mut columns = DMatrix::zeros(count, 2 + seeds.len() + behind_gaps.len());
         let n_p = signals.n_p;
         let acceleration = |k: usize| -> Dual<LANES> {
             let env = measured_env(signals, k);
@@ -92,6 +96,9 @@ impl Grid {
             y[row] += rest.re * weight;
             for slot in 0..seeds.len() {
                 columns[(row, 2 + slot)] += rest.eps[slot] * weight;
+            }
+            for (at, _) in behind_gaps.iter().enumerate().filter(|(_, behind)| k >= **behind) {
+                columns[(row, 2 + seeds.len() + at)] += weight;
             }
         }
         for row in 0..count {
