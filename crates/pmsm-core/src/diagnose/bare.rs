@@ -99,6 +99,7 @@ mod tests {
     use crate::experiment::Channel;
     use crate::monitor::Silent;
     use crate::random::normal_pair;
+    use crate::recording::Recording;
     use crate::signals::Signals;
     use crate::whitening::{Bench, Whitening};
 
@@ -168,6 +169,39 @@ mod tests {
         assert!(speed.driven > 0.5 * speed.sensor, "{speed:?}");
         let square = base.square(speed.channel);
         assert!((square - 1.0).abs() < verdict::MISMATCH, "{square}");
+    }
+
+    #[test]
+    fn currents_that_a_noisy_speed_lets_wander_may_lie_above_their_floor_by_chance_unless_that_is_taken_out()
+    {
+        let fitted = |noise: f64, gap: bool| {
+            let mut manoeuvre = speeds(1.0, &[(0.1, 80.0), (0.5, -60.0), (0.9, 70.0)]);
+            manoeuvre.tau_load = Some(Schedule::constant(6.0).unwrap());
+            let mut setup = setup(manoeuvre, Vec::new());
+            setup.drive.sensors.noise_omega_e = noise;
+            let recording = simulate(&setup, &Silent).unwrap().recording;
+            let logged = |k: usize| !(gap && (1000..1200).contains(&k));
+            let columns = recording.names().into_iter().map(|name| {
+                let x = recording.column(name).unwrap();
+                (name.to_string(), (0..x.len()).filter(|k| logged(*k)).map(|k| x[k]).collect())
+            });
+            let recording = Recording::new(columns.collect(), Some(recording.load())).unwrap();
+            let signals = Signals::new(&recording, &setup.nameplate).unwrap();
+            let mut data = Data::new(signals, &setup.nameplate).unwrap();
+            let base = fit(&mut data, &Silent).unwrap();
+            let current = *data.floors.iter().find(|f| f.channel == Channel::ID).unwrap();
+            (current, base.square(Channel::ID), data.whitening.is_some_and(|w| w.wanders()))
+        };
+        let (quiet, ..) = fitted(0.03, false);
+        assert_eq!(quiet.chance(), 0.0);
+        let (loud, square, whitened) = fitted(0.5, false);
+        assert!(loud.driven > 0.2 * loud.sensor && loud.chance() > 0.0 && !whitened, "{loud:?}");
+        assert!((square - 1.0).abs() < loud.chance() + 0.05, "{square} {loud:?}");
+        let (behind, square, whitened) = fitted(0.5, true);
+        assert!(whitened && behind.chance() == 0.0 && (square - 1.0).abs() < 0.1, "{square} {behind:?}");
+        // Nothing is hidden under more noise than there is.
+        let (_, square, _) = fitted(4.0, true);
+        assert!(square > 0.95, "{square}");
     }
 
     #[test]
