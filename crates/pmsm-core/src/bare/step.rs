@@ -11,9 +11,10 @@
 //! ```
 //!
 //! Form [`STAGES`] writes the classical method in the values y_2 = y + F(y), y_3 = y + F(y_2), y_4 = y + 2F(y_3) at which F = g·dy/dt
-//! is evaluated, y' = (y_2 + 2y_3 + y_4 − y + F(y_4))/3: two multiplications and additions in a row per stage, as what the last
-//! value does not decide is summed up beforehand. A single vector waits for them, not for its arithmetic. Form
-//! [`INCREMENTS`] adds the small increments instead, y' = y + (F_1 + 2F_2 + 2F_3 + F_4)/3, and rounds less.
+//! is evaluated, y' = (y_2 + 2y_3 + y_4 − y + F(y_4))/3, with 2W_3 and W_4/3 in place of W_3 and W_4, so that products come out as
+//! large as they are needed: two multiplications and additions in a row per stage and nothing else, as what the last value does
+//! not decide is summed up beforehand. A single vector waits for them, not for its arithmetic. Form [`INCREMENTS`] adds the small
+//! increments instead, y' = y + (F_1 + 2F_2 + 2F_3 + F_4)/3, and rounds less.
 
 use crate::lanes::Lane;
 
@@ -23,31 +24,32 @@ pub const STAGES: bool = false;
 pub const INCREMENTS: bool = true;
 
 /// Numbers per parameter set in [`Coefficients`].
-pub const COEFFICIENTS: usize = 20;
+pub const COEFFICIENTS: usize = 27;
 
 /// What a parameter set contributes to the equations, one vector each.
 #[derive(Debug, Clone, Copy)]
 pub struct Coefficients<V> {
     u_0: V,
-    a_d: V,
-    a_q: V,
-    k_1: V,
-    k_2: V,
-    c: V,
     t: V,
-    a_d2: V,
-    a_q2: V,
-    c_2: V,
-    e_d: V,
-    e_q: V,
-    e_w: V,
+    load: V,
     show_d: V,
     show_q: V,
     zero_d: V,
-    load: V,
-    f_d: V,
-    f_q: V,
-    f_w: V,
+    /// F itself.
+    once: Rates<V>,
+    /// y + F(y), 2(y + F), (y + 2F)/3 and (y + F)/3 with what of y stands in the linear part, for ψ, λ and W each as the next
+    /// stage wants it.
+    stages: [Rates<V>; 4],
+}
+
+/// The constants of one evaluation of the equations.
+#[derive(Debug, Clone, Copy)]
+struct Rates<V> {
+    d: V,
+    q: V,
+    w: V,
+    k_1: V,
+    k_2: V,
 }
 
 /// Scales that all parameter sets share.
@@ -69,27 +71,40 @@ pub fn coefficients(scale: &Scale, p: &[f64]) -> [f64; COEFFICIENTS] {
     let (a_d, a_q, c) = (g * r_s * inverse_d, g * r_s * inverse_q, g * b * inverse_j);
     let kappa = g * g * 1.5 * n_p * n_p * inverse_j;
     let per_load = -g * g * n_p * inverse_j;
+    let (k_1, k_2) = (kappa * (inverse_q - inverse_d), kappa * psi_m * inverse_d);
+    let third = 1.0 / 3.0;
     [
         a_d * psi_m,
-        a_d,
-        a_q,
-        kappa * (inverse_q - inverse_d),
-        kappa * psi_m * inverse_d,
-        c,
         per_load * tau_load,
-        2.0 * a_d,
-        2.0 * a_q,
-        2.0 * c,
-        (a_d - 1.0) / 3.0,
-        (a_q - 1.0) / 3.0,
-        (c - 1.0) / 3.0,
+        per_load,
         current * inverse_d,
         current * inverse_q,
         -current * psi_m * inverse_d,
-        per_load,
+        a_d,
+        a_q,
+        c,
+        k_1,
+        k_2,
+        // W_2 = W + F(W): y is in the linear part.
         a_d - 1.0,
         a_q - 1.0,
         c - 1.0,
+        // 2·W_3 = 2(W + F(W_2)), of ψ and λ the same but once.
+        2.0 * c,
+        2.0 * k_1,
+        2.0 * k_2,
+        // W_4/3 = (W + 2F(W_3))/3, with 2·W_3 in the linear part; ψ and λ thrice that.
+        2.0 * a_d,
+        2.0 * a_q,
+        c * third,
+        2.0 * k_1 * third,
+        2.0 * k_2 * third,
+        // (y_4 + F(y_4))/3, with W_4/3 in the linear part.
+        (a_d - 1.0) * third,
+        (a_q - 1.0) * third,
+        c - 1.0,
+        k_1 * third,
+        k_2 * third,
     ]
 }
 
@@ -116,27 +131,25 @@ impl<V: Lane> Coefficients<V> {
                 V::load(&rows[$n * stride + at..])
             };
         }
+        macro_rules! rates {
+            ($d:literal $q:literal $w:literal $k_1:literal $k_2:literal) => {
+                Rates { d: row!($d), q: row!($q), w: row!($w), k_1: row!($k_1), k_2: row!($k_2) }
+            };
+        }
         Self {
             u_0: row!(0),
-            a_d: row!(1),
-            a_q: row!(2),
-            k_1: row!(3),
-            k_2: row!(4),
-            c: row!(5),
-            t: row!(6),
-            a_d2: row!(7),
-            a_q2: row!(8),
-            c_2: row!(9),
-            e_d: row!(10),
-            e_q: row!(11),
-            e_w: row!(12),
-            show_d: row!(13),
-            show_q: row!(14),
-            zero_d: row!(15),
-            load: row!(16),
-            f_d: row!(17),
-            f_q: row!(18),
-            f_w: row!(19),
+            t: row!(1),
+            load: row!(2),
+            show_d: row!(3),
+            show_q: row!(4),
+            zero_d: row!(5),
+            once: rates!(6 7 8 9 10),
+            stages: [
+                rates!(11 12 13 9 10),
+                rates!(6 7 14 15 16),
+                rates!(17 18 19 20 21),
+                rates!(22 23 24 25 26),
+            ],
         }
     }
 
@@ -160,34 +173,30 @@ impl<V: Lane> Coefficients<V> {
 
     #[inline(always)]
     fn stages(&self, y: [V; 3], u: [V; 3]) -> [V; 3] {
-        let third = V::constant(1.0 / 3.0);
-        let once = [self.a_d, self.a_q, self.c];
+        let (third, two_thirds) = (V::constant(1.0 / 3.0), V::constant(2.0 / 3.0));
         // y + F(y) with y in the linear part, so that it need not be added first.
-        let y2 = self.slope([y[1], y[2]], y, [self.f_d, self.f_q, self.f_w], u);
+        let y2 = Self::slope(y, &self.stages[0], u);
         let b = [y[0] + u[0], y[1] + u[1], y[2] + u[2]];
-        let y3 = self.slope([y2[1], y2[2]], y2, once, b);
-        let twice = [y3[0] + y3[0], y3[1] + y3[1], y3[2] + y3[2]];
-        let b2 = [b[0] + u[0], b[1] + u[1], b[2] + u[2]];
-        let y4 = self.slope([twice[1], twice[2]], y3, [self.a_d2, self.a_q2, self.c_2], b2);
+        let y3 = Self::slope(y2, &self.stages[1], [b[0], b[1], b[2] + b[2]]);
+        let y4 = Self::slope(y3, &self.stages[2], [b[0] + u[0], b[1] + u[1], (b[2] + u[2]) * third]);
         let z = [
-            (((y2[0] - y[0]) + u[0]) + twice[0]) * third,
-            (((y2[1] - y[1]) + u[1]) + twice[1]) * third,
-            (((y2[2] - y[2]) + u[2]) + twice[2]) * third,
+            y3[0].mul_add(two_thirds, ((y2[0] - y[0]) + u[0]) * third),
+            y3[1].mul_add(two_thirds, ((y2[1] - y[1]) + u[1]) * third),
+            (((y2[2] - y[2]) + u[2]) + y3[2]) * third,
         ];
-        self.slope([y4[1] * third, y4[2] * third], y4, [self.e_d, self.e_q, self.e_w], z)
+        Self::slope(y4, &self.stages[3], z)
     }
 
     #[inline(always)]
     fn increments(&self, y: [V; 3], u: [V; 3]) -> [V; 3] {
         let (two, third) = (V::constant(2.0), V::constant(1.0 / 3.0));
-        let once = [self.a_d, self.a_q, self.c];
-        let f1 = self.slope([y[1], y[2]], y, once, u);
+        let f1 = Self::slope(y, &self.once, u);
         let y2 = [y[0] + f1[0], y[1] + f1[1], y[2] + f1[2]];
-        let f2 = self.slope([y2[1], y2[2]], y2, once, u);
+        let f2 = Self::slope(y2, &self.once, u);
         let y3 = [y[0] + f2[0], y[1] + f2[1], y[2] + f2[2]];
-        let f3 = self.slope([y3[1], y3[2]], y3, once, u);
+        let f3 = Self::slope(y3, &self.once, u);
         let y4 = [y[0] + f3[0] * two, y[1] + f3[1] * two, y[2] + f3[2] * two];
-        let f4 = self.slope([y4[1], y4[2]], y4, once, u);
+        let f4 = Self::slope(y4, &self.once, u);
         [
             y[0] + ((f1[0] + f4[0]) + (f2[0] + f3[0]) * two) * third,
             y[1] + ((f1[1] + f4[1]) + (f2[1] + f3[1]) * two) * third,
@@ -196,14 +205,13 @@ impl<V: Lane> Coefficients<V> {
     }
 
     /// The equations, written here alone: `plus` and, of a multiple of F = g·dy/dt at y = ψ, λ, W, all but the constants. The
-    /// multiple is in the rates `linear` and in `turned`, λ and W times it.
+    /// multiple is in the rates; that of W·λ and W·ψ is in W.
     #[inline(always)]
-    fn slope(&self, turned: [V; 2], y: [V; 3], linear: [V; 3], plus: [V; 3]) -> [V; 3] {
-        let [psi, lambda, w] = y;
+    fn slope([psi, lambda, w]: [V; 3], with: &Rates<V>, plus: [V; 3]) -> [V; 3] {
         [
-            turned[1].mul_add(lambda, linear[0].neg_mul_add(psi, plus[0])),
-            turned[1].neg_mul_add(psi, linear[1].neg_mul_add(lambda, plus[1])),
-            turned[0].mul_add(self.k_1.mul_add(psi, self.k_2), linear[2].neg_mul_add(w, plus[2])),
+            w.mul_add(lambda, with.d.neg_mul_add(psi, plus[0])),
+            w.neg_mul_add(psi, with.q.neg_mul_add(lambda, plus[1])),
+            lambda.mul_add(with.k_1.mul_add(psi, with.k_2), with.w.neg_mul_add(w, plus[2])),
         ]
     }
 }
