@@ -74,12 +74,10 @@ impl Objective<'_> {
     /// The best initial values, from the measured ones by Gauss–Newton steps, halved while they lead uphill. `look` gives the
     /// sum of squares from some initial values and the better ones that this run calls for.
     pub(super) fn settle(&self, mut look: impl FnMut(&Starts) -> Option<(f64, Starts)>) -> Option<Starts> {
-        let cx = &self.experiment.signals.context;
-        let sizes = [cx.i_max, cx.i_max, cx.omega_e_max];
         let mut starts = self.measured_starts();
         let (mut cost, mut goal) = look(&starts)?;
         for _ in 0..ROUNDS {
-            if apart(&starts, &goal, sizes) <= AT_REST {
+            if self.at_rest(&starts, &goal) {
                 return Some(goal);
             }
             let (there, next) = look(&goal)?;
@@ -90,6 +88,14 @@ impl Objective<'_> {
             }
         }
         Some(starts)
+    }
+
+    /// Whether initial values hardly differ.
+    pub(super) fn at_rest(&self, a: &Starts, b: &Starts) -> bool {
+        let cx = &self.experiment.signals.context;
+        let sizes = [cx.i_max, cx.i_max, cx.omega_e_max];
+        let both = a.iter().zip(b);
+        both.flat_map(|(a, b)| (0..INITIAL).map(|k| (a[k] - b[k]).abs() / sizes[k])).all(|x| x <= AT_REST)
     }
 
     /// Residuals and derivatives from the initial values `starts` of each segment, and the derivatives with respect to
@@ -130,12 +136,6 @@ impl Objective<'_> {
         }
         (Linearisation { residual, jacobian }, initial)
     }
-}
-
-/// Largest difference between initial values, as a share of `sizes`.
-fn apart(a: &Starts, b: &Starts, sizes: [f64; INITIAL]) -> f64 {
-    let both = a.iter().zip(b);
-    both.flat_map(|(a, b)| (0..INITIAL).map(|k| (a[k] - b[k]).abs() / sizes[k])).fold(0.0, f64::max)
 }
 
 fn halfway(a: &Starts, b: &Starts) -> Starts {

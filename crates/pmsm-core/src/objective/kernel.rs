@@ -274,7 +274,7 @@ impl Objective<'_> {
         starts: Option<&Starts>,
     ) -> Option<Linearisation> {
         let go = || false;
-        let look = |starts: &Starts| {
+        let look = |starts: &Starts| -> Option<(f64, Starts)> {
             let mut better = starts.clone();
             let mut cost = 0.0;
             for (sums, start) in self.sums(p, &[], starts, &go, None)?.iter().zip(&mut better) {
@@ -286,8 +286,17 @@ impl Objective<'_> {
             }
             Some((cost, better))
         };
-        let best = starts.cloned().or_else(|| self.settle(look))?;
-        self.normal(p, free, &best, true, &go)?.linear
+        let around = |starts: &Starts| self.normal(p, free, starts, true, &go);
+        if let Some(starts) = starts {
+            return around(starts)?.linear;
+        }
+        // Mostly the first step leads to the best ones, which the run around them tells.
+        let goal = look(&self.measured_starts())?.1;
+        let there = around(&goal)?;
+        if self.at_rest(&goal, there.course.best()) {
+            return there.linear;
+        }
+        around(&self.settle(look)?)?.linear
     }
 
     /// Products of columns, segment by segment; `keep` takes the rows, see [`copies::rows`].
