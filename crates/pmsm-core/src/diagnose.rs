@@ -46,6 +46,7 @@ use hold::Held;
 use hypothesis::Hypothesis;
 use search::{Outcome, Search};
 use transfer::transfer;
+use verdict::Judged;
 
 /// What shows nearly everything.
 const RICH: &str = "Record a rich manoeuvre: reversals, two levels of i_q, steps of i_d.";
@@ -101,14 +102,14 @@ pub fn diagnose(
         base = fitting::refit(&whole, &base, monitor)?;
     }
     monitor.report("bare machine", 0.1);
-    let mut outcome = search(&whole, &others, &base, monitor)?;
+    let mut outcome = search(&mut whole, &mut others, &mut base, monitor)?;
     let found = &outcome.best.fitted;
-    let anew = settled_anew(&mut whole, &mut others, &outcome)
+    let anew = settled_anew(&mut whole, &mut others, &outcome.base, &outcome.best)
         || !found.effects().is_empty()
             && matches!(hold::settle(&mut whole, &mut others, found, monitor)?, Held::InStator(_));
     if anew && !monitor.cancelled() {
         base = fitting::refit(&whole, &base, monitor)?;
-        outcome = search(&whole, &others, &base, monitor)?;
+        outcome = search(&mut whole, &mut others, &mut base, monitor)?;
     }
     monitor.report("answer", 0.97);
     let judge = others.last().filter(|_| validation.is_some());
@@ -116,7 +117,12 @@ pub fn diagnose(
 }
 
 /// Searches for the effects, held against the other recordings or against every other window of this one.
-fn search(whole: &Data, others: &[Data], base: &Hypothesis, monitor: &dyn Monitor) -> Result<Outcome> {
+fn search(
+    whole: &mut Data,
+    others: &mut [Data],
+    base: &mut Hypothesis,
+    monitor: &dyn Monitor,
+) -> Result<Outcome> {
     // Half a recording may not pin down what the whole does: where the bare machine fits the whole, nothing is wrong with it.
     let split = others.is_empty() && !whole.poor && verdict::largest_excess(base) > verdict::MISMATCH;
     let split = split.then(|| whole.halves()).flatten();
@@ -133,9 +139,13 @@ fn search(whole: &Data, others: &[Data], base: &Hypothesis, monitor: &dyn Monito
         return on_whole(whole, searched, base, monitor);
     }
     if !whole.poor {
-        let held_out = others.iter().collect();
-        return Search { data: whole, held_out, refuting: Vec::new(), most: search::MOST, monitor }
-            .run(base.clone());
+        let begun = open(whole, others, monitor).singles(base.clone())?;
+        let anew = begun.explain_most() && settled_anew(whole, others, &begun.base, &begun.best);
+        if !anew || monitor.cancelled() {
+            return open(whole, others, monitor).finish(begun);
+        }
+        *base = fitting::refit(whole, base, monitor)?;
+        return open(whole, others, monitor).run(base.clone());
     }
     // What a poor recording leaves open a second one must not be held against it, unless it makes nonsense of that one.
     let bare = |data| Ok((data, transfer(data, base, monitor)?));
@@ -143,12 +153,18 @@ fn search(whole: &Data, others: &[Data], base: &Hypothesis, monitor: &dyn Monito
     Search { data: whole, held_out: Vec::new(), refuting, most: 1, monitor }.run(base.clone())
 }
 
+/// A search for as many effects as there may be, held against all of the other recordings.
+fn open<'a>(data: &'a Data, others: &'a [Data], monitor: &'a dyn Monitor) -> Search<'a> {
+    let held_out = others.iter().collect();
+    Search { data, held_out, refuting: Vec::new(), most: search::MOST, monitor }
+}
+
 /// Measures noise on the voltages once more with the help of what was found, and says whether part of it was physics, or hidden by it.
-fn settled_anew(whole: &mut Data, others: &mut [Data], outcome: &Outcome) -> bool {
-    let (best, noisy) = (&outcome.best, whole.input.voltage > 0.0);
+fn settled_anew(whole: &mut Data, others: &mut [Data], base: &Judged, best: &Judged) -> bool {
+    let noisy = whole.input.voltage > 0.0;
     // What is explained down to the floors hides no noise, and what is found on a poor recording that the bare machine explains is none.
     let hides = noisy || best.excess() > verdict::MISMATCH;
-    let real = !whole.poor || outcome.base.excess() > verdict::MISMATCH;
+    let real = !whole.poor || base.excess() > verdict::MISMATCH;
     if best.fitted.effects().is_empty() || !hides || !real {
         return false;
     }

@@ -31,6 +31,8 @@ const ASKED_FOR: f64 = 50.0;
 const FLOOR_ERROR: f64 = 0.015;
 /// An effect must also gain this many nats on recordings that were not used for fitting.
 pub const LEAST_HELD_OUT: f64 = 1.5;
+/// What loses by this many nats is no rival, whatever its parameters cost and the load behind it.
+const LOST: f64 = 30.0;
 /// Rivals within this many nats cannot be told apart.
 pub const INDISTINGUISHABLE: f64 = 3.0;
 /// The same on a recording that does not pin the base parameters down, so that they lean on the nameplate.
@@ -130,6 +132,29 @@ impl Scale {
     }
 }
 
+/// Whether `fitted` loses against `best` by more than a few nats could make up for, however well it did on the other recordings, or in what
+/// is not a current if only these are compared.
+pub fn loses(fitted: &Hypothesis, currents: bool, best: &Judged) -> bool {
+    let floor = |chance: f64| log_square(0.0, chance);
+    // At most what the best set leaves can be gained elsewhere, and its load steps.
+    let nats = |best: &Hypothesis, left: &dyn Fn(usize) -> Option<f64>| -> f64 {
+        let channels = best.squares.iter().zip(&best.chance).zip(&best.samples).enumerate();
+        let all: f64 = channels
+            .map(|(at, (((_, square), chance), samples))| {
+                let worth = samples.clamp(LEAST_WORTH, MOST_WORTH);
+                let left = left(at).map_or(floor(*chance), |left| log_square(left, *chance));
+                0.5 * worth * (left - log_square(*square, *chance))
+            })
+            .sum();
+        (all - price_of_steps(best)) / best.runs() as f64
+    };
+    let squares = &fitted.squares;
+    let shown = |at: usize| (!currents || squares[at].0.is_electrical()).then_some(squares[at].1);
+    let here = nats(&best.fitted, &shown);
+    let elsewhere: f64 = best.held_out.iter().map(|run| nats(run, &|_| None)).sum();
+    (here + elsewhere) / (1 + best.held_out.len()) as f64 > LOST
+}
+
 /// Whether the recordings together would not have left so much more to `narrow` than to `wide`, which contains it and reaches the noise,
 /// by chance. That this is the further physics, and not the next thing that either leaves out, it does not say.
 pub fn asks_for(wide: &Judged, narrow: &Judged) -> bool {
@@ -155,8 +180,12 @@ pub fn asks_for(wide: &Judged, narrow: &Judged) -> bool {
 fn misfit(hypothesis: &Hypothesis, worth: &[f64]) -> f64 {
     let channels = hypothesis.squares.iter().zip(&hypothesis.chance).zip(worth);
     let all: f64 = channels.map(|(((_, s), chance), w)| 0.5 * w * log_square(*s, *chance)).sum();
+    (all + price_of_steps(hypothesis)) / hypothesis.runs() as f64
+}
+
+fn price_of_steps(hypothesis: &Hypothesis) -> f64 {
     let steps: usize = hypothesis.nuisances.iter().map(Nuisance::steps).sum();
-    (all + STEP_PRICE * steps as f64) / hypothesis.runs() as f64
+    STEP_PRICE * steps as f64
 }
 
 /// Logarithm of a mean square; what falls below the floor or within chance of it earns nothing, what is not a number costs
@@ -177,6 +206,31 @@ mod tests {
         let scale = Scale::new([&base, &lucky, &right].into_iter());
         assert!(!scale.beats(&lucky, &base));
         assert!(scale.beats(&right, &base));
+    }
+
+    #[test]
+    fn what_has_lost_loses_whatever_it_does_elsewhere() {
+        let mut lost = [0, 0];
+        for (best_left, left) in
+            [1.0, 1.2, 4.0].into_iter().flat_map(|b| [1.1, 2.0, 5.0, 60.0].map(|l| (b, l)))
+        {
+            for samples in [5.0, 40.0, 1e4] {
+                let with = |mut judged: Judged| {
+                    judged.fitted.samples = vec![samples; 2];
+                    judged.held_out[0].samples = vec![samples; 2];
+                    judged
+                };
+                let best = with(judged(best_left, 1.1, best_left, 6));
+                // All that it does not show is as if nothing were left there, and it has fewer parameters.
+                let rival = with(judged(left, 0.5, 0.5, 2));
+                let scale = Scale::new([&best, &rival].into_iter());
+                let gone = loses(&rival.fitted, true, &best);
+                lost[usize::from(gone)] += 1;
+                assert!(!gone || scale.loss(&rival) > scale.loss(&best) + LOST - 4.0 * PRICE - 1e-9);
+                assert!(gone || loses(&judged(left, 60.0, 0.5, 2).fitted, false, &best) || samples < 1e3);
+            }
+        }
+        assert!(lost.iter().all(|count| *count > 3), "{lost:?}");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //! simulation and judged on the recording and on the held-out run.
 
 mod again;
+mod extend;
 mod hidden;
 mod refit;
 mod sets;
@@ -14,34 +15,26 @@ use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::power::{self, Shown};
 use super::scale::Scale;
-use super::shortlist::{Prospect, Scorer};
+use super::shortlist::Prospect;
 use super::transfer::transfer;
-use super::verdict::{self, Judged, MISMATCH, PROGRESS};
+use super::verdict::{self, Judged};
 use crate::effect::Site;
-use crate::effects::{self, EffectId};
+use crate::effects::EffectId;
 use crate::error::Result;
-use crate::experiment::Channel;
 use crate::monitor::Monitor;
-use rayon::prelude::*;
+use extend::Aim;
 use sets::{explains, foothold, hopeless, mismatched_by, path, progress, same, sorted, steps};
 
 pub use variants::Swap;
 use variants::preferred;
 
-/// Effects whose first-order score (mean square in units of what is left) is below this are not refitted.
-const LEAST_SCORE: f64 = 0.002;
-/// Beside other effects, one that scores less than this share of the worst channel's excess is not refitted either, unless it is
-/// the best of its site: it has to take away a good part of it to be taken up.
-const LEAST_SHARE: f64 = 0.1;
-/// Of single effects, none is that scores less than this share of the best: it is no rival to it, and what it may explain beside it is
-/// seen when pairs are grown.
-const RIVAL: f64 = 0.05;
 /// Steps of an unknown load, or noise that lets the rotor wander, may hide what moves: mechanical effects are asked from this share of a
-/// mismatch on, unless they score less than that.
+/// mismatch on.
 const HIDING: f64 = 1.0 / 3.0;
-const LEAST_HIDDEN: f64 = 0.1;
 /// Single effects refitted at most.
 const SINGLES: usize = 10;
+/// Share of its excess that an effect leaves of which all but a little is explained.
+const MOSTLY: f64 = 0.1;
 /// Sets from which larger ones are grown.
 const BEAM: usize = 2;
 /// Effects added to each of them.
@@ -63,6 +56,27 @@ pub struct Search<'a> {
     pub most: usize,
     /// Asked whether to go on.
     pub monitor: &'a dyn Monitor,
+}
+
+/// What single effects explain.
+pub struct Singles {
+    /// The bare machine.
+    pub base: Judged,
+    /// The best of them, or the bare machine.
+    pub best: Judged,
+    /// Effects that this recording could show, and those that could not be judged, and why.
+    able: Vec<EffectId>,
+    unfit: Vec<(EffectId, String)>,
+    tried: Vec<(Prospect, Option<Judged>)>,
+    seen: Vec<Judged>,
+    scale: Scale,
+}
+
+impl Singles {
+    /// Whether one of them takes away most of what the bare machine leaves.
+    pub fn explain_most(&self) -> bool {
+        self.best.excess() < MOSTLY * self.base.excess()
+    }
 }
 
 /// What came out of a search.
@@ -105,6 +119,14 @@ impl Search<'_> {
     /// # Errors
     /// Those of the fits; an interruption ends the search with the best so far.
     pub fn run(&self, base: Hypothesis) -> Result<Outcome> {
+        self.finish(self.singles(base)?)
+    }
+
+    /// Tries single effects beside the fitted bare machine.
+    ///
+    /// # Errors
+    /// Those of the fits.
+    pub fn singles(&self, base: Hypothesis) -> Result<Singles> {
         let base = self.judge(base)?;
         let (able, unfit) = able::able(self.data);
         // What explains less than would be called a mismatch may be the floor's own error; an unknown load may hide what moves, and so may
@@ -117,14 +139,25 @@ impl Search<'_> {
             mismatched_by(&base, 1.0) || hidden || (e.jumps() && reversing)
         };
         let asked: Vec<EffectId> = able.iter().copied().filter(asked).collect();
-        let singles = self.extend(&base, &asked, SINGLES, true)?;
+        let aim = Aim { base: &base, best: None, most: SINGLES, thorough: true };
+        let singles = self.extend(&base, &asked, aim)?;
         self.monitor.report("single effects", 0.6);
         let mut seen = self.refined(&base, &singles)?;
         seen.extend(singles.iter().filter_map(|(_, j)| j.clone()));
         seen.push(base.clone());
-        let mut scale = Scale::new(seen.iter());
+        let scale = Scale::new(seen.iter());
         let first = sorted(&seen, &scale).swap_remove(0);
-        let mut best = if scale.beats(&first, &base) { first } else { base.clone() };
+        let best = if scale.beats(&first, &base) { first } else { base.clone() };
+        Ok(Singles { base, able, unfit, tried: singles, seen, scale, best })
+    }
+
+    /// Goes on from single effects to pairs and triples, and to what else it could be.
+    ///
+    /// # Errors
+    /// Those of the fits; an interruption ends the search with the best so far.
+    pub fn finish(&self, begun: Singles) -> Result<Outcome> {
+        let Singles { base, able, unfit, tried: singles, mut seen, mut scale, mut best } = begun;
+        let mut grown = vec![Vec::new()];
         for size in 2..=self.most {
             if explains(&best, &base) || self.monitor.cancelled() {
                 break;
@@ -146,7 +179,10 @@ impl Search<'_> {
                 };
                 let rest: Vec<EffectId> =
                     self.rest(&able, parent).into_iter().filter(|e| !tried(e)).collect();
-                let extended = self.extend(parent, &rest, BRANCHES, rank == 0)?;
+                let done = larger.iter().find(|j| explains(j, &base));
+                let aim = Aim { base: &base, best: done, most: BRANCHES, thorough: rank == 0 };
+                let extended = self.extend(parent, &rest, aim)?;
+                grown.push(parent.fitted.effects());
                 larger.extend(self.refined(parent, &extended)?);
                 larger.extend(extended.into_iter().filter_map(|(_, j)| j));
             }
@@ -161,11 +197,11 @@ impl Search<'_> {
         }
         let best = self.behind_steps(best, &base, &able, &mut seen, &mut scale)?;
         let mut best = self.pruned(best, &scale, &mut seen)?;
-        let mut swaps = self.swaps(&best, &able, &mut seen)?;
+        let mut swaps = self.swaps(&best, &base, &able, (&mut seen, &mut grown))?;
         for _ in 0..PREFERRED {
             let Some(better) = preferred(&best, &swaps, &scale) else { break };
             best = self.pruned(better, &scale, &mut seen)?;
-            swaps = self.swaps(&best, &able, &mut seen)?;
+            swaps = self.swaps(&best, &base, &able, (&mut seen, &mut grown))?;
         }
         let best = self.under_wider_load(best, &swaps, &scale)?;
         self.monitor.report("alternatives", 0.92);
@@ -189,83 +225,6 @@ impl Search<'_> {
             refuted |= !fitted.effects().is_empty() && verdict::refutes(&on(data)?, bare);
         }
         Ok(Judged { fitted, held_out, refuted })
-    }
-
-    /// Scores `candidates` on top of `parent` and refits the `most` best, in parallel. Those whose score tells little are
-    /// refitted, too, if the parent does not explain the motion and `thorough` is asked for.
-    fn extend(
-        &self,
-        parent: &Judged,
-        candidates: &[EffectId],
-        most: usize,
-        thorough: bool,
-    ) -> Result<Vec<(Prospect, Option<Judged>)>> {
-        let scorer = Scorer::new(self.data, &parent.fitted);
-        let prospects: Vec<Prospect> = candidates
-            .par_iter()
-            .map(|effect| {
-                if self.monitor.cancelled() {
-                    let probes = effect.probes(parent.fitted.model.context());
-                    let start = probes.into_iter().next().unwrap_or_default();
-                    return Prospect { effect: *effect, start, score: 0.0 };
-                }
-                scorer.score(*effect)
-            })
-            .collect();
-        let mut order: Vec<usize> = (0..prospects.len()).collect();
-        order.sort_by(|a, b| prospects[*b].score.total_cmp(&prospects[*a].score));
-        let beside = !parent.fitted.effects().is_empty();
-        let least = if beside {
-            (LEAST_SHARE * parent.excess() / (1.0 + parent.excess())).max(LEAST_SCORE)
-        } else {
-            let best = prospects.iter().map(|p| p.score).fold(0.0, f64::max);
-            (RIVAL * best).max(if mismatched_by(parent, 1.0) { LEAST_SCORE } else { LEAST_HIDDEN })
-        };
-        let shaken = thorough && parent.fitted.square(Channel::OmegaE) > 1.0 + MISMATCH;
-        let reversing = self.steps_reverse(parent);
-        // What the voltages leave may look like much in the motion: beside other effects the best of each site is tried.
-        let leads = |k: usize| {
-            let site = |k: usize| prospects[k].effect.info().site;
-            beside && order.iter().find(|o| site(**o) == site(k)) == Some(&k)
-        };
-        let chosen: Vec<bool> = (0..prospects.len())
-            .map(|k| {
-                let (effect, score) = (prospects[k].effect, prospects[k].score);
-                let top = score > least && order.iter().take(most).any(|o| *o == k);
-                let asked = (leads(k) && score > LEAST_SCORE) || (effect.jumps() && reversing);
-                top || asked || (!effect.is_first_order() && shaken)
-            })
-            .collect();
-        let judged: Vec<Result<Option<Judged>>> = prospects
-            .par_iter()
-            .zip(&chosen)
-            .map(|(prospect, chosen)| {
-                if !*chosen || self.monitor.cancelled() {
-                    return Ok(None);
-                }
-                let judged = self.refit(parent, prospect)?;
-                Ok((!judged.fitted.vanishes(prospect.effect)).then_some(judged))
-            })
-            .collect();
-        prospects.into_iter().zip(judged).map(|(p, j)| j.map(|j| (p, j))).collect()
-    }
-
-    /// Of the `extended` sets those whose new effect only refines another one, with that one beside it: neither may be worth much without
-    /// the other.
-    fn refined(&self, parent: &Judged, extended: &[(Prospect, Option<Judged>)]) -> Result<Vec<Judged>> {
-        let mut out = Vec::new();
-        for (prospect, judged) in extended {
-            let (Some(judged), Some(plain)) = (judged, prospect.effect.refines()) else { continue };
-            let plain =
-                effects::ALL.iter().copied().find(|e| e.id() == plain).expect("it is in the catalogue");
-            let effects = judged.fitted.effects();
-            let room = effects.len() < self.most && !effects.contains(&plain);
-            if room && judged.excess() > MISMATCH && judged.excess() < PROGRESS * parent.excess() {
-                let prospect = Scorer::new(self.data, &judged.fitted).score(plain);
-                out.push(self.refit(judged, &prospect)?);
-            }
-        }
-        Ok(out)
     }
 
     fn rest(&self, able: &[EffectId], parent: &Judged) -> Vec<EffectId> {

@@ -1,5 +1,6 @@
 //! What the steps of an unknown load hide where the speed reverses: a friction that jumps there, which the load can stand in for.
 
+use super::extend::Aim;
 use super::sets::{explains, sorted};
 use super::{BRANCHES, Search};
 use crate::diagnose::reversals;
@@ -45,7 +46,8 @@ impl Search<'_> {
             return Ok(best);
         }
         let jumping: Vec<EffectId> = self.rest(able, &best).into_iter().filter(|e| e.jumps()).collect();
-        let extended = self.extend(&best, &jumping, BRANCHES, false)?;
+        let aim = Aim { base, best: None, most: BRANCHES, thorough: false };
+        let extended = self.extend(&best, &jumping, aim)?;
         let larger: Vec<Judged> = extended.into_iter().filter_map(|(_, j)| j).collect();
         seen.extend(larger.iter().cloned());
         *scale = Scale::new(seen.iter());

@@ -5,9 +5,11 @@ use super::sets::explained;
 use crate::diagnose::data::Data;
 use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::scale;
 use crate::diagnose::shortlist::Prospect;
 use crate::diagnose::verdict::{Judged, MISMATCH};
 use crate::effect::{Parameter, Role, Site};
+use crate::effects::EffectId;
 use crate::error::Result;
 use crate::model::Model;
 use crate::monitor::Monitor;
@@ -18,11 +20,47 @@ const KEPT_PROMISE: f64 = 0.5;
 const LEAST_PROMISE: f64 = 0.02;
 const FAINTER: f64 = 0.1;
 
+/// What a refit has to come up to.
+#[derive(Clone, Copy)]
+pub(super) enum Claim<'a> {
+    /// Nothing.
+    Open,
+    /// Not to lose against this set, whatever it does elsewhere.
+    Beside(&'a Judged),
+    /// The same where this set explains the recordings and promised more than twice as much.
+    Outdone(&'a Judged),
+}
+
+impl Claim<'_> {
+    /// Whether what a fit leaves in its channels, of the currents alone where only they are final, costs the claim.
+    fn lost(self, fitted: &Hypothesis, currents: bool) -> bool {
+        match self {
+            Self::Open => false,
+            Self::Beside(best) | Self::Outdone(best) => scale::loses(fitted, currents, best),
+        }
+    }
+}
+
 impl Search<'_> {
-    /// The set of `parent` with one effect more, judged on all recordings.
-    pub(super) fn refit(&self, parent: &Judged, prospect: &Prospect) -> Result<Judged> {
-        let thorough = parent.excess() > MISMATCH;
-        self.judge(beside(self.data, &parent.fitted, prospect, thorough, self.monitor)?)
+    /// Whether `effect` beside `parent` cannot come up to the claim: what moves the rotor leaves the currents as they are, unless both
+    /// are fitted at once.
+    pub(super) fn out_of_question(&self, parent: &Judged, effect: EffectId, claim: Claim) -> bool {
+        let apart = !fitting::together(self.data, &parent.fitted.model);
+        effect.info().site == Site::Mechanical && apart && claim.lost(&parent.fitted, true)
+    }
+
+    /// The set of `parent` with one effect more, judged on all recordings; nothing where the effect vanishes, or does not come up to
+    /// the `claim`.
+    pub(super) fn refit(&self, parent: &Judged, prospect: &Prospect, claim: Claim) -> Result<Option<Judged>> {
+        if self.out_of_question(parent, prospect.effect, claim) {
+            return Ok(None);
+        }
+        let thorough = parent.excess() > MISMATCH && !matches!(claim, Claim::Outdone(_));
+        let fitted = beside(self.data, &parent.fitted, prospect, thorough, self.monitor)?;
+        if claim.lost(&fitted, false) || fitted.vanishes(prospect.effect) {
+            return Ok(None);
+        }
+        self.judge(fitted).map(Some)
     }
 }
 

@@ -1,5 +1,7 @@
 //! Sets beside the best one: without one of its effects, with a special case of it, or with another in its place.
 
+use super::extend::Aim;
+use super::refit::Claim;
 use super::sets::{is_set, same};
 use super::smaller::{in_place, reduced, special_cases};
 use super::{BRANCHES, Search};
@@ -88,12 +90,14 @@ impl Search<'_> {
         Ok(judged)
     }
 
-    /// For each effect of the best set, the set without it and what other effects in its place achieve.
+    /// For each effect of the best set, the set without it and what other effects in its place achieve: of the sets `seen`, and of those
+    /// that are grown from it unless it is one of those which have `grown`.
     pub(super) fn swaps(
         &self,
         best: &Judged,
+        base: &Judged,
         able: &[EffectId],
-        seen: &mut Vec<Judged>,
+        (seen, grown): (&mut Vec<Judged>, &mut Vec<Vec<EffectId>>),
     ) -> Result<Vec<Swap>> {
         let effects = best.fitted.effects();
         let mut out = Vec::new();
@@ -107,8 +111,11 @@ impl Search<'_> {
                 seen.iter().find(|j| same(&j.fitted.effects(), &kept, e)).cloned()
             };
             let rest: Vec<EffectId> = able.iter().copied().filter(|e| !effects.contains(e)).collect();
-            if !rest.iter().any(|e| tried(*e, seen).is_some()) {
-                let extended = self.extend(&fewer, &rest, BRANCHES, true)?;
+            let known = grown.iter().any(|set| is_set(set, &kept));
+            if !known && !rest.iter().any(|e| tried(*e, seen).is_some()) {
+                grown.push(kept.clone());
+                let aim = Aim { base, best: Some(best), most: BRANCHES, thorough: true };
+                let extended = self.extend(&fewer, &rest, aim)?;
                 seen.extend(extended.into_iter().filter_map(|(_, j)| j));
             }
             let rivals = rest
@@ -134,8 +141,7 @@ impl Search<'_> {
                 }
                 rest -= 1;
                 let prospect = Scorer::new(self.data, &fewer.fitted).score(rival);
-                let judged = self.refit(&fewer, &prospect)?;
-                if !judged.fitted.vanishes(rival) {
+                if let Some(judged) = self.refit(&fewer, &prospect, Claim::Beside(best))? {
                     swaps.push(Swap { replaced: found, by: Some(rival), judged });
                 }
             }

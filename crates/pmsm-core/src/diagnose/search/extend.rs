@@ -1,0 +1,137 @@
+//! One effect more beside a set: which are worth a refit, and which of those a whole one.
+
+use super::Search;
+use super::refit::Claim;
+use super::sets::{explains, mismatched_by};
+use crate::diagnose::shortlist::{Prospect, Scorer};
+use crate::diagnose::verdict::{Judged, MISMATCH, PROGRESS};
+use crate::effects::{self, EffectId};
+use crate::error::Result;
+use crate::experiment::Channel;
+use rayon::prelude::*;
+
+/// Effects whose first-order score (mean square in units of what is left) is below this are not refitted.
+const LEAST_SCORE: f64 = 0.002;
+/// The same where the bare machine leaves no mismatch, only what a load or noise may hide.
+const LEAST_HIDDEN: f64 = 0.1;
+/// Beside other effects, one that scores less than this share of the worst channel's excess is not refitted either, unless it is
+/// the best of its site: it has to take away a good part of it to be taken up.
+const LEAST_SHARE: f64 = 0.1;
+/// Of single effects, none is that scores less than this share of the best: it is no rival to it, and what it may explain beside it is
+/// seen when pairs are grown.
+const RIVAL: f64 = 0.05;
+/// Effects that score this share of the best are refitted first. Where one of them explains the recordings, the others only have to
+/// show that they are no rivals to it.
+const LEADING: f64 = 0.5;
+
+/// What an extension is for.
+#[derive(Clone, Copy)]
+pub(super) struct Aim<'a> {
+    /// The bare machine.
+    pub(super) base: &'a Judged,
+    /// The set that the new ones must not fall far behind, if there is one already.
+    pub(super) best: Option<&'a Judged>,
+    /// Effects refitted at most.
+    pub(super) most: usize,
+    /// Whether those whose score tells little are refitted, too, if the set does not explain the motion.
+    pub(super) thorough: bool,
+}
+
+impl Search<'_> {
+    /// Scores `candidates` on top of `parent` and refits the best, in parallel.
+    pub(super) fn extend(
+        &self,
+        parent: &Judged,
+        candidates: &[EffectId],
+        aim: Aim,
+    ) -> Result<Vec<(Prospect, Option<Judged>)>> {
+        let scorer = Scorer::new(self.data, &parent.fitted);
+        let claim = aim.best.map_or(Claim::Open, Claim::Beside);
+        let candidates: Vec<EffectId> =
+            candidates.iter().copied().filter(|e| !self.out_of_question(parent, *e, claim)).collect();
+        let prospects: Vec<Prospect> = candidates
+            .par_iter()
+            .map(|effect| {
+                if self.monitor.cancelled() {
+                    let probes = effect.probes(parent.fitted.model.context());
+                    let start = probes.into_iter().next().unwrap_or_default();
+                    return Prospect { effect: *effect, start, score: 0.0 };
+                }
+                scorer.score(*effect)
+            })
+            .collect();
+        let chosen = self.chosen(parent, &prospects, aim);
+        let top = prospects.iter().map(|p| p.score).fold(0.0, f64::max);
+        let leads = |k: usize| aim.best.is_none() && prospects[k].score >= LEADING * top;
+        let (first, second): (Vec<usize>, Vec<usize>) = chosen.into_iter().partition(|k| leads(*k));
+
+        let mut judged: Vec<Option<Judged>> = vec![None; prospects.len()];
+        let refit = |wave: &[usize], claim: Claim| -> Result<Vec<Option<Judged>>> {
+            wave.par_iter()
+                .map(|k| {
+                    if self.monitor.cancelled() {
+                        return Ok(None);
+                    }
+                    self.refit(parent, &prospects[*k], claim)
+                })
+                .collect()
+        };
+        for (k, one) in first.iter().zip(refit(&first, claim)?) {
+            judged[*k] = one;
+        }
+        let explaining = judged.iter().flatten().filter(|j| explains(j, aim.base));
+        let done = explaining.min_by(|a, b| a.excess().total_cmp(&b.excess())).cloned();
+        let claim = done.as_ref().map_or(claim, Claim::Outdone);
+        for (k, one) in second.iter().zip(refit(&second, claim)?) {
+            judged[*k] = one;
+        }
+        Ok(prospects.into_iter().zip(judged).collect())
+    }
+
+    /// Numbers of the `prospects` that are worth a refit.
+    fn chosen(&self, parent: &Judged, prospects: &[Prospect], aim: Aim) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..prospects.len()).collect();
+        order.sort_by(|a, b| prospects[*b].score.total_cmp(&prospects[*a].score));
+        let beside = !parent.fitted.effects().is_empty();
+        let least = if beside {
+            (LEAST_SHARE * parent.excess() / (1.0 + parent.excess())).max(LEAST_SCORE)
+        } else {
+            let best = prospects.iter().map(|p| p.score).fold(0.0, f64::max);
+            (RIVAL * best).max(if mismatched_by(parent, 1.0) { LEAST_SCORE } else { LEAST_HIDDEN })
+        };
+        let shaken = aim.thorough && parent.fitted.square(Channel::OmegaE) > 1.0 + MISMATCH;
+        let reversing = self.steps_reverse(parent);
+        // What the voltages leave may look like much in the motion: beside other effects the best of each site is tried.
+        let site = |k: usize| prospects[k].effect.info().site;
+        let first_of_site = |k: usize| beside && order.iter().find(|o| site(**o) == site(k)) == Some(&k);
+        let worth = |k: &usize| {
+            let (effect, score) = (prospects[*k].effect, prospects[*k].score);
+            let top = score > least && order.iter().take(aim.most).any(|o| o == k);
+            let asked = (first_of_site(*k) && score > LEAST_SCORE) || (effect.jumps() && reversing);
+            top || asked || (!effect.is_first_order() && shaken)
+        };
+        (0..prospects.len()).filter(worth).collect()
+    }
+
+    /// Of the `extended` sets those whose new effect only refines another one, with that one beside it: neither may be worth much without
+    /// the other.
+    pub(super) fn refined(
+        &self,
+        parent: &Judged,
+        extended: &[(Prospect, Option<Judged>)],
+    ) -> Result<Vec<Judged>> {
+        let mut out = Vec::new();
+        for (prospect, judged) in extended {
+            let (Some(judged), Some(plain)) = (judged, prospect.effect.refines()) else { continue };
+            let plain =
+                effects::ALL.iter().copied().find(|e| e.id() == plain).expect("it is in the catalogue");
+            let effects = judged.fitted.effects();
+            let room = effects.len() < self.most && !effects.contains(&plain);
+            if room && judged.excess() > MISMATCH && judged.excess() < PROGRESS * parent.excess() {
+                let prospect = Scorer::new(self.data, &judged.fitted).score(plain);
+                out.extend(self.refit(judged, &prospect, Claim::Open)?);
+            }
+        }
+        Ok(out)
+    }
+}
