@@ -2,12 +2,12 @@
 //! effect.
 
 use super::Search;
-use super::sets::{replace, steps};
-use super::smaller::{in_place, reduced};
+use super::sets::{is_set, replace, steps};
+use super::smaller::{in_place, left_out, reduced};
 use super::variants::Swap;
 use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::scale::{LEAST_GAIN, Scale};
+use crate::diagnose::scale::{LEAST_GAIN, Scale, loses};
 use crate::diagnose::verdict::Judged;
 use crate::effect::{Role, Site};
 use crate::effects::EffectId;
@@ -38,6 +38,34 @@ impl Search<'_> {
         }
         let again = self.judge(fitting::fit(self.data, &model, &start, false, self.monitor)?)?;
         Ok(better(again, simpler, scale, seen))
+    }
+
+    /// The best set without the effect `drop`, everything else being as it is, if it is worth no more with it: an effect may owe its place
+    /// to a fit of everything at once that was made for its sake.
+    pub(super) fn needless(
+        &self,
+        best: &Judged,
+        drop: EffectId,
+        scale: &Scale,
+        seen: &mut [Judged],
+    ) -> Result<Option<Judged>> {
+        let Some((model, parameters, free)) = left_out(&best.fitted, drop) else { return Ok(None) };
+        if model.effects().is_empty() || self.monitor.cancelled() {
+            return Ok(None);
+        }
+        let fitted = Hypothesis::on(self.data, model, parameters, free, best.fitted.nuisances.clone());
+        if loses(&fitted, false, best) {
+            return Ok(None);
+        }
+        let fewer = self.judge(fitted)?;
+        if scale.loss(&fewer) >= scale.loss(best) + LEAST_GAIN {
+            return Ok(None);
+        }
+        let known = seen.iter().find(|j| is_set(&j.fitted.effects(), &fewer.fitted.effects())).cloned();
+        Ok(Some(match known {
+            Some(known) => better(fewer, known, scale, seen),
+            None => fewer,
+        }))
     }
 
     /// The set `fewer` without the effect `drop`, or the same fitted from where the set stands with it, if that is better: from afar its
@@ -180,6 +208,32 @@ mod tests {
         let found = search(&data).pruned(both, &scale, &mut seen).unwrap();
         assert_eq!(found.fitted.effects(), [EffectId::CoulombFriction]);
         assert!(found.excess() < 0.1 && seen[1].excess() < 0.1, "{}", found.excess());
+    }
+
+    #[test]
+    fn what_adds_nothing_to_a_fit_made_for_its_sake_is_no_effect() {
+        let (data, base) = reversing(0.3);
+        let right = judged(fitted(&data, &base, EffectId::CoulombFriction));
+        let with_offset = |offset: f64| {
+            let Hypothesis { model, parameters, nuisances, .. } = right.fitted.clone();
+            let (own, open) = parameters.split_at(model.parameter_count());
+            let model =
+                Model::new(data.signals.context, &[EffectId::CoulombFriction, EffectId::CurrentOffset]);
+            let parameters = [own, &[offset, 0.0], open].concat();
+            judged(Hypothesis::on(&data, model, parameters, Vec::new(), nuisances))
+        };
+        let mut seen = vec![judged(base), astray(&data, &right, |x| x[BASE] *= 1.5)];
+        let scale = Scale::new([&right].into_iter());
+        let found = search(&data).pruned(with_offset(0.0), &scale, &mut seen).unwrap();
+        assert_eq!(found.fitted.effects(), [EffectId::CoulombFriction]);
+        assert_eq!(found.fitted.parameters, right.fitted.parameters);
+        let (strong, offset) = (with_offset(5.0), EffectId::CurrentOffset);
+        assert!(
+            search(&data).needless(&strong, offset, &scale, &mut []).unwrap().is_some(),
+            "it is worse with it"
+        );
+        let friction = search(&data).needless(&right, EffectId::CoulombFriction, &scale, &mut []).unwrap();
+        assert!(friction.is_none());
     }
 
     #[test]

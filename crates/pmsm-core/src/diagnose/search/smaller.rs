@@ -20,6 +20,18 @@ pub(super) fn reduced(hypothesis: &Hypothesis, drop: EffectId) -> (Model, Vec<f6
     (Model::new(*hypothesis.model.context(), &kept), start)
 }
 
+/// Model, all parameters and which of them are fitted without one of the effects, everything else being as it is: nothing where the
+/// effect has a part in what a recording leaves open.
+pub(super) fn left_out(hypothesis: &Hypothesis, drop: EffectId) -> Option<(Model, Vec<f64>, Vec<usize>)> {
+    let slot = hypothesis.model.slots().iter().find(|s| s.effect == drop)?;
+    let own = slot.parameters.clone();
+    let (model, mut parameters) = reduced(hypothesis, drop);
+    parameters.extend(&hypothesis.parameters[hypothesis.own().len()..]);
+    let others = hypothesis.free.iter().filter(|k| !own.contains(k));
+    let free = others.map(|k| if *k < own.start { *k } else { k - own.len() }).collect();
+    (drop.mechanical_state_count() == 0).then_some((model, parameters, free))
+}
+
 /// Model and parameters with the special case `narrow` in place of the effect `wide`; parameters of the same name keep their values.
 pub(super) fn in_place(hypothesis: &Hypothesis, wide: EffectId, narrow: EffectId) -> (Model, Vec<f64>) {
     let (rest, mut start) = reduced(hypothesis, wide);
@@ -51,6 +63,17 @@ mod tests {
         own.extend(&friction);
         own.push(0.5);
         let hypothesis = Hypothesis::bare(model, own.clone());
+
+        let whole = Hypothesis {
+            parameters: [&own[..], &[7.0, 8.0]].concat(),
+            free: vec![0, BASE + 1, own.len() - 1, own.len(), own.len() + 1],
+            ..hypothesis.clone()
+        };
+        let (without, parameters, free) = left_out(&whole, stribeck).unwrap();
+        assert_eq!((without.effects(), &parameters[BASE..]), (vec![drag], &[0.5, 7.0, 8.0][..]));
+        assert_eq!(free, [0, BASE, BASE + 1, BASE + 2]);
+        let shaft = Hypothesis::bare(Model::new(CX, &[EffectId::TwoMassShaft]), vec![1.0; BASE + 3]);
+        assert!(left_out(&shaft, EffectId::TwoMassShaft).is_none());
 
         let (without, start) = reduced(&hypothesis, stribeck);
         assert_eq!(without.effects(), [drag]);

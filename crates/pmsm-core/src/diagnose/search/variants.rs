@@ -44,6 +44,10 @@ impl Search<'_> {
                 }
             }
             for drop in &effects {
+                if let Some(fewer) = self.needless(&best, *drop, scale, seen)? {
+                    best = fewer;
+                    continue 'again;
+                }
                 let tried = seen.len();
                 let mut fewer = self.without(&best, *drop, seen)?;
                 if seen.len() == tried {
