@@ -14,7 +14,6 @@ use pmsm_core::monitor::{Silent, StopFlag};
 use pmsm_core::recording::{Kind, Load};
 use pmsm_core::signals::Signals;
 use pmsm_core::simulate::{coupled, electrical};
-use pmsm_core::swarm::SwarmSettings;
 
 fn constant(x: f64) -> Option<Schedule> {
     Some(Schedule::constant(x).unwrap())
@@ -260,7 +259,7 @@ fn the_paper_s_parameters_are_found_again() {
     setup.drive.sensors = Sensors { noise_i: 0.05, noise_omega_e: 0.1, ..Sensors::default() };
     let simulation = run(&setup);
     let fit = vec![(Target::Base(BaseParameter::RS), None), (Target::TauLoad, None)];
-    let request = Request { fit, method: Method::LeastSquares, swarm: SwarmSettings::default(), seed: 1 };
+    let request = Request { fit, method: Method::LeastSquares, ..Request::default() };
     let answer = identify(&simulation.recording, &Machine::liu_2008(), &request, &Silent).unwrap();
     let text = serde_json::to_value(&answer).unwrap();
     let value = |name: &str| text["parameters"][name]["value"].as_f64().unwrap();

@@ -9,7 +9,6 @@ use pmsm_core::machine::Machine;
 use pmsm_core::monitor::{Monitor, Silent};
 use pmsm_core::objective::Drive;
 use pmsm_core::recording::{Load, Recording};
-use pmsm_core::swarm::SwarmSettings;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Typical errors of a nameplate.
@@ -42,7 +41,7 @@ fn paper_request(seed: u64) -> Request {
         ("r_s".parse().expect("known"), Some((0.05, 0.5))),
         ("tau_load".parse().expect("known"), Some((0.0, 10.0))),
     ];
-    Request { fit, method: Method::Swarm, swarm: SwarmSettings::default(), seed }
+    Request { fit, method: Method::Swarm, seed, ..Request::default() }
 }
 
 fn truth(plant: &Plant, name: &str) -> f64 {
@@ -196,6 +195,29 @@ fn the_papers_swarm_settles_within_twenty_generations() {
     }
     println!("{early} of 40 seeds within 1 % of the final cost by generation 20");
     assert!(early >= 28, "{early} of 40");
+}
+
+#[test]
+fn without_uncertainties_the_same_values_come_alone() {
+    let (plant, run) = paper_window();
+    let recording = run.log([0.05, 0.5], 0.0, 9, Load::UnknownConstant);
+    let machine = plant.nameplate([1.0; 6]);
+    for method in [Method::Swarm, Method::LeastSquares, Method::Both] {
+        let answer = |uncertainties| {
+            let request = Request { method, uncertainties, ..paper_request(3) };
+            identify(&recording, &machine, &request, &Silent).expect("an answer")
+        };
+        let (whole, bare) = (answer(true), answer(false));
+        assert_eq!(
+            (bare.cost, bare.evaluations, &bare.history),
+            (whole.cost, whole.evaluations, &whole.history)
+        );
+        for ((name, a), (other, b)) in whole.parameters.iter().zip(&bare.parameters) {
+            assert_eq!((name, a.value, a.unit), (other, b.value, b.unit));
+            assert!(a.stderr.is_some() && b.stderr.is_none() && b.why_none.is_some());
+        }
+        assert!(!whole.rms.is_empty() && bare.rms.is_empty());
+    }
 }
 
 #[test]

@@ -34,28 +34,40 @@ def bounds(job: Job) -> dict[str, tuple[float, float]]:
     return {NAMES[k]: (float(LOW[k]), float(HIGH[k])) for k in job.fitted}
 
 
-def swarm(job: Job, columns: dict[str, Array], threads: int) -> Callable[[], float]:
-    """The package's swarm, from arrays to the answer."""
+def swarm(
+    job: Job, columns: dict[str, Array], threads: int, *, uncertainties: bool = True
+) -> Callable[[], float]:
+    """The package's swarm, from arrays to the answer, with its uncertainties or without them."""
     settings = pm.Swarm(job.particles, ITERATIONS, inertia=INERTIA, cognitive=PULL, social=PULL)
 
     def call() -> float:
         recording = pm.Recording(columns, load="unknown_constant")
         fit = pm.identify(
-            recording, MACHINE, fit=bounds(job), method="pso", swarm=settings, seed=1, threads=threads
+            recording,
+            MACHINE,
+            fit=bounds(job),
+            method="pso",
+            swarm=settings,
+            seed=1,
+            uncertainties=uncertainties,
+            threads=threads,
         )
         return fit.cost
 
     return call
 
 
-def descent(columns: dict[str, Array]) -> Callable[[], float]:
-    """The package's least squares, from arrays to the answer with its uncertainties."""
+def descent(columns: dict[str, Array], *, uncertainties: bool = True) -> Callable[[], float]:
+    """The package's least squares, from arrays to the answer, with its uncertainties or without."""
     middle = {NAMES[k]: float(LOW[k] + HIGH[k]) / 2 for k in J1.fitted if k < 6}
     machine = pm.Machine(n_p=4, **{name: middle.get(name, getattr(MACHINE, name)) for name in NAMES[:6]})
 
     def call() -> float:
         recording = pm.Recording(columns, load="unknown_constant")
-        return pm.identify(recording, machine, fit=bounds(J1), method="lm", threads=1).cost
+        fit = pm.identify(
+            recording, machine, fit=bounds(J1), method="lm", uncertainties=uncertainties, threads=1
+        )
+        return fit.cost
 
     return call
 
@@ -164,6 +176,7 @@ def main() -> None:
     if "J1" in asked.jobs:
         contestants = {
             "pmsm_rs.identify, one thread": swarm(J1, columns, 1),
+            "the same without uncertainties": swarm(J1, columns, 1, uncertainties=False),
             "numba, whole swarm compiled": fast_numba.run(J1, columns),
         }
         alternate("J1: 10 particles x 31, 2 parameters, 3300 samples", contestants, asked.rounds or 51)
@@ -179,6 +192,7 @@ def main() -> None:
     if "LS" in asked.jobs:
         contestants = {
             "pmsm_rs.identify, one thread": descent(columns),
+            "the same without uncertainties": descent(columns, uncertainties=False),
             "scipy.optimize.least_squares, numba residual": scipy_descent(columns),
         }
         alternate("Least squares, 2 parameters, 3300 samples", contestants, asked.rounds or 51)

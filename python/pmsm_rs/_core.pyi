@@ -109,6 +109,7 @@ def identify(
     method: str,
     swarm: str,
     seed: int,
+    uncertainties: bool,
     threads: int | None,
     progress: Callable[[str, float], None] | None,
 ) -> str: ...

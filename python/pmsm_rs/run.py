@@ -121,6 +121,7 @@ def identify(
     method: str = "pso+lm",
     swarm: Swarm | None = None,
     seed: int = 1,
+    uncertainties: bool = True,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Identification:
@@ -131,6 +132,9 @@ def identify(
     is fitted. `method` is "pso" (particle swarm), "lm" (Levenberg-Marquardt from a regression) or "pso+lm".
     `threads` None uses every processor; the answer does not depend on it. `progress(stage, fraction)` is
     called from time to time. On Ctrl-C the best so far is returned, marked `interrupted`.
+
+    With `uncertainties` False the answer holds values and cost alone, as a search that is repeated many times
+    needs them: no `stderr` and no `ci95`, an empty `rms`, in `cannot_show` only what cannot be fitted at all.
 
     Raises UsageError for what is no Recording and for unknown names or bounds, MachineError for a wrong
     machine file, DataError and NotIdentifiableError where the recording cannot give what is asked for.
@@ -146,6 +150,7 @@ def identify(
         method=method,
         swarm=(swarm or Swarm()).settings(),
         seed=seed,
+        uncertainties=bool(uncertainties),
         threads=threads,
         progress=progress,
     )

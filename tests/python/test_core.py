@@ -125,6 +125,21 @@ def test_identification_has_the_same_bits_for_any_number_of_threads() -> None:
     assert len(answers) == 1
 
 
+def test_a_bare_search_answers_values_alone() -> None:
+    recording, _, machine = demo()
+    whole, bare = (
+        pm.identify(recording, machine, fit=["r_s", "psi_m"], method="lm", uncertainties=asked)
+        for asked in (True, False)
+    )
+    assert bare.cost == whole.cost
+    for name, estimate in bare.parameters.items():
+        assert estimate.value == whole.parameters[name].value
+        assert estimate.stderr is None
+        assert estimate.why_none == "uncertainties were not asked for"
+    assert not bare.rms
+    assert whole.rms
+
+
 def test_diagnosis_has_the_same_bits_for_any_number_of_threads() -> None:
     recording, validation, machine = demo()
     answers = [pm.diagnose(recording, machine, validation, seed=3, threads=threads) for threads in (1, 3)]

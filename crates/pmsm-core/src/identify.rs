@@ -152,11 +152,15 @@ pub struct Request {
     pub swarm: SwarmSettings,
     /// Seed of the swarm.
     pub seed: u64,
+    /// Whether the answer says how certain it is, what the recording does not show, and what the model leaves in each channel: some
+    /// further runs around the best point.
+    pub uncertainties: bool,
 }
 
 impl Default for Request {
     fn default() -> Self {
-        Self { fit: Vec::new(), method: Method::Both, swarm: SwarmSettings::default(), seed: 1 }
+        let (fit, method, swarm) = (Vec::new(), Method::Both, SwarmSettings::default());
+        Self { fit, method, swarm, seed: 1, uncertainties: true }
     }
 }
 
@@ -180,7 +184,7 @@ pub struct Identification {
     pub converged: bool,
     /// True if the monitor stopped the search: this is the best so far.
     pub interrupted: bool,
-    /// Root mean square of measured minus model per channel, in the channel's SI unit.
+    /// Root mean square of measured minus model per channel, in the channel's SI unit; empty unless uncertainties were asked for.
     #[serde(serialize_with = "pairs::as_map")]
     pub rms: Vec<(&'static str, f64)>,
     /// Parameters, or combinations of them, that the recording does not show.

@@ -27,7 +27,7 @@ pub fn settings(py: Python<'_>, text: &str) -> PyResult<SwarmSettings> {
 /// Estimates parameters; the answer is JSON text. `fit` maps names to bounds in SI units, or to None for a wide range
 /// around the nameplate; empty means whatever the recording can show. `swarm` is JSON text.
 #[pyfunction]
-#[pyo3(signature = (recording, machine, *, fit, method, swarm, seed, threads, progress))]
+#[pyo3(signature = (recording, machine, *, fit, method, swarm, seed, uncertainties, threads, progress))]
 pub fn identify(
     py: Python<'_>,
     recording: PyRef<'_, PyRecording>,
@@ -36,6 +36,7 @@ pub fn identify(
     method: &str,
     swarm: &str,
     seed: u64,
+    uncertainties: bool,
     threads: Option<usize>,
     progress: Option<Bound<'_, PyAny>>,
 ) -> PyResult<String> {
@@ -47,7 +48,7 @@ pub fn identify(
         .collect::<Result<_, _>>()
         .map_err(refused)?;
     let swarm = settings(py, swarm)?;
-    let request = core::Request { fit, method: method.parse().map_err(refused)?, swarm, seed };
+    let request = core::Request { fit, method: method.parse().map_err(refused)?, swarm, seed, uncertainties };
     let (answer, interrupted) = supervise::run(py, threads, progress.as_ref(), |monitor| {
         core::identify(&run, &machine, &request, monitor)
     })?;

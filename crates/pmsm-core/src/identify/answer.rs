@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::machine::{BaseParameter, Machine};
 use crate::objective::Objective;
 use crate::signals::Signals;
-use crate::uncertainty::{self, Estimate};
+use crate::uncertainty::{self, Estimate, NotShown};
 
 /// The answer at the best point of a search.
 ///
@@ -22,7 +22,54 @@ pub fn assemble(
     mut found: Found,
 ) -> Result<Identification> {
     let point = plan.point(&found.values);
-    let at = || objective.linearise(&point, &plan.free(), found.starts.as_ref());
+    let Told { mut parameters, rms, cannot_show } = if request.uncertainties {
+        told(objective, plan, signals, &point, &mut found)?
+    } else {
+        let bare = |(target, value): (&Target, &f64)| {
+            let why = "uncertainties were not asked for";
+            (target.name(), Estimate::bare(Some(*value), target.unit(), why))
+        };
+        let parameters = plan.targets.iter().zip(&found.values).map(bare).collect();
+        Told { parameters, rms: Vec::new(), cannot_show: plan.refused.clone() }
+    };
+    for refused in &plan.refused {
+        for target in Target::ALL.iter().filter(|t| refused.parameters == [t.name()]) {
+            if !plan.targets.contains(target) {
+                parameters.push((target.name(), Estimate::bare(None, target.unit(), refused.why.clone())));
+            }
+        }
+    }
+    Ok(Identification {
+        parameters,
+        cost: found.cost,
+        history: found.history,
+        method: request.method,
+        drive: plan.drive,
+        evaluations: found.evaluations,
+        converged: found.converged,
+        interrupted: found.interrupted,
+        rms,
+        cannot_show,
+        disturbed_load_torque: disturbed_load(plan, signals, machine, &point),
+        seed: request.seed,
+    })
+}
+
+/// What is told of the best point beside its values.
+struct Told {
+    parameters: Vec<(&'static str, Estimate)>,
+    rms: Vec<(&'static str, f64)>,
+    cannot_show: Vec<NotShown>,
+}
+
+fn told(
+    objective: &Objective,
+    plan: &Plan,
+    signals: &Signals,
+    point: &[f64],
+    found: &mut Found,
+) -> Result<Told> {
+    let at = || objective.linearise(point, &plan.free(), found.starts.as_ref());
     let whole = found.linear.take().unwrap_or_else(at);
     let mut cannot_show = plan.refused.clone();
     let mut spread = uncertainty::spread(&whole.jacobian, &whole.residual, signals.len());
@@ -50,28 +97,8 @@ pub fn assemble(
         };
         parameters.push((target.name(), estimate));
     }
-    for refused in &plan.refused {
-        for target in Target::ALL.iter().filter(|t| refused.parameters == [t.name()]) {
-            if !plan.targets.contains(target) {
-                parameters.push((target.name(), Estimate::bare(None, target.unit(), refused.why.clone())));
-            }
-        }
-    }
     let rms = objective.rms(&whole.residual).into_iter().map(|(c, x)| (c.name(), x)).collect();
-    Ok(Identification {
-        parameters,
-        cost: found.cost,
-        history: found.history,
-        method: request.method,
-        drive: plan.drive,
-        evaluations: found.evaluations,
-        converged: found.converged,
-        interrupted: found.interrupted,
-        rms,
-        cannot_show,
-        disturbed_load_torque: disturbed_load(plan, signals, machine, &point),
-        seed: request.seed,
-    })
+    Ok(Told { parameters, rms, cannot_show })
 }
 
 /// Equation (4): T_L + ΔJ·dω_m/dt + ΔB·ω_m, mean over the recording.

@@ -154,7 +154,7 @@ pub fn judge(
     fit.extend(
         warm.iter().filter(|(t, _)| !settings.fit.iter().any(|(f, _)| f == t)).map(|(t, _)| (*t, None)),
     );
-    let request = Request { fit, method: settings.method, swarm: settings.swarm, seed };
+    let request = Request { fit, method: settings.method, swarm: settings.swarm, seed, uncertainties: true };
     let begin = Warm { values: warm, share: settings.search };
     let (found, widened) = match identify::identify_warm(signals, machine, &request, begin, monitor) {
         _ if monitor.cancelled() => return Err(Error::Interrupted),
