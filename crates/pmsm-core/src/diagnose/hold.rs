@@ -40,20 +40,30 @@ pub fn settle(
     if data.signals.stator_held || !driven || monitor.cancelled() {
         return Ok(Held::Unasked);
     }
-    let mut theirs = others.to_vec();
-    let mut before = vec![found.clone()];
-    for other in &mut theirs {
-        let transferred = transfer(other, found, monitor)?;
-        other.settle_floors(&transferred);
-        before.push(transferred.seen_again(other));
-    }
-    if !before.iter().flat_map(beyond_chance).any(|excess| excess > UNEXPLAINED.1) {
-        return Ok(Held::InRotor(theirs));
-    }
-    let in_rotor = theirs.clone();
-    let mut tried = data.clone();
-    tried.hold_in_stator();
-    let held = fitting::refit(&tried, found, monitor)?;
+    let in_stator = || -> Result<(Data, Hypothesis)> {
+        let mut tried = data.clone();
+        tried.hold_in_stator();
+        let held = fitting::refit(&tried, found, monitor)?;
+        Ok((tried, held))
+    };
+    let in_rotor = || -> Result<(Vec<Data>, Vec<Hypothesis>)> {
+        let (mut theirs, mut before) = (others.to_vec(), vec![found.clone()]);
+        for other in &mut theirs {
+            let transferred = transfer(other, found, monitor)?;
+            other.settle_floors(&transferred);
+            before.push(transferred.seen_again(other));
+        }
+        Ok((theirs, before))
+    };
+    let asks = |hypothesis: &Hypothesis| beyond_chance(hypothesis).any(|excess| excess > UNEXPLAINED.1);
+    let (early, rotor) = rayon::join(|| asks(found).then(in_stator).transpose(), in_rotor);
+    let (in_rotor, before) = rotor?;
+    let (mut tried, held) = match early? {
+        Some(both) => both,
+        None if before.iter().any(asks) => in_stator()?,
+        None => return Ok(Held::InRotor(in_rotor)),
+    };
+    let mut theirs = in_rotor.clone();
     let mut after = vec![held.clone()];
     for other in &mut theirs {
         other.hold_in_stator();
