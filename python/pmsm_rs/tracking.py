@@ -24,6 +24,7 @@ from .run import METHODS, Swarm, fit_bounds
 from .summary import hung
 from .words import estimate, number
 
+Source = _core.Recording | dict[str, NDArray[np.float64]]
 Fit = Mapping[str, tuple[float, float] | None] | Iterable[str]
 
 PAPER = Swarm(particles=10, iterations=30, inertia=0.8, cognitive=2.0, social=2.0)
@@ -31,6 +32,7 @@ PAPER = Swarm(particles=10, iterations=30, inertia=0.8, cognitive=2.0, social=2.
 
 _WINDOWS_AT_ONCE = 4
 _MOST_ROWS = 1 << 18
+_OPENING = 1000  # Samples that tell the period well enough to cut a log into batches.
 
 
 @dataclass(frozen=True)
@@ -176,13 +178,17 @@ class Tracker:
         again. Raises DataError for columns that cannot be used.
         """
         if isinstance(batch, _core.Recording):
-            columns = {name: batch.column(name) for name in batch.names}
-        else:
-            columns = assemble(frame_source(batch, DEFAULT_MAX_BYTES), finite=False)
-        return self._take(columns)
+            return self._take(batch)
+        return self._take(assemble(frame_source(batch, DEFAULT_MAX_BYTES), finite=False))
 
-    def _take(self, columns: dict[str, NDArray[np.float64]]) -> list[WindowEstimate]:
-        return [WindowEstimate.from_json(text) for text in self._core.update(columns, threads=self._threads)]
+    def _take(self, source: Source, rows: slice = slice(None)) -> list[WindowEstimate]:
+        if isinstance(source, _core.Recording):
+            first, end, _ = rows.indices(len(source))
+            texts = self._core.follow(source, first, end, threads=self._threads)
+        else:
+            part = {name: column[rows] for name, column in source.items()}
+            texts = self._core.update(part, threads=self._threads)
+        return [WindowEstimate.from_json(text) for text in texts]
 
     def finish(self) -> list[WindowEstimate]:
         """Ends the window under way, at the end of the stream, and returns it, if there is one."""
@@ -248,14 +254,14 @@ def track(
     """
     plate = machine.machine if isinstance(machine, MachineFile) else machine
     load, value = (machine.load, machine.load_value) if isinstance(machine, MachineFile) else (None, None)
+    source: Source
     if isinstance(recording, _core.Recording):
-        columns = {name: recording.column(name) for name in recording.names}
-        load, value = recording.load, recording.load_value
+        source, load, value = recording, recording.load, recording.load_value
     elif isinstance(recording, str | os.PathLike):
-        columns = load_columns(recording, machine)
+        source = load_columns(recording, machine)
     else:
         rules = machine.columns if isinstance(machine, MachineFile) else None
-        columns = assemble(frame_source(recording, DEFAULT_MAX_BYTES), rules, finite=False)
+        source = assemble(frame_source(recording, DEFAULT_MAX_BYTES), rules, finite=False)
     tracker = Tracker(
         plate,
         fit=fit,
@@ -268,17 +274,15 @@ def track(
         load_value=value,
         threads=threads,
     )
-    return _feed(tracker, columns, window)
+    return _feed(tracker, source, window)
 
 
-def _feed(
-    tracker: Tracker, columns: dict[str, NDArray[np.float64]], window: float
-) -> Iterator[WindowEstimate]:
-    t = columns["t"]
-    steps = np.diff(t)
+def _feed(tracker: Tracker, source: Source, window: float) -> Iterator[WindowEstimate]:
+    t = source.column("t") if isinstance(source, _core.Recording) else source["t"]
+    steps = np.diff(t[:_OPENING])
     steps = steps[np.isfinite(steps) & (steps > 0)]
     period = float(np.median(steps)) if steps.size else window
     rows = int(min(max(_WINDOWS_AT_ONCE * window / period, 1.0), _MOST_ROWS))
     for first in range(0, len(t), rows):
-        yield from tracker._take({name: column[first : first + rows] for name, column in columns.items()})
+        yield from tracker._take(source, slice(first, first + rows))
     yield from tracker.finish()

@@ -110,6 +110,14 @@ def test_a_recording_a_file_and_a_frame_are_the_same(
     assert first == list(pm.track(file, simulated.machine))
 
 
+def test_a_tracker_takes_a_recording_as_its_columns(
+    simulated: pm.Simulation, columns: dict[str, np.ndarray]
+) -> None:
+    followed, fed = (pm.Tracker(simulated.machine, window=WINDOW) for _ in range(2))
+    assert followed.update(pm.Recording(columns)) == fed.update(columns)
+    assert followed.state() == fed.state()
+
+
 def test_missing_values_are_counted(simulated: pm.Simulation, columns: dict[str, np.ndarray]) -> None:
     holed = {name: column.copy() for name, column in columns.items()}
     holed["i_a"][400:420] = np.nan

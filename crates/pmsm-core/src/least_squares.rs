@@ -18,7 +18,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::error::{Error, Result};
 use crate::monitor::Monitor;
-use step::{RIDGE, Step};
+use step::{RIDGE, Step, lie_on};
 
 pub use information::{WeakDirection, covariance, scaled_inverse, weak_directions};
 
@@ -77,11 +77,20 @@ pub struct Settings {
     pub step_tolerance: f64,
     /// First μ, ≥ 0; 0 begins with a Gauss–Newton step.
     pub initial_damping: f64,
+    /// Whether the last step is left to the caller, who takes it without an evaluation, see [`Fit::go_on`]. Converged is then also where
+    /// the step behind it would promise no more than `cost_tolerance` allows, if it falls behind it as that one fell behind the one before.
+    pub leaves_rest: bool,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { max_iterations: 100, cost_tolerance: 1e-14, step_tolerance: 1e-10, initial_damping: 1e-3 }
+        Self {
+            max_iterations: 100,
+            cost_tolerance: 1e-14,
+            step_tolerance: 1e-10,
+            initial_damping: 1e-3,
+            leaves_rest: false,
+        }
     }
 }
 
@@ -160,6 +169,7 @@ pub fn minimise(
     let mut scale = DVector::zeros(dim);
     let mut damping = settings.initial_damping;
     let mut iterations = 0;
+    let mut before = 0.0;
     let status = loop {
         if !normal.is_finite() {
             break if monitor.cancelled() { Status::Interrupted } else { Status::NotFinite };
@@ -169,11 +179,12 @@ pub fn minimise(
         let newton = Step::solve(&normal, &p, bounds, &column, RIDGE);
         let length = newton.step.component_mul(&column).norm();
         let reach = DVector::from_column_slice(&p).component_mul(&column).norm();
-        if newton.promise <= settings.cost_tolerance * normal.cost
-            || length <= settings.step_tolerance * reach
-        {
+        let enough = settings.cost_tolerance * normal.cost;
+        let rest = settings.leaves_rest && newton.promise * newton.promise <= enough * before;
+        if newton.promise <= enough || length <= settings.step_tolerance * reach || rest {
             break Status::Converged;
         }
+        before = newton.promise;
         if iterations == settings.max_iterations {
             break Status::IterationLimit;
         }
@@ -187,7 +198,7 @@ pub fn minimise(
             Search::Nothing => break Status::IterationLimit,
         }
     };
-    let at_bound = p.iter().zip(bounds).map(|(&x, &(low, high))| x <= low || x >= high).collect();
+    let at_bound = lie_on(bounds, &p);
     Ok(Fit { parameters: p, cost: normal.cost, normal, iterations, status, at_bound })
 }
 

@@ -18,6 +18,7 @@ use crate::recording::{Kind, Load, Recording};
 use crate::transforms::inverse_park;
 use angle::{check_sense, differentiate, integrate, unwrap};
 use mend::mend;
+use phases::Currents;
 pub(crate) use scales::electrical_rate;
 use serde::Serialize;
 use std::ops::Range;
@@ -180,14 +181,15 @@ impl Signals {
         if angle_known && speed_known && !operating_points {
             findings.extend(mend(&mut t, &mut omega_e, &theta_e, &segments));
         }
-        let (phases, three_currents) = if open {
-            (Some([vec![0.0; n], vec![0.0; n], vec![0.0; n]]), false)
+        let currents = if open {
+            let none = [vec![0.0; n], vec![0.0; n], vec![0.0; n]];
+            Currents { phases: Some(none), ..Currents::default() }
         } else {
             phases::currents(recording, &mut findings)
         };
         let i = match (recording.column("i_d"), recording.column("i_q")) {
             (Some(d), Some(q)) => Some([d.to_vec(), q.to_vec()]),
-            _ => phases.as_ref().map(|abc| phases::to_rotor(abc, &theta_e)),
+            _ => currents.phases.as_ref().map(|abc| phases::to_rotor(abc, &theta_e)),
         };
         if i.is_none() && (recording.kind() != Kind::Mechanical || recording.column("tau_e").is_none()) {
             return Err(phases::too_few(recording));
@@ -225,13 +227,13 @@ impl Signals {
             v,
             axes,
             i,
-            phases,
+            phases: currents.phases,
             theta_e,
             theta_m,
             angle_known: angle_known || open,
             angle_from_voltages: open && !angle_known,
             turn_known: recording.has(&["theta_m"]),
-            three_currents,
+            three_currents: currents.three,
             omega_e,
             speed_known,
             tau_e,
@@ -253,7 +255,7 @@ impl Signals {
                 v_dc: machine.v_dc.unwrap_or(0.0),
                 electrical_rate: electrical_rate(machine),
                 zero_sequence: 0.0,
-                completed_phase: if open { None } else { phases::completed(recording) },
+                completed_phase: currents.completed,
                 load_known: match recording.load() {
                     Load::Measured => true,
                     Load::KnownConstant(value) => value != 0.0,

@@ -2,6 +2,7 @@
 
 use crate::errors::{DataError, InternalError, UsageError, to_python};
 use crate::machine::PyMachine;
+use crate::recording::PyRecording;
 use crate::supervise;
 use pmsm_core::error::{Error, Result as CoreResult};
 use pmsm_core::monitor::Monitor;
@@ -56,6 +57,26 @@ impl PyTracker {
         let given = crate::recording::copied(columns)?;
         self.work(py, threads, |tracker, monitor| {
             let batch: Vec<(&str, &[f64])> = given.iter().map(|(n, v)| (n.as_str(), v.as_slice())).collect();
+            tracker.update(&batch, monitor)
+        })
+    }
+
+    /// Takes in the rows from `first` on and before `end` of a recording, as `update` does; no copy of them is made before.
+    #[pyo3(signature = (recording, first, end, *, threads))]
+    fn follow(
+        &self,
+        py: Python<'_>,
+        recording: &Bound<'_, PyRecording>,
+        first: usize,
+        end: usize,
+        threads: Option<usize>,
+    ) -> PyResult<Vec<String>> {
+        let recording = recording.get().0.clone();
+        let end = end.min(recording.len());
+        let rows = first.min(end)..end;
+        self.work(py, threads, |tracker, monitor| {
+            let column = |name| Some((name, &recording.column(name)?[rows.clone()]));
+            let batch: Vec<(&str, &[f64])> = recording.names().into_iter().filter_map(column).collect();
             tracker.update(&batch, monitor)
         })
     }

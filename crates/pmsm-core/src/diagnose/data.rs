@@ -233,5 +233,10 @@ impl Data {
 }
 
 /// Settings of every fit of the diagnosis: as exact as the noise deserves.
-pub const SETTINGS: Settings =
-    Settings { max_iterations: 25, cost_tolerance: 1e-5, step_tolerance: 1e-9, initial_damping: 1e-3 };
+pub const SETTINGS: Settings = Settings {
+    max_iterations: 25,
+    cost_tolerance: 1e-5,
+    step_tolerance: 1e-9,
+    initial_damping: 1e-3,
+    leaves_rest: false,
+};

@@ -5,25 +5,30 @@ use crate::error::Result;
 use crate::experiment::Linearisation;
 use crate::least_squares::{self, Fit, Normal, Problem, Settings, Status};
 use crate::monitor::Monitor;
-use crate::objective::{Nearby, Objective, Starts};
+use crate::objective::{Course, Nearby, Objective, Starts};
 use crate::swarm::{self, Swarm, SwarmResult, SwarmSettings};
 use nalgebra::DVector;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// When least squares has converged: a thousandth of a standard error or better.
-pub const SETTINGS: Settings =
-    Settings { max_iterations: 100, cost_tolerance: 1e-12, step_tolerance: 1e-9, initial_damping: 1e-3 };
-/// The same for a start that is nearly right: undamped at first, and done within a hundredth of a standard error.
+pub const SETTINGS: Settings = Settings {
+    max_iterations: 100,
+    cost_tolerance: 1e-12,
+    step_tolerance: 1e-9,
+    initial_damping: 1e-3,
+    leaves_rest: true,
+};
+/// The same for a start that is nearly right: undamped at first, and done within a tenth of a standard error.
 pub const WARM: Settings =
-    Settings { max_iterations: 30, cost_tolerance: 1e-8, step_tolerance: 1e-9, initial_damping: 0.0 };
+    Settings { max_iterations: 30, cost_tolerance: 1e-6, initial_damping: 0.0, ..SETTINGS };
 
 /// Most times that a minimum is run anew from the initial values that it calls for. They hardly move.
 const ROUNDS: usize = 4;
 /// Change of an initial value (A, rad/s), relative above one, that no longer matters: what is left of it after it was taken
 /// out to first order is about its square.
-const SETTLED: f64 = 1e-4;
+const SETTLED: f64 = 1e-2;
 /// A step that promises to lower the cost by less than this share may be the last: what the answer needs is recorded on it.
-const LAST: f64 = 1e-4;
+const LAST: f64 = 0.1;
 
 /// The swarm of [`crate::swarm`] on the fitness (9), the particles of a generation in parallel. A particle is abandoned
 /// once its sum has passed its own best, which does not change the swarm's path. `warm` puts one particle on the
@@ -67,6 +72,19 @@ pub struct Descent {
     pub evaluations: usize,
 }
 
+impl Descent {
+    /// Takes what is left of the way without another run; initial values and residual follow to first order.
+    fn go_on(&mut self, bounds: &[(f64, f64)], course: Option<&Course>) {
+        let Some(moves) = self.fit.go_on(bounds) else { return };
+        let last = self.history.last().copied().unwrap_or(f64::INFINITY);
+        self.history.push(self.fit.cost.min(last));
+        self.starts = course.map(|course| course.at(moves.as_slice()));
+        if let Some(linear) = &mut self.linear {
+            linear.residual.gemv(1.0, &linear.jacobian, &moves, 1.0);
+        }
+    }
+}
+
 /// Least squares on the residuals of the objective from `values` (one per fitted parameter). Every step takes the initial
 /// values along.
 ///
@@ -89,13 +107,19 @@ pub fn descend(
         fit = least_squares::minimise(&problem, &fit.parameters, &plan.bounds, settings, monitor)?;
     }
     let kept = problem.kept.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let (starts, linear) = match kept.here {
-        Some(Run { values, nearby, .. }) if values == fit.parameters && fit.cost.is_finite() => {
-            (Some(nearby.course.best().clone()), nearby.linear)
-        }
-        _ => (None, None),
+    let here = kept.here.filter(|run| run.values == fit.parameters && fit.cost.is_finite());
+    let (course, linear) = here.map(|run| (run.nearby.course, run.nearby.linear)).unzip();
+    let mut descent = Descent {
+        starts: course.as_ref().map(|course| course.best().clone()),
+        linear: linear.flatten(),
+        history: kept.history,
+        evaluations: kept.evaluations,
+        fit,
     };
-    Ok(Descent { fit, starts, linear, history: kept.history, evaluations: kept.evaluations })
+    if descent.fit.status == Status::Converged {
+        descent.go_on(&plan.bounds, course.as_ref());
+    }
+    Ok(descent)
 }
 
 /// Whether initial values have settled.

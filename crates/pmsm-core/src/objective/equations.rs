@@ -77,7 +77,7 @@ impl Objective<'_> {
         let mut starts = self.measured_starts();
         let (mut cost, mut goal) = look(&starts)?;
         for _ in 0..ROUNDS {
-            if self.at_rest(&starts, &goal) {
+            if self.within(AT_REST, &starts, &goal) {
                 return Some(goal);
             }
             let (there, next) = look(&goal)?;
@@ -90,12 +90,12 @@ impl Objective<'_> {
         Some(starts)
     }
 
-    /// Whether initial values hardly differ.
-    pub(super) fn at_rest(&self, a: &Starts, b: &Starts) -> bool {
+    /// Whether initial values differ by no more than this `share` of the largest current and speed.
+    pub(super) fn within(&self, share: f64, a: &Starts, b: &Starts) -> bool {
         let cx = &self.experiment.signals.context;
         let sizes = [cx.i_max, cx.i_max, cx.omega_e_max];
         let both = a.iter().zip(b);
-        both.flat_map(|(a, b)| (0..INITIAL).map(|k| (a[k] - b[k]).abs() / sizes[k])).all(|x| x <= AT_REST)
+        both.flat_map(|(a, b)| (0..INITIAL).map(|k| (a[k] - b[k]).abs() / sizes[k])).all(|x| x <= share)
     }
 
     /// Residuals and derivatives from the initial values `starts` of each segment, and the derivatives with respect to

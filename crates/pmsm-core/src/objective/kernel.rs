@@ -22,6 +22,10 @@ const LEAST_TORQUE: f64 = 0.05;
 /// Smallest scale of the magnet's flux, as a share of the largest flux linkage.
 const LEAST_FLUX: f64 = 1e-3;
 
+/// Share of the largest current and speed by which measured initial values may be off for derivatives around them to do: what is left
+/// out is about its square.
+const NEAR: f64 = 0.01;
+
 /// Initial i_d, i_q (A), ω_e (rad/s) of each gap-free segment.
 pub type Starts = Vec<[f64; INITIAL]>;
 
@@ -274,6 +278,16 @@ impl Objective<'_> {
         starts: Option<&Starts>,
     ) -> Option<Linearisation> {
         let go = || false;
+        let around = |starts: &Starts| self.normal(p, free, starts, true, &go);
+        if let Some(starts) = starts {
+            return around(starts)?.linear;
+        }
+        // Mostly the best ones are so near the measured ones that what they change is of first order, which is taken out anyway.
+        let measured = self.measured_starts();
+        let there = around(&measured)?;
+        if self.within(NEAR, &measured, there.course.best()) {
+            return there.linear;
+        }
         let look = |starts: &Starts| -> Option<(f64, Starts)> {
             let mut better = starts.clone();
             let mut cost = 0.0;
@@ -286,16 +300,6 @@ impl Objective<'_> {
             }
             Some((cost, better))
         };
-        let around = |starts: &Starts| self.normal(p, free, starts, true, &go);
-        if let Some(starts) = starts {
-            return around(starts)?.linear;
-        }
-        // Mostly the first step leads to the best ones, which the run around them tells.
-        let goal = look(&self.measured_starts())?.1;
-        let there = around(&goal)?;
-        if self.at_rest(&goal, there.course.best()) {
-            return there.linear;
-        }
         around(&self.settle(look)?)?.linear
     }
 

@@ -15,8 +15,10 @@ const UNBALANCED: f64 = 0.1;
 /// What three currents of which one was computed from the others add up to at most: this share of the largest, or as many of the steps in
 /// which they were written.
 const ROUNDING: (f64, f64) = (2e-5, 1.51);
-/// Samples in which that step is looked for, and what two values of the same step differ by at most, share of the largest.
+/// Samples in which that step is looked for, in a glance at first, and what two values of the same step differ by at most, share of the
+/// largest.
 const LOOKED_AT: usize = 500;
+const GLANCE: usize = 20;
 const ALIKE: f64 = 1e-9;
 
 /// The phase currents that were measured: a column of zeros beside two that do not add up to nothing was not, and where the three add up
@@ -26,29 +28,47 @@ fn measured(recording: &Recording) -> [Option<&[f64]>; 3] {
     let [Some(a), Some(b), Some(c)] = logged else { return logged };
     let sum = (0..recording.len()).map(|k| (a[k] + b[k] + c[k]).abs()).fold(0.0, f64::max);
     let most = [a, b, c].into_iter().flatten().fold(0.0f64, |m, x| m.max(x.abs()));
-    let rounding = (ROUNDING.0 * most).max(ROUNDING.1 * step(&[a, b, c], ALIKE * most));
-    if most > 0.0 && sum <= rounding {
+    let step = |samples| step(&[a, b, c], ALIKE * most, samples);
+    let rounded = |step: f64| sum <= ROUNDING.1 * step;
+    // A few values bound the step from above, and mostly settle it.
+    let in_steps = || step(GLANCE).is_none_or(rounded) && step(LOOKED_AT).is_some_and(rounded);
+    if most > 0.0 && (sum <= ROUNDING.0 * most || in_steps()) {
         return [Some(a), Some(b), None];
     }
     logged.map(|x| x.filter(|x| sum <= UNBALANCED * most || x.iter().any(|x| *x != 0.0)))
 }
 
-/// Step in which the values of `columns` were written: the smallest of their differences above `least`.
-fn step(columns: &[&[f64]], least: f64) -> f64 {
-    let stride = columns[0].len().div_ceil(LOOKED_AT);
+/// Step in which the values of `columns` were written: the smallest of the differences above `least` between so many samples of
+/// each; `None` where all are alike.
+fn step(columns: &[&[f64]], least: f64, samples: usize) -> Option<f64> {
+    let stride = columns[0].len().div_ceil(samples);
     let mut values: Vec<f64> = columns.iter().flat_map(|x| x.iter().copied().step_by(stride)).collect();
     values.sort_by(f64::total_cmp);
     let apart = values.windows(2).map(|pair| pair[1] - pair[0]).filter(|x| *x > least);
-    apart.reduce(f64::min).unwrap_or(0.0)
+    apart.reduce(f64::min)
 }
 
-/// The phase currents, where at least two were logged, and whether all three were.
-pub fn currents(recording: &Recording, findings: &mut Vec<Finding>) -> (Option<[Vec<f64>; 3]>, bool) {
+/// The phase currents of a recording.
+#[derive(Debug, Default)]
+pub struct Currents {
+    /// All three, where at least two were measured.
+    pub phases: Option<[Vec<f64>; 3]>,
+    /// Whether three were measured.
+    pub three: bool,
+    /// Number of the only one that was not.
+    pub completed: Option<usize>,
+}
+
+/// The phase currents as they were measured.
+pub fn currents(recording: &Recording, findings: &mut Vec<Finding>) -> Currents {
     let logged = measured(recording);
     if let [Some(a), Some(b), Some(c)] = logged {
-        return (Some([a, b, c].map(<[f64]>::to_vec)), true);
+        return Currents { phases: Some([a, b, c].map(<[f64]>::to_vec)), three: true, completed: None };
     }
-    let Some(lost) = completed(recording) else { return (None, false) };
+    let mut missing = (0..3).filter(|k| logged[*k].is_none());
+    let Some(lost) = missing.next().filter(|_| missing.next().is_none()) else {
+        return Currents::default();
+    };
     let computed =
         PHASES.iter().all(|name| recording.column(name).is_some_and(|x| x.iter().any(|x| *x != 0.0)));
     let unseen = "the currents' noise is estimated from the model, and a common offset cannot be seen";
@@ -69,7 +89,7 @@ pub fn currents(recording: &Recording, findings: &mut Vec<Finding>) -> (Option<[
     let rest = (0..recording.len()).map(|k| -logged.iter().flatten().map(|x| x[k]).sum::<f64>()).collect();
     let mut phases = logged.map(|x| x.unwrap_or_default().to_vec());
     phases[lost] = rest;
-    (Some(phases), false)
+    Currents { phases: Some(phases), three: false, completed: Some(lost) }
 }
 
 /// What is wrong with a recording whose phase currents do not make a current vector.
@@ -82,13 +102,6 @@ pub fn too_few(recording: &Recording) -> Error {
         fix: "log two phase currents at least, or leave the columns of phases that were not measured out"
             .into(),
     }
-}
-
-/// Number of the only phase whose current was not logged.
-pub fn completed(recording: &Recording) -> Option<usize> {
-    let measured = measured(recording);
-    let mut lost = (0..3).filter(|k| measured[*k].is_none());
-    lost.next().filter(|_| lost.next().is_none())
 }
 
 /// Phase values seen from the rotor at the angle `theta`, rad.
@@ -164,6 +177,10 @@ mod tests {
         Recording::new(columns, None).unwrap()
     }
 
+    fn completed(recording: &Recording) -> Option<usize> {
+        currents(recording, &mut Vec::new()).completed
+    }
+
     #[test]
     fn a_current_computed_from_two_is_no_third_sensor_however_it_was_written() {
         let roundings: [fn(f64) -> f64; 4] =
@@ -173,7 +190,7 @@ mod tests {
             assert_eq!(completed(&logged(false, write)), None);
         }
         let (mut findings, recording) = (Vec::new(), logged(true, |x| x));
-        assert!(!currents(&recording, &mut findings).1);
+        assert!(!currents(&recording, &mut findings).three);
         assert!(findings[0].finding.contains("computed"), "{findings:?}");
     }
 

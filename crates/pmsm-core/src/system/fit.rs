@@ -13,8 +13,13 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 /// When least squares has converged: a thousandth of a standard error or better.
-const SETTINGS: Settings =
-    Settings { max_iterations: 100, cost_tolerance: 1e-12, step_tolerance: 1e-9, initial_damping: 1e-3 };
+const SETTINGS: Settings = Settings {
+    max_iterations: 100,
+    cost_tolerance: 1e-12,
+    step_tolerance: 1e-9,
+    initial_damping: 1e-3,
+    leaves_rest: false,
+};
 /// Share of its value, or of its range where that is larger, by which a parameter must change to matter.
 const MATTERS: f64 = 0.02;
 
