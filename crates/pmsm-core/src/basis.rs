@@ -15,23 +15,22 @@ pub fn orthonormal(columns: &DMatrix<f64>) -> DMatrix<f64> {
 
 /// Orthonormal basis of what the columns span outside of what an orthonormal basis spans already.
 pub fn orthonormal_beside(known: &DMatrix<f64>, columns: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut basis: Vec<DVector<f64>> = Vec::with_capacity(columns.ncols());
+    let mut basis = Vec::with_capacity(columns.len());
     for column in columns.column_iter() {
         let mut free = column.into_owned();
         let length = free.norm();
         // Twice is enough (Kahan, Parlett).
         for _ in 0..2 {
-            for b in known.column_iter().chain(basis.iter().map(|b| b.column(0))) {
-                let along = b.dot(&free);
-                free.axpy(-along, &b, 1.0);
-            }
+            tall::remove(known.as_slice(), &mut free);
+            tall::remove(&basis, &mut free);
         }
         let rest = free.norm();
         if rest > DEPENDENT * length {
-            basis.push(free / rest);
+            free /= rest;
+            basis.extend_from_slice(free.as_slice());
         }
     }
-    if basis.is_empty() { DMatrix::zeros(columns.nrows(), 0) } else { DMatrix::from_columns(&basis) }
+    DMatrix::from_vec(columns.nrows(), basis.len() / columns.nrows().max(1), basis)
 }
 
 /// `columns` freed of what an orthonormal basis spans.

@@ -19,8 +19,22 @@ const WIDE: usize = 4;
 /// If the numbers of rows differ.
 pub fn tr_mul(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     assert_eq!(a.nrows(), b.nrows(), "rows of a product");
+    tr_mul_rows((a, 0), (b, 0), a.nrows())
+}
+
+/// The same of so many rows alone, from a first one of each matrix on.
+///
+/// # Panics
+/// If a matrix does not have these rows.
+pub fn tr_mul_rows(
+    (a, first): (&DMatrix<f64>, usize),
+    (b, second): (&DMatrix<f64>, usize),
+    count: usize,
+) -> DMatrix<f64> {
+    assert!(first + count <= a.nrows() && second + count <= b.nrows(), "rows of a product");
     let mut out = DMatrix::zeros(a.ncols(), b.ncols());
-    fast(Product { a, b, rows: 0..a.nrows(), symmetric: false, out: &mut out });
+    let (a, b) = ((Columns::of(a), first), (Columns::of(b), second));
+    fast(Product { a, b, count, symmetric: false, out: &mut out });
     out
 }
 
@@ -46,7 +60,8 @@ pub fn gram(a: &DMatrix<f64>) -> DMatrix<f64> {
 /// If A does not have these rows, or `sums` not this shape.
 pub fn add_gram(a: &DMatrix<f64>, rows: Range<usize>, sums: &mut DMatrix<f64>) {
     assert!(rows.end <= a.nrows() && sums.shape() == (a.ncols(), a.ncols()), "shapes of a product");
-    fast(Product { a, b: a, rows, symmetric: true, out: sums });
+    let own = (Columns::of(a), rows.start);
+    fast(Product { a: own, b: own, count: rows.len(), symmetric: true, out: sums });
     sums.fill_lower_triangle_with_upper_triangle();
 }
 
@@ -56,7 +71,45 @@ pub fn add_gram(a: &DMatrix<f64>, rows: Range<usize>, sums: &mut DMatrix<f64>) {
 /// If shapes do not agree.
 pub fn subtract(a: &mut DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>) {
     assert!(b.nrows() == a.nrows() && c.shape() == (b.ncols(), a.ncols()), "shapes of a product");
-    fast(Difference { a, b, c });
+    fast(Difference { a: a.as_mut_slice(), b: Columns::of(b), c });
+}
+
+/// Takes out of a column what lies in an orthonormal basis, whose columns stand one behind the other.
+///
+/// # Panics
+/// If the basis is no number of whole columns.
+pub fn remove(basis: &[f64], column: &mut DVector<f64>) {
+    let rows = column.len();
+    let basis = Columns { data: basis, rows };
+    assert_eq!(basis.data.len(), basis.count() * rows, "whole columns");
+    let mut along = DMatrix::zeros(basis.count(), 1);
+    let own = Columns { data: column.as_slice(), rows };
+    fast(Product { a: (basis, 0), b: (own, 0), count: rows, symmetric: false, out: &mut along });
+    fast(Difference { a: column.as_mut_slice(), b: basis, c: &along });
+}
+
+/// Columns of one length, one behind the other.
+#[derive(Clone, Copy)]
+struct Columns<'a> {
+    data: &'a [f64],
+    rows: usize,
+}
+
+impl<'a> Columns<'a> {
+    fn of(matrix: &'a DMatrix<f64>) -> Self {
+        Self { data: matrix.as_slice(), rows: matrix.nrows() }
+    }
+
+    #[inline(always)]
+    fn count(self) -> usize {
+        self.data.len() / self.rows.max(1)
+    }
+
+    /// So many rows of column `k`.
+    #[inline(always)]
+    fn part(self, k: usize, first: usize, count: usize) -> &'a [f64] {
+        &self.data[k * self.rows + first..][..count]
+    }
 }
 
 /// Runs on the widest vectors of this processor.
@@ -65,9 +118,11 @@ fn fast<J: Job>(job: J) -> J::Output {
 }
 
 struct Product<'a> {
-    a: &'a DMatrix<f64>,
-    b: &'a DMatrix<f64>,
-    rows: Range<usize>,
+    /// Each with its first row.
+    a: (Columns<'a>, usize),
+    b: (Columns<'a>, usize),
+    /// Number of rows.
+    count: usize,
     /// Whether only the upper triangle is asked for.
     symmetric: bool,
     /// What the product is added to.
@@ -78,24 +133,24 @@ impl Job for Product<'_> {
     type Output = ();
     #[inline(always)]
     fn run<V: Lane>(self) {
-        let (n, p, q) = (self.a.nrows(), self.a.ncols(), self.b.ncols());
-        let out = self.out;
-        for from in self.rows.clone().step_by(BLOCK) {
-            let to = (from + BLOCK).min(self.rows.end);
+        let Self { a: (a, first), b: (b, second), count, symmetric, out } = self;
+        let (p, q) = out.shape();
+        for from in (0..count).step_by(BLOCK) {
+            let rows = BLOCK.min(count - from);
+            let left = |k: usize| a.part(k, first + from, rows);
             for l in 0..q {
-                let right = &self.b.as_slice()[l * n + from..l * n + to];
-                let column = |k: usize| &self.a.as_slice()[k * n + from..k * n + to];
-                let last = if self.symmetric { l + 1 } else { p };
+                let right = b.part(l, second + from, rows);
+                let last = if symmetric { l + 1 } else { p };
                 let mut k = 0;
                 while k + WIDE <= last {
-                    let sums = dots::<WIDE>(from_fn(|x| column(k + x)), right);
+                    let sums = dots::<WIDE>(from_fn(|x| left(k + x)), right);
                     for (x, sum) in sums.into_iter().enumerate() {
                         out[(k + x, l)] += sum;
                     }
                     k += WIDE;
                 }
                 for k in k..last {
-                    out[(k, l)] += dots([column(k)], right)[0];
+                    out[(k, l)] += dots([left(k)], right)[0];
                 }
             }
         }
@@ -103,8 +158,8 @@ impl Job for Product<'_> {
 }
 
 struct Difference<'a> {
-    a: &'a mut DMatrix<f64>,
-    b: &'a DMatrix<f64>,
+    a: &'a mut [f64],
+    b: Columns<'a>,
     c: &'a DMatrix<f64>,
 }
 
@@ -112,12 +167,12 @@ impl Job for Difference<'_> {
     type Output = ();
     #[inline(always)]
     fn run<V: Lane>(self) {
-        let (n, p, q) = (self.a.nrows(), self.b.ncols(), self.a.ncols());
+        let (n, (p, q)) = (self.b.rows, self.c.shape());
         for from in (0..n).step_by(BLOCK) {
             let to = (from + BLOCK).min(n);
             for l in 0..q {
-                let own = &mut self.a.as_mut_slice()[l * n + from..l * n + to];
-                let basis = |k: usize| &self.b.as_slice()[k * n + from..k * n + to];
+                let own = &mut self.a[l * n + from..l * n + to];
+                let basis = |k: usize| self.b.part(k, from, to - from);
                 let mut k = 0;
                 while k + WIDE <= p {
                     let columns: [&[f64]; WIDE] = from_fn(|x| &basis(k + x)[..own.len()]);
@@ -186,9 +241,17 @@ mod tests {
             let mut sums = gram(&a);
             add_gram(&a, from..from + count, &mut sums);
             prop_assert!((sums - gram(&a) - part.transpose() * part).amax() < 1e-10);
+            let rest = rows - from - count;
+            let own = a.rows(from, count).transpose() * b.rows(rest, count);
+            prop_assert!((tr_mul_rows((&a, from), (&b, rest), count) - own).amax() < 1e-10);
             let mut left = b.clone();
             subtract(&mut left, &a, &expected);
             prop_assert!((left - (&b - &a * &expected)).amax() < 1e-9);
+            let mut out = matrix(rows, 1, seed + 2.0).column(0).into_owned();
+            let removed = &a * (a.transpose() * &out);
+            let expected = &out - removed;
+            remove(a.as_slice(), &mut out);
+            prop_assert!((out - expected).amax() < 1e-9);
             if q > 0 {
                 let y = b.column(0).into_owned();
                 prop_assert!((tr_mul_vector(&a, &y) - a.transpose() * &y).amax() < 1e-10);

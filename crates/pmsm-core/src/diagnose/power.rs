@@ -12,6 +12,7 @@
 //! processing: detection theory", 1998, section 6.5). The power is the probability that g exceeds what an effect must gain.
 
 mod absorbed;
+mod products;
 mod shapes;
 mod words;
 
@@ -24,14 +25,15 @@ use super::verdict::MISMATCH;
 use crate::basis::{freed, orthonormal, orthonormal_beside};
 use crate::effect::Role;
 use crate::effects::EffectId;
-use crate::experiment::{Block, Channel};
+use crate::experiment::Channel;
 use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
-use crate::tall;
 use absorbed::Fitted;
 use nalgebra::{DMatrix, DVector};
+use products::{Known, Products, Sum};
 use rayon::prelude::*;
 use shapes::{Look, Strengths, Strongest};
+use std::ops::Range;
 
 pub use words::{cannot_see, times};
 
@@ -75,10 +77,10 @@ impl Shown {
 /// What a found effect adds to the residual.
 struct Found {
     effect: EffectId,
-    /// Orthonormal basis of what only its parameters can do.
-    alone: DMatrix<f64>,
-    /// What it adds, freed of what the other parameters can do.
-    trace: DVector<f64>,
+    /// Numbers of the known columns that are an orthonormal basis of what only its parameters can do.
+    alone: Range<usize>,
+    /// Number of that which holds what it adds, freed of what the other parameters can do.
+    trace: usize,
     /// Its largest strength, in units of the typical one.
     size: f64,
 }
@@ -86,11 +88,11 @@ struct Found {
 /// What everybody's judgement rests on.
 struct Survey<'a> {
     scorer: Scorer<'a>,
-    blocks: Vec<Block>,
     best: &'a Hypothesis,
     worth: &'a [f64],
     poor: bool,
     fitted: Fitted,
+    known: Known,
     found: Vec<Found>,
 }
 
@@ -107,10 +109,19 @@ pub fn survey(
 ) -> Vec<Shown> {
     let scorer = Scorer::new(data, best);
     let jacobian = scorer.experiment().linearise(&best.parameters, &best.free).jacobian;
-    let found = best.effects().into_iter().map(|effect| trace(&scorer, best, effect, &jacobian)).collect();
-    let blocks = scorer.experiment().blocks();
-    let fitted = Fitted::new(jacobian);
-    let survey = Survey { scorer, blocks, best, worth, poor, fitted, found };
+    let basis = orthonormal(&jacobian);
+    let (mut found, mut columns) = (Vec::new(), Vec::new());
+    let mut at = basis.ncols();
+    for effect in best.effects() {
+        let Trace { alone, trace, size } = trace(&scorer, best, effect, &jacobian);
+        let end = at + alone.ncols();
+        found.push(Found { effect, alone: at..end, trace: end, size });
+        at = end + 1;
+        columns.extend([alone, trace]);
+    }
+    let fitted = Fitted::new(&jacobian, &basis);
+    let known = Known::new(basis, &columns, scorer.experiment().blocks());
+    let survey = Survey { scorer, best, worth, poor, fitted, known, found };
     let judged: Vec<Option<Shown>> = absent
         .par_iter()
         .map(|effect| if monitor.cancelled() { None } else { survey.judge(*effect) })
@@ -118,7 +129,17 @@ pub fn survey(
     judged.into_iter().flatten().collect()
 }
 
-fn trace(scorer: &Scorer, best: &Hypothesis, effect: EffectId, jacobian: &DMatrix<f64>) -> Found {
+/// What a found effect does to the residual.
+struct Trace {
+    /// Orthonormal basis of what only its parameters can do.
+    alone: DMatrix<f64>,
+    /// What it adds, freed of what the other parameters can do, in one column.
+    trace: DMatrix<f64>,
+    /// Its largest strength, in units of the typical one.
+    size: f64,
+}
+
+fn trace(scorer: &Scorer, best: &Hypothesis, effect: EffectId, jacobian: &DMatrix<f64>) -> Trace {
     let slot =
         best.model.slots().iter().find(|s| s.effect == effect).expect("an effect of the model has a slot");
     let (own, kept): (Vec<usize>, Vec<usize>) =
@@ -135,8 +156,8 @@ fn trace(scorer: &Scorer, best: &Hypothesis, effect: EffectId, jacobian: &DMatri
     }
     let experiment = scorer.experiment();
     let step = experiment.residual(&best.parameters) - experiment.residual(&without);
-    let trace = freed(&others, &DMatrix::from_columns(&[step])).column(0).into_owned();
-    Found { effect, alone, trace, size }
+    let trace = freed(&others, &DMatrix::from_columns(&[step]));
+    Trace { alone, trace, size }
 }
 
 impl Survey<'_> {
@@ -159,7 +180,7 @@ impl Survey<'_> {
             together.into_par_iter().map(|shapes| self.look(effect, &strengths, shapes)).collect();
         let nothing = Look::nothing(self.found.len());
         let look = looks.into_iter().try_fold(nothing, |all, next| next.map(|next| all.and(next)))?;
-        let Strongest { at, before, after, whole } = look.strongest?;
+        let Strongest { at, before, after, along } = look.strongest?;
         let power = look.powers.iter().fold(0.0, |sum, power| sum + power / probes.len() as f64);
         let found = self.found.iter().zip(look.likeness);
         let likeness = found.map(|(found, (cosine, nats))| (found.effect, cosine, nats)).collect();
@@ -169,24 +190,15 @@ impl Survey<'_> {
             size: (share * before.sqrt(), share * after.sqrt()),
             least: share * look.least,
             at_best: look.at_best,
-            channel: self.blocks[at].channel,
+            channel: self.known.blocks()[at].channel,
             absorbed_by: self
                 .fitted
-                .absorbing(&whole)
+                .absorbing(&along)
                 .into_iter()
                 .map(|k| self.name(self.best.free[k]))
                 .collect(),
             likeness,
         })
-    }
-
-    /// Mean square per channel of each recording over the samples that count.
-    fn squares(&self, rows: &DVector<f64>) -> Vec<f64> {
-        let square = |block: &Block| {
-            let own = rows.rows(block.rows.start, block.rows.len());
-            own.norm_squared() / block.counted.max(1) as f64
-        };
-        self.blocks.iter().map(square).collect()
     }
 
     fn power(&self, squares: &[f64], count: usize) -> f64 {
@@ -206,27 +218,24 @@ impl Survey<'_> {
         if self.poor && squares.iter().all(|x| *x <= MISMATCH) { 0.0 } else { power }
     }
 
-    /// How much of a found effect's trace another's columns reproduce within bounds, and what they would lose against it; `free` are
-    /// the columns freed of what all fitted parameters can do.
-    fn likeness(
-        &self,
-        found: &Found,
-        columns: &DMatrix<f64>,
-        free: &DMatrix<f64>,
-        bounds: &[(f64, f64)],
-    ) -> (f64, f64) {
-        let whole = found.trace.norm_squared();
-        let free = free + &found.alone * tall::tr_mul(&found.alone, columns);
-        let (gram, right) = (tall::gram(&free), tall::tr_mul_vector(&free, &found.trace));
-        let length: Vec<f64> = columns.column_iter().map(|c| c.norm()).collect();
+    /// How much of a found effect's trace another's columns reproduce within bounds, and what they would lose against it.
+    fn likeness(&self, found: &Found, products: &Products, bounds: &[(f64, f64)]) -> (f64, f64) {
+        let (count, trace) = (bounds.len(), products.known(found.trace));
+        let one = |k: usize| products.others(&DVector::from_fn(count, |x, _| f64::from(u8::from(x == k))));
+        let columns: Vec<Sum> = (0..count).map(one).collect();
+        let free: Vec<Sum> = columns.iter().map(|c| products.freed_but(c, &found.alone)).collect();
+        let whole = products.dot(&trace, &trace);
+        let gram = DMatrix::from_fn(count, count, |a, b| products.dot(&free[a], &free[b]));
+        let right = DVector::from_fn(count, |k, _| products.dot(&free[k], &trace));
+        let length: Vec<f64> = columns.iter().map(|c| products.dot(c, c).sqrt()).collect();
         let Some(step) = solve(&gram, &right, &length).filter(|_| whole > 0.0) else {
             return (0.0, f64::INFINITY);
         };
-        let step = DVector::from_fn(step.len(), |k, _| step[k].clamp(bounds[k].0, bounds[k].1));
-        let rest = &found.trace - &free * step;
-        let cosine = (1.0 - rest.norm_squared() / whole).max(0.0).sqrt();
-        let nats: f64 =
-            self.squares(&rest).iter().zip(self.worth).map(|(s, w)| 0.5 * w * (1.0 + s).ln()).sum();
+        let bounded = |k: usize| step[k].clamp(bounds[k].0, bounds[k].1);
+        let rest = free.iter().enumerate().fold(trace, |rest, (k, free)| rest - free * bounded(k));
+        let cosine = (1.0 - products.dot(&rest, &rest) / whole).max(0.0).sqrt();
+        let squares = products.squares(&rest);
+        let nats: f64 = squares.iter().zip(self.worth).map(|(s, w)| 0.5 * w * (1.0 + s).ln()).sum();
         (cosine, nats / self.best.runs() as f64)
     }
 
@@ -241,10 +250,6 @@ impl Survey<'_> {
         let parameter = &slot.effect.info().parameters[index - slot.parameters.start];
         format!("{} of {}", parameter.name, slot.effect.id())
     }
-}
-
-fn finite(matrix: &DMatrix<f64>) -> bool {
-    matrix.iter().all(|x| x.is_finite())
 }
 
 #[cfg(test)]

@@ -7,10 +7,10 @@
 use super::data::Data;
 use super::fitting::{self, rescaled};
 use super::hypothesis::Hypothesis;
-use crate::basis::{DEPENDENT, freed, orthonormal};
+use crate::basis::{DEPENDENT, orthonormal};
 use crate::effect::{Parameter, Role, Site};
 use crate::effects::EffectId;
-use crate::experiment::{Channel, Channels, Course, Joint, split};
+use crate::experiment::{Block, Channel, Channels, Course, Joint, split};
 use crate::model::Model;
 use crate::simulate::mechanical::Nuisance;
 use crate::tall;
@@ -85,12 +85,15 @@ impl<'a> Scorer<'a> {
         let parameters: Vec<&Parameter> = amplitudes.iter().map(|k| &effect.info().parameters[*k]).collect();
         let projector = self.projector(effect);
         let columns = self.columns(effect, shapes, amplitudes, projector);
-        let free = freed(&projector.basis, &columns);
-        let gram = tall::gram(&free);
-        let right = tall::tr_mul_vector(&free, &projector.residual);
+        // Products of the columns freed of the basis, in which nothing of the residual lies.
+        let along = tall::tr_mul(&projector.basis, &columns);
+        let whole = tall::gram(&columns);
+        let square = |k: usize| whole[(k, k)];
+        let gram = &whole - along.tr_mul(&along);
+        let right = tall::tr_mul_vector(&columns, &projector.residual);
         for (at, shape) in shapes.iter().enumerate() {
             let own = at * amplitudes.len()..(at + 1) * amplitudes.len();
-            let length: Vec<f64> = own.clone().map(|k| columns.column(k).norm()).collect();
+            let length: Vec<f64> = own.clone().map(|k| square(k).sqrt()).collect();
             let gram = gram.view_range(own.clone(), own.clone()).into_owned();
             let right = right.rows_range(own).into_owned();
             let Some(step) = solve(&gram, &right, &length) else { continue };
@@ -120,20 +123,12 @@ impl<'a> Scorer<'a> {
             .collect()
     }
 
-    /// Derivatives of the whole residual, in units of what is left in each channel, with respect to the amplitudes of an effect
-    /// at zero strength: those of the first of these `shapes`, those of the second, …
-    pub fn sensitivity(&self, effect: EffectId, shapes: &[Vec<f64>]) -> DMatrix<f64> {
+    /// Derivatives of the residual, in units of what is left in each channel, with respect to the amplitudes of an effect at zero
+    /// strength: those of the first of these `shapes`, those of the second, …
+    pub fn sensitivity(&self, effect: EffectId, shapes: &[Vec<f64>]) -> Sensitivity<'_> {
         let projector = self.projector(effect);
         let columns = self.columns(effect, shapes, &self.amplitudes(effect), projector);
-        let n = self.data.signals.len();
-        let mut whole = DMatrix::zeros(self.whole.residual.len(), columns.ncols());
-        for (at, channel) in projector.order.iter().enumerate() {
-            let place = self.whole.order.iter().position(|c| c == channel);
-            if let Some(place) = place {
-                whole.rows_mut(place * n, n).copy_from(&columns.rows(at * n, n));
-            }
-        }
-        whole
+        Sensitivity { columns, samples: self.data.signals.len(), order: &projector.order }
     }
 
     /// The recording as it is scored: all channels in units of what is left in them, initial speeds as estimated.
@@ -182,6 +177,24 @@ impl<'a> Scorer<'a> {
         }
         let experiment = self.data.experiment(&model, &nuisances, projector.channels.clone());
         experiment.with_plain_speed().linearise_along(&parameters, &free, &projector.courses).jacobian
+    }
+}
+
+/// What an effect does to the channels that it may reach.
+pub struct Sensitivity<'a> {
+    /// One column per amplitude and shape.
+    pub columns: DMatrix<f64>,
+    /// Samples of all recordings.
+    pub samples: usize,
+    /// Its channels in the order of the rows.
+    pub order: &'a [Channel],
+}
+
+impl Sensitivity<'_> {
+    /// The first of its rows that belong to `block`; `None` where the effect does not reach that channel.
+    pub fn first_row(&self, block: &Block) -> Option<usize> {
+        let place = self.order.iter().position(|c| *c == block.channel)?;
+        Some(place * self.samples + block.rows.start % self.samples)
     }
 }
 

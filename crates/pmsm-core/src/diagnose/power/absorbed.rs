@@ -1,7 +1,5 @@
 //! What the fitted parameters can do, and which of them absorb an effect.
 
-use super::finite;
-use crate::basis::orthonormal;
 use crate::tall;
 use nalgebra::{DMatrix, DVector, DVectorView};
 
@@ -12,37 +10,34 @@ const NAMED: usize = 2;
 
 /// What the fitted parameters do.
 pub struct Fitted {
-    /// Derivatives of the residual, one column per parameter.
-    jacobian: DMatrix<f64>,
-    /// Orthonormal basis of its columns.
-    pub basis: DMatrix<f64>,
-    /// Lengths of its columns.
-    scale: Vec<f64>,
-    /// (JᵀJ)⁻¹ in units of these lengths, unless the columns are not finite.
+    /// Derivatives of the residual along an orthonormal basis, one column per parameter, in units of their lengths.
+    along: DMatrix<f64>,
+    /// (JᵀJ)⁻¹ in these units, unless the columns are not finite.
     inverse: Option<DMatrix<f64>>,
 }
 
 impl Fitted {
-    /// From the derivatives J of the residual.
-    pub fn new(jacobian: DMatrix<f64>) -> Self {
+    /// From the derivatives J of the residual, which an orthonormal `basis` spans.
+    pub fn new(jacobian: &DMatrix<f64>, basis: &DMatrix<f64>) -> Self {
         // A parameter without any effect stands for nothing; its scale must only not be zero.
         let norm = |c: DVectorView<f64>| Some(c.norm()).filter(|x| *x > 1e-100).unwrap_or(1.0);
         let scale: Vec<f64> = jacobian.column_iter().map(norm).collect();
-        let gram = tall::gram(&jacobian);
+        let gram = tall::gram(jacobian);
         let unit = DMatrix::from_fn(gram.nrows(), gram.ncols(), |r, c| gram[(r, c)] / (scale[r] * scale[c]));
         // A decomposition of what is not finite never ends.
-        let inverse = Some(unit).filter(finite).and_then(|m| m.pseudo_inverse(1e-12).ok());
-        Self { basis: orthonormal(&jacobian), jacobian, scale, inverse }
+        let finite = unit.iter().all(|x| x.is_finite());
+        let inverse = Some(unit).filter(|_| finite).and_then(|m| m.pseudo_inverse(1e-12).ok());
+        let mut along = tall::tr_mul(basis, jacobian);
+        along.column_iter_mut().zip(&scale).for_each(|(mut column, scale)| column /= *scale);
+        Self { along, inverse }
     }
 
-    /// Numbers of the fitted parameters without which much less of `whole` would be absorbed: for the least-squares coefficients x
-    /// that is x_k²/(JᵀJ)⁻¹_kk.
-    pub fn absorbing(&self, whole: &DVector<f64>) -> Vec<usize> {
+    /// Numbers of the fitted parameters without which much less would be absorbed of what lies so `along` the basis: for the
+    /// least-squares coefficients x that is x_k²/(JᵀJ)⁻¹_kk.
+    pub fn absorbing(&self, along: &DVector<f64>) -> Vec<usize> {
         let Some(inverse) = &self.inverse else { return Vec::new() };
-        let absorbed = tall::tr_mul_vector(&self.basis, whole).norm_squared();
-        let right =
-            DVector::from_fn(self.scale.len(), |k, _| self.jacobian.column(k).dot(whole) / self.scale[k]);
-        let x = inverse * right;
+        let absorbed = along.norm_squared();
+        let x = inverse * self.along.tr_mul(along);
         let mut shares: Vec<(usize, f64)> = (0..x.len())
             .map(|k| (k, x[k] * x[k] / inverse[(k, k)].max(1e-300) / absorbed.max(1e-300)))
             .collect();

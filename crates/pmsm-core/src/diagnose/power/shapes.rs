@@ -1,7 +1,6 @@
 //! Some shapes of an absent effect, looked at together, and what all looks at it come to.
 
-use super::{Survey, finite};
-use crate::basis::freed;
+use super::Survey;
 use crate::effects::EffectId;
 use nalgebra::DVector;
 
@@ -22,8 +21,8 @@ pub(super) struct Strongest {
     /// Mean square that a typical strength adds there, before and after the fitted parameters absorb what they can.
     pub(super) before: f64,
     pub(super) after: f64,
-    /// What it adds to the residual.
-    pub(super) whole: DVector<f64>,
+    /// What it adds to the residual, as far as it lies in the basis of what the fitted parameters can do.
+    pub(super) along: DVector<f64>,
 }
 
 /// What shapes of one effect show, in their order.
@@ -71,18 +70,11 @@ impl Survey<'_> {
     pub(super) fn look(&self, effect: EffectId, strengths: &Strengths, shapes: &[Vec<f64>]) -> Option<Look> {
         let Strengths { typical, bounds, share } = strengths;
         let count = typical.len();
-        let together = self.scorer.sensitivity(effect, shapes);
-        let all_free = freed(&self.fitted.basis, &together);
         let mut look = Look::nothing(self.found.len());
-        for number in 0..shapes.len() {
-            let own = number * count..(number + 1) * count;
-            let columns = together.columns_range(own.clone()).into_owned();
-            let free = all_free.columns_range(own).into_owned();
-            if !finite(&columns) {
-                continue;
-            }
-            let whole = &columns * typical;
-            let (before, after) = (self.squares(&whole), self.squares(&(&free * typical)));
+        let seen = self.scorer.sensitivity(effect, shapes);
+        for products in self.known.beside(&seen, shapes.len(), count).into_iter().flatten() {
+            let whole = products.others(typical);
+            let (before, after) = (products.squares(&whole), products.squares(&products.freed(&whole)));
             let beside: Vec<f64> = after.iter().map(|square| share * share * square).collect();
             let most =
                 |squares: &[f64]| (0..squares.len()).max_by(|a, b| squares[*a].total_cmp(&squares[*b]));
@@ -92,8 +84,13 @@ impl Survey<'_> {
                 powers: vec![self.power(&beside, count)],
                 at_best: self.power(&after, count),
                 least: after[at].sqrt(),
-                strongest: Some(Strongest { at, before: before[at], after: after[at], whole }),
-                likeness: self.found.iter().map(|f| self.likeness(f, &columns, &free, bounds)).collect(),
+                strongest: Some(Strongest {
+                    at,
+                    before: before[at],
+                    after: after[at],
+                    along: products.along_basis(&whole),
+                }),
+                likeness: self.found.iter().map(|f| self.likeness(f, &products, bounds)).collect(),
             });
         }
         Some(look)
@@ -110,7 +107,7 @@ mod tests {
             powers: vec![power],
             at_best: power,
             least: after.sqrt(),
-            strongest: Some(Strongest { at: 0, before: 9.0, after, whole: DVector::from_element(1, power) }),
+            strongest: Some(Strongest { at: 0, before: 9.0, after, along: DVector::from_element(1, power) }),
             likeness: vec![(cosine, power)],
         };
         let all = || [look(0.1, 1.0, 0.5), look(0.3, 4.0, 0.9), look(0.2, 4.0, 0.9)].into_iter();
@@ -122,7 +119,7 @@ mod tests {
             assert_eq!((look.powers, look.at_best, look.least), (vec![0.1, 0.3, 0.2], 0.3, 1.0));
             // Of equals the first one stays.
             let strongest = look.strongest.unwrap();
-            assert_eq!((strongest.after, strongest.whole[0], look.likeness[0]), (4.0, 0.3, (0.9, 0.3)));
+            assert_eq!((strongest.after, strongest.along[0], look.likeness[0]), (4.0, 0.3, (0.9, 0.3)));
         }
     }
 }
