@@ -135,22 +135,29 @@ impl Job for Product<'_> {
     fn run<V: Lane>(self) {
         let Self { a: (a, first), b: (b, second), count, symmetric, out } = self;
         let (p, q) = out.shape();
+        let mut live = Vec::with_capacity(p);
         for from in (0..count).step_by(BLOCK) {
             let rows = BLOCK.min(count - from);
             let left = |k: usize| a.part(k, first + from, rows);
+            // What acts for a while only has zeros elsewhere.
+            live.clear();
+            live.extend((0..p).filter(|k| left(*k).iter().any(|x| *x != 0.0)));
             for l in 0..q {
                 let right = b.part(l, second + from, rows);
-                let last = if symmetric { l + 1 } else { p };
-                let mut k = 0;
-                while k + WIDE <= last {
-                    let sums = dots::<WIDE>(from_fn(|x| left(k + x)), right);
-                    for (x, sum) in sums.into_iter().enumerate() {
-                        out[(k + x, l)] += sum;
-                    }
-                    k += WIDE;
+                let last = if symmetric { live.partition_point(|k| *k <= l) } else { live.len() };
+                if symmetric && live[..last].last() != Some(&l) {
+                    continue;
                 }
-                for k in k..last {
-                    out[(k, l)] += dots([left(k)], right)[0];
+                let groups = live[..last].chunks_exact(WIDE);
+                let rest = groups.remainder();
+                for group in groups {
+                    let sums = dots::<WIDE>(from_fn(|x| left(group[x])), right);
+                    for (k, sum) in group.iter().zip(sums) {
+                        out[(*k, l)] += sum;
+                    }
+                }
+                for k in rest {
+                    out[(*k, l)] += dots([left(*k)], right)[0];
                 }
             }
         }
@@ -226,6 +233,17 @@ mod tests {
 
     fn matrix(rows: usize, columns: usize, seed: f64) -> DMatrix<f64> {
         DMatrix::from_fn(rows, columns, |r, c| (seed + 0.37 * r as f64 + 1.9 * c as f64).sin())
+    }
+
+    #[test]
+    fn columns_of_zeros_in_places_change_nothing() {
+        let mut a = matrix(1000, 6, 0.5);
+        a.view_mut((0, 1), (600, 1)).fill(0.0);
+        a.view_mut((300, 4), (700, 2)).fill(0.0);
+        let expected = a.transpose() * &a;
+        assert!((gram(&a) - &expected).amax() < 1e-10 && (tr_mul(&a, &a) - expected).amax() < 1e-10);
+        a[(700, 1)] = f64::NAN;
+        assert!(gram(&a)[(1, 1)].is_nan());
     }
 
     proptest! {

@@ -130,22 +130,27 @@ impl Experiment<'_> {
         let mut profile = Profile::new(self, p, free, columns);
         let t = &self.signals.t;
         let mut responses = vec![0.0; columns.len()];
+        // Columns that have acted in this window; the others' rows are zeros as they came.
+        let mut acting: Vec<usize> = Vec::new();
         for window in self.windows {
-            responses.fill(0.0);
+            acting.drain(..).for_each(|column| responses[column] = 0.0);
             for k in window.clone() {
-                for (rows, response) in rows.iter_mut().zip(&responses) {
-                    rows[k] = response * weight;
+                for column in &acting {
+                    rows[*column][k] = responses[*column] * weight;
                 }
                 if k + 1 >= window.end {
                     break;
                 }
                 let kept = kept(slope, k, 1);
-                for response in &mut responses {
-                    *response *= kept;
+                for column in &acting {
+                    responses[*column] *= kept;
                 }
                 let gain = per_torque * root(kept) * (t[k + 1] - t[k]);
                 for (column, push) in profile.pushes(t[k], t[k + 1]).into_iter().flatten() {
                     responses[column] += gain * push;
+                    if !acting.contains(&column) {
+                        acting.push(column);
+                    }
                 }
             }
         }
