@@ -16,6 +16,7 @@ use pmsm_core::signals::Signals;
 use pmsm_core::simulate::mechanical;
 use proptest::prelude::*;
 use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A salient motor, `n` samples at 1/`period`, with a gap where `gap` says so.
 fn signals(n: usize, period: f64, gap: Option<usize>, load: Load) -> (Plant, Signals) {
@@ -204,6 +205,39 @@ proptest! {
         let jtj = fast.jacobian.tr_mul(&fast.jacobian);
         prop_assert!((normal.jtj - &jtj).norm() <= 1e-8 * jtj.norm());
     }
+}
+
+#[test]
+fn a_recorded_run_that_is_stopped_tells_nothing() {
+    let (plant, signals) = signals(3000, 1e-5, None, Load::UnknownConstant);
+    let (model, windows) = (Model::new(signals.context, &[]), mechanical::windows(&signals));
+    let objective = objective(&model, &signals, &windows);
+    let looks = AtomicUsize::new(0);
+    let stop = || looks.fetch_add(1, Ordering::Relaxed) > 0;
+    let starts = objective.measured_starts();
+    let stopped = objective.normal(&truth(&plant), &[0, 6], &starts, true, &stop).expect("kernels");
+    assert!(looks.into_inner() > 1 && stopped.linear.is_none() && stopped.normal.cost.is_nan());
+}
+
+#[test]
+fn derivatives_for_an_uncertainty_are_near_those_around_the_best_initial_values() {
+    let (plant, signals) = signals(3000, 1e-5, Some(1500), Load::UnknownConstant);
+    let (model, windows) = (Model::new(signals.context, &[]), mechanical::windows(&signals));
+    let objective = objective(&model, &signals, &windows);
+    let p: Vec<f64> = truth(&plant).iter().map(|x| 1.001 * x).collect();
+    let free = [0, 1, 2, 3, 4, 5, 6];
+    let (near, best) = (objective.linearise_nearby(&p, &free), objective.linearise(&p, &free, None));
+    let off = (&near.residual - &best.residual).norm() / best.residual.norm();
+    assert!(off > 0.0 && off < 0.01, "{off}");
+    for k in free {
+        let (near, best) = (near.jacobian.column(k), best.jacobian.column(k));
+        let off = (near - best).norm() / best.norm();
+        assert!(off < 0.05, "{k}: {off}");
+    }
+    // From where the measured values are far off, the best ones are looked for.
+    let far: Vec<f64> = p.iter().zip([3.0, 0.5, 2.0, 0.6, 1.0, 1.0, 1.0]).map(|(x, f)| x * f).collect();
+    let (near, best) = (objective.linearise_nearby(&far, &free), objective.linearise(&far, &free, None));
+    assert_eq!(near.residual, best.residual);
 }
 
 #[test]

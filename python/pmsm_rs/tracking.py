@@ -32,7 +32,7 @@ PAPER = Swarm(particles=10, iterations=30, inertia=0.8, cognitive=2.0, social=2.
 
 _WINDOWS_AT_ONCE = 4
 _MOST_ROWS = 1 << 18
-_OPENING = 1000  # Samples that tell the period well enough to cut a log into batches.
+_LOOKED_AT = 1000
 
 
 @dataclass(frozen=True)
@@ -279,7 +279,9 @@ def track(
 
 def _feed(tracker: Tracker, source: Source, window: float) -> Iterator[WindowEstimate]:
     t = source.column("t") if isinstance(source, _core.Recording) else source["t"]
-    steps = np.diff(t[:_OPENING])
+    # Steps here and there tell the period well enough to cut a log into batches.
+    at = np.linspace(0, max(len(t) - 2, 0), min(_LOOKED_AT, max(len(t) - 1, 0))).astype(int)
+    steps = t[at + 1] - t[at]
     steps = steps[np.isfinite(steps) & (steps > 0)]
     period = float(np.median(steps)) if steps.size else window
     rows = int(min(max(_WINDOWS_AT_ONCE * window / period, 1.0), _MOST_ROWS))

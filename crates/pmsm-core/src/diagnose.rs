@@ -9,6 +9,7 @@ mod able;
 mod agree;
 pub mod answer;
 mod bare;
+mod chance;
 mod conclude;
 pub mod data;
 mod decide;

@@ -170,7 +170,8 @@ pub struct Identification {
     /// Estimates by name; what was asked for and cannot be fitted has no value.
     #[serde(serialize_with = "pairs::as_map")]
     pub parameters: Vec<(&'static str, Estimate)>,
-    /// The fitness (9) at the answer; with least squares its initial values are estimated (see [`Objective::residual`]).
+    /// The fitness (9) at the answer; with least squares its initial values are estimated (see [`Objective::residual`]) and its last step is
+    /// that which the normal equations promise.
     pub cost: f64,
     /// Best cost after each generation of the swarm, then after each step of least squares.
     pub history: Vec<f64>,

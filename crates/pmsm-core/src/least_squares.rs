@@ -31,6 +31,8 @@ const MIN_GAIN: f64 = 1e-4;
 /// Relative reduction that summation error of a long cost can hide. A run that finds no lower cost while the model
 /// promises no more than this has converged.
 const COST_NOISE: f64 = 1e-8;
+/// What a step promises falls with the one before to no less than this share, as far as can be relied on: from far away it falls faster.
+const FASTEST: f64 = 1e-5;
 
 /// Normal equations at one point.
 #[derive(Debug, Clone, PartialEq)]
@@ -129,7 +131,7 @@ pub enum Status {
     NotFinite,
 }
 
-/// Outcome of [`minimise`]: always the best point whose normal equations are known.
+/// Outcome of [`minimise`]: the best point whose normal equations are known, until [`Fit::go_on`] goes one step further.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
     /// Parameters, within their bounds.
@@ -169,7 +171,7 @@ pub fn minimise(
     let mut scale = DVector::zeros(dim);
     let mut damping = settings.initial_damping;
     let mut iterations = 0;
-    let mut before = 0.0;
+    let mut before = 0.0f64;
     let status = loop {
         if !normal.is_finite() {
             break if monitor.cancelled() { Status::Interrupted } else { Status::NotFinite };
@@ -180,7 +182,11 @@ pub fn minimise(
         let length = newton.step.component_mul(&column).norm();
         let reach = DVector::from_column_slice(&p).component_mul(&column).norm();
         let enough = settings.cost_tolerance * normal.cost;
-        let rest = settings.leaves_rest && newton.promise * newton.promise <= enough * before;
+        let falls = (newton.promise / before).max(FASTEST);
+        let rest = settings.leaves_rest
+            && damping <= settings.initial_damping
+            && newton.promise * falls <= enough
+            && newton.reduction - Step::cautious(&normal, &p, bounds).reduction <= enough;
         if newton.promise <= enough || length <= settings.step_tolerance * reach || rest {
             break Status::Converged;
         }

@@ -156,7 +156,11 @@ fn trace(scorer: &Scorer, best: &Hypothesis, effect: EffectId, jacobian: &DMatri
     }
     let experiment = scorer.experiment();
     let step = experiment.residual(&best.parameters) - experiment.residual(&without);
-    let trace = freed(&others, &DMatrix::from_columns(&[step]));
+    let mut trace = freed(&others, &DMatrix::from_columns(&[step]));
+    if trace.iter().any(|x| !x.is_finite()) {
+        // Without the effect the model cannot be evaluated: nothing can stand in for it.
+        trace.fill(0.0);
+    }
     Trace { alone, trace, size }
 }
 
@@ -233,7 +237,7 @@ impl Survey<'_> {
         };
         let bounded = |k: usize| step[k].clamp(bounds[k].0, bounds[k].1);
         let rest = free.iter().enumerate().fold(trace, |rest, (k, free)| rest - free * bounded(k));
-        let cosine = (1.0 - products.dot(&rest, &rest) / whole).max(0.0).sqrt();
+        let cosine = (1.0 - products.dot(&rest, &rest) / whole).clamp(0.0, 1.0).sqrt();
         let squares = products.squares(&rest);
         let nats: f64 = squares.iter().zip(self.worth).map(|(s, w)| 0.5 * w * (1.0 + s).ln()).sum();
         (cosine, nats / self.best.runs() as f64)

@@ -69,7 +69,10 @@ fn told(
     point: &[f64],
     found: &mut Found,
 ) -> Result<Told> {
-    let at = || objective.linearise(point, &plan.free(), found.starts.as_ref());
+    let at = || match &found.starts {
+        Some(starts) => objective.linearise(point, &plan.free(), Some(starts)),
+        None => objective.linearise_nearby(point, &plan.free()),
+    };
     let whole = found.linear.take().unwrap_or_else(at);
     let mut cannot_show = plan.refused.clone();
     let mut spread = uncertainty::spread(&whole.jacobian, &whole.residual, signals.len());

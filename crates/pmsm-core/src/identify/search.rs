@@ -10,7 +10,7 @@ use crate::swarm::{self, Swarm, SwarmResult, SwarmSettings};
 use nalgebra::DVector;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// When least squares has converged: a thousandth of a standard error or better.
+/// When least squares has converged: some thousandths of a standard error or better.
 pub const SETTINGS: Settings = Settings {
     max_iterations: 100,
     cost_tolerance: 1e-12,
@@ -64,9 +64,9 @@ pub struct Descent {
     pub fit: Fit,
     /// The initial values that belong to it, where the kernels know the model.
     pub starts: Option<Starts>,
-    /// Residual and derivatives there, if the last step recorded them.
+    /// The residual there and derivatives there or one step before, if they were recorded.
     pub linear: Option<Linearisation>,
-    /// Cost at the start and after each accepted step.
+    /// Cost at the start and after each accepted step, the last one as the normal equations promise it.
     pub history: Vec<f64>,
     /// Number of evaluations of the sum of squares.
     pub evaluations: usize,

@@ -73,6 +73,12 @@ impl Step {
         Self { reduction: -2.0 * slope - curvature, promise: slope.abs().max(curvature), step }
     }
 
+    /// The undamped step that no run will check.
+    pub fn cautious(normal: &Normal, p: &[f64], bounds: &[(f64, f64)]) -> Self {
+        let column = normal.jtj.diagonal().map(|x| x.max(0.0).sqrt());
+        Self::solve(normal, p, bounds, &column, CAUTION)
+    }
+
     /// The point this step leads to, exactly on a bound where it reaches one.
     pub fn from(&self, p: &[f64], bounds: &[(f64, f64)]) -> Vec<f64> {
         let ends = p.iter().zip(self.step.iter()).zip(bounds);
@@ -84,8 +90,7 @@ impl Fit {
     /// Takes what is left of the way to the minimum within `bounds`, in one step that the normal equations promise and no evaluation
     /// checks; returns it, in the units of the parameters. The normal equations stay those of where it began.
     pub fn go_on(&mut self, bounds: &[(f64, f64)]) -> Option<DVector<f64>> {
-        let column = self.normal.jtj.diagonal().map(|x| x.max(0.0).sqrt());
-        let step = Step::solve(&self.normal, &self.parameters, bounds, &column, CAUTION);
+        let step = Step::cautious(&self.normal, &self.parameters, bounds);
         if step.reduction.is_nan() || step.reduction <= 0.0 {
             return None;
         }

@@ -12,7 +12,7 @@ use std::ops::Range;
 /// Initial values of a segment: i_d, i_q, ω_e.
 const INITIAL: usize = 3;
 /// Initial values rest where a step changes them by no more than this share of the largest current and speed.
-const AT_REST: f64 = 1e-5;
+pub(super) const AT_REST: f64 = 1e-5;
 /// Most runs on the way to the best initial values.
 const ROUNDS: usize = 20;
 /// Derivatives carried in one pass.

@@ -1,6 +1,7 @@
 //! The objective on the kernels of [`crate::bare`], where they know the model and the sampling: many points at once, and
 //! normal equations from perturbed copies.
 
+use super::equations::AT_REST;
 use super::{Drive, Objective, side_by_side};
 use crate::bare::copies::{self, Around, INITIAL};
 use crate::bare::{self, Kernel, POINT, chunks};
@@ -22,9 +23,9 @@ const LEAST_TORQUE: f64 = 0.05;
 /// Smallest scale of the magnet's flux, as a share of the largest flux linkage.
 const LEAST_FLUX: f64 = 1e-3;
 
-/// Share of the largest current and speed by which measured initial values may be off for derivatives around them to do: what is left
-/// out is about its square.
-const NEAR: f64 = 0.01;
+/// Share of the largest current and speed by which measured initial values may be off for derivatives around them to do for an
+/// uncertainty.
+const NEAR: f64 = 0.005;
 
 /// Initial i_d, i_q (A), ω_e (rad/s) of each gap-free segment.
 pub type Starts = Vec<[f64; INITIAL]>;
@@ -239,6 +240,9 @@ impl Objective<'_> {
     ) -> Option<Nearby> {
         let mut rows = record.then(|| Recorded::room(self.experiment.signals.len(), free.len()));
         let all = self.sums(p, free, starts, stop, rows.as_mut().map(|rows| &mut rows.rows))?;
+        // A run that was stopped has not recorded all.
+        let mut rows =
+            rows.filter(|rows| rows.rows.len() == copies::width(free.len()) * rows.linear.residual.len());
         let mut normal = Normal {
             cost: 0.0,
             jtj: DMatrix::zeros(free.len(), free.len()),
@@ -270,6 +274,16 @@ impl Objective<'_> {
         Some(Nearby { normal, course, linear: rows.map(|rows| rows.linear) })
     }
 
+    /// [`Objective::linearise`] as an uncertainty needs it: around the measured initial values, if the best ones are within half a per cent of the
+    /// largest current and speed. The residual is then off by what such a change is off its first order, derivatives by as much of
+    /// themselves as they change over it.
+    pub fn linearise_nearby(&self, p: &[f64], free: &[usize]) -> Linearisation {
+        let measured = self.measured_starts();
+        let around = self.normal(p, free, &measured, true, &|| false);
+        let near = around.filter(|there| self.within(NEAR, &measured, there.course.best()));
+        near.and_then(|there| there.linear).unwrap_or_else(|| self.linearise(p, free, None))
+    }
+
     /// [`Objective::linearise`] on the kernels, around the initial values `starts`; without them around the best ones.
     pub(super) fn kernel_linear(
         &self,
@@ -278,16 +292,6 @@ impl Objective<'_> {
         starts: Option<&Starts>,
     ) -> Option<Linearisation> {
         let go = || false;
-        let around = |starts: &Starts| self.normal(p, free, starts, true, &go);
-        if let Some(starts) = starts {
-            return around(starts)?.linear;
-        }
-        // Mostly the best ones are so near the measured ones that what they change is of first order, which is taken out anyway.
-        let measured = self.measured_starts();
-        let there = around(&measured)?;
-        if self.within(NEAR, &measured, there.course.best()) {
-            return there.linear;
-        }
         let look = |starts: &Starts| -> Option<(f64, Starts)> {
             let mut better = starts.clone();
             let mut cost = 0.0;
@@ -300,6 +304,16 @@ impl Objective<'_> {
             }
             Some((cost, better))
         };
+        let around = |starts: &Starts| self.normal(p, free, starts, true, &go);
+        if let Some(starts) = starts {
+            return around(starts)?.linear;
+        }
+        // Mostly the first step leads to the best ones, which the run around them tells.
+        let goal = look(&self.measured_starts())?.1;
+        let there = around(&goal)?;
+        if self.within(AT_REST, &goal, there.course.best()) {
+            return there.linear;
+        }
         around(&self.settle(look)?)?.linear
     }
 

@@ -30,7 +30,7 @@ fn measured(recording: &Recording) -> [Option<&[f64]>; 3] {
     let most = [a, b, c].into_iter().flatten().fold(0.0f64, |m, x| m.max(x.abs()));
     let step = |samples| step(&[a, b, c], ALIKE * most, samples);
     let rounded = |step: f64| sum <= ROUNDING.1 * step;
-    // A few values bound the step from above, and mostly settle it.
+    // A few values mostly tell that there is no such step.
     let in_steps = || step(GLANCE).is_none_or(rounded) && step(LOOKED_AT).is_some_and(rounded);
     if most > 0.0 && (sum <= ROUNDING.0 * most || in_steps()) {
         return [Some(a), Some(b), None];

@@ -159,17 +159,22 @@ mod tests {
         DMatrix::from_fn(rows, columns, |r, c| (seed + (0.3 + 0.1 * c as f64 + 0.07 * seed) * r as f64).sin())
     }
 
-    /// Two channels, of which some others reach the second one alone.
+    /// Two recordings with two channels, of which some others reach the second one alone.
     fn setup() -> (DMatrix<f64>, DMatrix<f64>, Known, DMatrix<f64>) {
         let basis = orthonormal(&matrix(2 * SAMPLES, 3, 0.0));
         let alone = orthonormal(&matrix(2 * SAMPLES, 2, 1.0));
-        let block = |at: usize, channel| Block {
-            run: 0,
-            channel,
-            rows: at * SAMPLES..(at + 1) * SAMPLES,
-            counted: SAMPLES - at,
+        let block = |(run, channel, rows): (usize, Channel, Range<usize>)| {
+            let counted = rows.len() - run;
+            Block { run, channel, rows, counted }
         };
-        let blocks = vec![block(0, Channel::IQ), block(1, Channel::OmegaE)];
+        let own = [
+            (Channel::IQ, 0..15),
+            (Channel::IQ, 15..40),
+            (Channel::OmegaE, 40..55),
+            (Channel::OmegaE, 55..80),
+        ];
+        let blocks =
+            own.into_iter().enumerate().map(|(k, (channel, rows))| block((k % 2, channel, rows))).collect();
         let known = Known::new(basis.clone(), std::slice::from_ref(&alone), blocks);
         (basis, alone, known, matrix(SAMPLES, 4, 2.0))
     }
@@ -188,10 +193,12 @@ mod tests {
             let sum = products.others(&shares);
             assert!((products.along_basis(&sum) - basis.tr_mul(&whole)).amax() < 1e-12);
             let same = |sum: &Sum, column: &DVector<f64>| {
-                let square =
-                    |at: usize| column.rows(at * SAMPLES, SAMPLES).norm_squared() / (SAMPLES - at) as f64;
-                let squares = products.squares(sum);
-                assert!((0..2).all(|at| (squares[at] - square(at)).abs() < 1e-12), "{squares:?}");
+                let square = |block: &Block| {
+                    column.rows(block.rows.start, block.rows.len()).norm_squared() / block.counted as f64
+                };
+                for (seen, block) in products.squares(sum).into_iter().zip(known.blocks()) {
+                    assert!((seen - square(block)).abs() < 1e-12, "{block:?}");
+                }
                 assert!((products.dot(sum, &products.known(3)) - column.dot(&alone.column(0))).abs() < 1e-12);
             };
             same(&sum, &whole);
