@@ -31,11 +31,13 @@ pub(super) struct Products<'a> {
 impl Known {
     /// An orthonormal `basis` of what the fitted parameters can do, and other columns of the same rows.
     pub(super) fn new(basis: DMatrix<f64>, others: &[DMatrix<f64>], blocks: Vec<Block>) -> Self {
-        let (count, mut columns) = (basis.ncols(), basis);
+        let count = basis.ncols();
+        let more: usize = others.iter().map(DMatrix::ncols).sum();
+        let mut columns = basis.resize_horizontally(count + more, 0.0);
+        let mut at = count;
         for other in others {
-            let at = columns.ncols();
-            columns = columns.resize_horizontally(at + other.ncols(), 0.0);
             columns.columns_mut(at, other.ncols()).copy_from(other);
+            at += other.ncols();
         }
         let gram = blocks.iter().map(|block| {
             let mut gram = DMatrix::zeros(columns.ncols(), columns.ncols());
