@@ -28,12 +28,14 @@ def headline(answer: DiagnosisValues) -> str:
         if len(choices) == 1:
             return f"The model probably leaves out {choices[0]}, but {these} cannot settle it."
         return f"The model leaves out {listed(choices, 'or')}; {these} cannot tell which."
+    where = EQUATIONS.get(answer.located[0].equation, "") if answer.located else ""
     if answer.verdict == "unknown":
-        where = EQUATIONS.get(answer.located[0].equation, "") if answer.located else ""
         return f"Something is missing{f' in the {where}' if where else ''} that is not in the catalogue."
-    if several:
-        return "These recordings do not allow to say what the model leaves out."
-    return "This recording is too poor to say what the model leaves out."
+    short = "do not allow" if several else "is too poor"
+    poor = f"{these} {short} to say what the model leaves out."
+    if where:
+        return f"More than the noise is left in the {where}, but {poor}"
+    return poor[0].upper() + poor[1:]
 
 
 def _first(answer: DiagnosisValues) -> list[str]:

@@ -220,7 +220,11 @@ def test_text_of_an_answer_cannot_become_markup(tmp_path: Path) -> None:
                 "noise_floor": {},
                 "fit": {"recording": {"before": {}, "after": {}}, "validation": {"before": {}, "after": {}}},
             },
-            "too poor",
+            "This recording is too poor",
+        ),
+        (
+            {"verdict": "undetermined", "ranking": [], "model": {"effects": [], "base": {}}},
+            "More than the noise is left in the",
         ),
         ({"interrupted": True}, "leaves out"),
         ({"next_experiment": None, "data_quality": [], "cannot_see": []}, "leaves out"),

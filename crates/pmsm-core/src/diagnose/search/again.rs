@@ -50,7 +50,7 @@ impl Search<'_> {
         seen: &mut [Judged],
     ) -> Result<Option<Judged>> {
         let Some((model, parameters, free)) = left_out(&best.fitted, drop) else { return Ok(None) };
-        if model.effects().is_empty() || self.monitor.cancelled() {
+        if self.monitor.cancelled() {
             return Ok(None);
         }
         let fitted = Hypothesis::on(self.data, model, parameters, free, best.fitted.nuisances.clone());
