@@ -74,7 +74,13 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
             None if rival.contains(effect) => missed(rival).max((-NESTED_GAIN).exp()),
             None => 1.0,
         };
-        let sum = 1.0 + none + rivals.iter().map(|(e, j)| weight(*e, j) * odds(j)).sum::<f64>();
+        let open = |rival: EffectId| outcome.open.contains(&(effect, rival));
+        // What keeps up with the set where both are fitted to all runs is as likely at least.
+        let against = |rival: EffectId, judged: &Judged| {
+            let odds = weight(rival, judged) * odds(judged);
+            if open(rival) { odds.max(1.0) } else { odds }
+        };
+        let sum = 1.0 + none + rivals.iter().map(|(e, j)| against(*e, j)).sum::<f64>();
         let share = (1.0 - unknown) / sum;
         // What is more likely than the effect itself cannot be kept from its name.
         let likelier = |rival: EffectId, judged: &Judged| weight(rival, judged) * odds(judged) > 1.0;
@@ -82,13 +88,13 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
         let mut equivalent: Vec<EffectId> = rivals
             .iter()
             .filter(|(e, j)| !e.contains(effect) || asked_for(*e, j) || likelier(*e, j))
-            .filter(|(_, j)| loss(j) < floor + near)
+            .filter(|(e, j)| loss(j) < floor + near || open(*e))
             .map(|(e, _)| *e)
             .collect();
         equivalent.extend(outcome.shown.iter().map(|s| s.effect).filter(|e| hidden(*e).is_some()));
         ranked.push(Ranked { effect, probability: share, equivalent, judged: outcome.best.clone() });
         for (rival, judged) in rivals.iter().copied() {
-            let probability = share * odds(judged) * weight(rival, judged);
+            let probability = share * against(rival, judged);
             let known = effects.contains(&rival) || ranked.iter().any(|r| r.effect == rival);
             if probability > LEAST_LISTED && !known {
                 ranked.push(Ranked {
@@ -177,7 +183,8 @@ mod tests {
     fn outcome(base: Judged, best: Judged, swaps: Vec<Swap>, shown: Vec<Shown>) -> Outcome {
         let all = [&base, &best].into_iter().chain(swaps.iter().map(|s| &s.judged));
         let (scale, path) = (Scale::new(all), vec![base.clone(), best.clone()]);
-        Outcome { base, singles: Vec::new(), best, swaps, unfit: Vec::new(), shown, scale, path }
+        let open = Vec::new();
+        Outcome { base, singles: Vec::new(), best, swaps, unfit: Vec::new(), shown, open, scale, path }
     }
 
     #[test]
@@ -190,6 +197,22 @@ mod tests {
             ranked[0].probability
         };
         assert!(probability(false) > 0.9 && probability(true) <= CEILING_UNKNOWN);
+    }
+
+    #[test]
+    fn a_rival_that_keeps_up_where_both_are_fitted_to_all_runs_is_left_open() {
+        let (dry, drag) = (EffectId::CoulombFriction, EffectId::QuadraticDrag);
+        let told = |open: Vec<(EffectId, EffectId)>| {
+            let (base, best, rival) = (judged(&[], 9.0), judged(&[dry], 1.0), judged(&[drag], 3.0));
+            let swap = Swap { replaced: dry, by: Some(drag), judged: rival };
+            let outcome = Outcome { open, ..outcome(base, best, vec![swap], Vec::new()) };
+            let (verdict, ranked) = decide(&outcome, false);
+            (verdict, ranked[0].equivalent.clone(), ranked.iter().map(|r| r.probability).collect::<Vec<_>>())
+        };
+        let (verdict, equivalent, probabilities) = told(vec![(dry, drag)]);
+        assert_eq!((verdict, equivalent), (Verdict::Ambiguous, vec![drag]));
+        assert!((probabilities[0] / probabilities[1] - 1.0).abs() < 1e-12, "{probabilities:?}");
+        assert_eq!(told(Vec::new()).0, Verdict::Named);
     }
 
     #[test]

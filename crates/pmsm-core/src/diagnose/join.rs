@@ -119,7 +119,7 @@ fn first_values(signals: &[Signals], machine: &Machine) -> Result<[f64; BASE]> {
 
 impl Data {
     /// Several prepared recordings, with what is to be said of them as a whole.
-    fn joined(parts: Vec<Self>, common: Vec<Finding>) -> Self {
+    pub(super) fn joined(parts: Vec<Self>, common: Vec<Finding>) -> Self {
         let signals: Vec<&Signals> = parts.iter().map(|p| &p.signals).collect();
         let mut signals = Signals::end_to_end(&signals);
         signals.findings.extend(common);

@@ -79,6 +79,11 @@ impl Scale {
         all / (1 + judged.held_out.len()) as f64 + PRICE * count as f64
     }
 
+    /// Misfit on the recording, nats.
+    pub fn fitted_misfit(&self, judged: &Judged) -> f64 {
+        misfit(&judged.fitted, &self.fitted)
+    }
+
     /// Misfit on the held-out recordings (on the recording where there are none), nats; only load steps have a price there.
     pub fn held_out_misfit(&self, judged: &Judged) -> f64 {
         if judged.held_out.is_empty() {

@@ -4,6 +4,7 @@
 mod again;
 mod extend;
 mod hidden;
+mod jointly;
 mod refit;
 mod sets;
 mod smaller;
@@ -94,6 +95,8 @@ pub struct Outcome {
     pub unfit: Vec<(EffectId, String)>,
     /// What the recording would have shown of the effects that are not in the best set.
     pub shown: Vec<Shown>,
+    /// Rivals, of which effect and which, that lose on other runs alone and not where they are fitted to those, too.
+    pub open: Vec<(EffectId, EffectId)>,
     /// How they were compared.
     pub scale: Scale,
     /// The way to the best set, one effect more at each step: the bare machine, the best of its singles, …, the best.
@@ -210,9 +213,10 @@ impl Search<'_> {
         let shown = power::survey(self.data, &best.fitted, &absent, scale.worth(), poor, self.monitor);
         self.look_alikes(&best, &shown, &mut swaps)?;
         self.monitor.report("alternatives", 0.95);
+        let open = self.reopened(&best, &swaps, &scale)?;
         let base = self.compared(&best, base)?;
         let path = path(&base, &best, &seen, &scale);
-        Ok(Outcome { base, singles, best, swaps, unfit, shown, scale, path })
+        Ok(Outcome { base, singles, best, swaps, unfit, shown, open, scale, path })
     }
 
     /// Transfers a fitted hypothesis to the held-out runs.

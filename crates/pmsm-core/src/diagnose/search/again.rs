@@ -139,6 +139,7 @@ mod tests {
     use crate::diagnose::data::Data;
     use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
     use crate::drive::{Schedule, Shape};
+    use crate::machine::BaseParameter;
     use crate::model::Model;
     use crate::monitor::Silent;
 
@@ -234,6 +235,24 @@ mod tests {
         );
         let friction = search(&data).needless(&right, EffectId::CoulombFriction, &scale, &mut []).unwrap();
         assert!(friction.is_none());
+    }
+
+    #[test]
+    fn an_effect_of_no_strength_gives_its_fit_to_the_bare_machine() {
+        let (data, base) = reversing(0.0);
+        let right = judged(base);
+        let offset = judged({
+            let Hypothesis { parameters, nuisances, .. } = right.fitted.clone();
+            let (own, open) = parameters.split_at(BASE);
+            let model = Model::new(data.signals.context, &[EffectId::CurrentOffset]);
+            Hypothesis::on(&data, model, [own, &[0.0, 0.0], open].concat(), Vec::new(), nuisances)
+        });
+        let mut seen = vec![astray(&data, &right, |x| x[BaseParameter::J.index()] *= 1.02)];
+        assert!(right.excess() < 0.1 && seen[0].excess() > 0.3, "{}", seen[0].excess());
+        let scale = Scale::new([&right, &seen[0]].into_iter());
+        let found = search(&data).pruned(offset, &scale, &mut seen).unwrap();
+        assert_eq!(found.fitted.effects(), []);
+        assert!(found.excess() < 0.1 && seen[0].excess() < 0.1, "{}", found.excess());
     }
 
     #[test]

@@ -4,7 +4,7 @@ use super::Search;
 use super::refit::Claim;
 use super::sets::{explains, mismatched_by};
 use crate::diagnose::shortlist::{Prospect, Scorer};
-use crate::diagnose::verdict::{Judged, MISMATCH, PROGRESS};
+use crate::diagnose::verdict::{Judged, MISMATCH, PROGRESS, UNEXPLAINED};
 use crate::effects::{self, EffectId};
 use crate::error::Result;
 use crate::experiment::Channel;
@@ -127,11 +127,43 @@ impl Search<'_> {
                 effects::ALL.iter().copied().find(|e| e.id() == plain).expect("it is in the catalogue");
             let effects = judged.fitted.effects();
             let room = effects.len() < self.most && !effects.contains(&plain);
-            if room && judged.excess() > MISMATCH && judged.excess() < PROGRESS * parent.excess() {
+            if room && judged.excess() > UNEXPLAINED.1 && judged.excess() < PROGRESS * parent.excess() {
                 let prospect = Scorer::new(self.data, &judged.fitted).score(plain);
                 out.extend(self.refit(judged, &prospect, Claim::Open)?);
             }
         }
         Ok(out)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
+    use crate::monitor::Silent;
+
+    #[test]
+    fn what_refines_an_effect_is_tried_with_it_unless_next_to_nothing_is_left() {
+        let asymmetric = EffectId::AsymmetricFriction;
+        let refined = |tau_c: f64| {
+            let manoeuvre = speeds(1.0, &[(0.1, 90.0), (0.3, -80.0), (0.5, 60.0), (0.7, -60.0), (0.9, 80.0)]);
+            let both = vec![
+                choice("coulomb_friction", "tau_c", tau_c),
+                choice("asymmetric_friction", "tau_a", 0.04),
+            ];
+            let (data, base) = data(&setup(manoeuvre, both));
+            let judged = |fitted| Judged { fitted, held_out: Vec::new(), refuted: false };
+            let (alone, base) = (judged(fitted(&data, &base, asymmetric)), judged(base));
+            let search =
+                Search { data: &data, held_out: Vec::new(), refuting: Vec::new(), most: 3, monitor: &Silent };
+            let prospect = Prospect { effect: asymmetric, start: Vec::new(), score: 1.0 };
+            let sets = search.refined(&base, &[(prospect, Some(alone.clone()))]).unwrap();
+            (alone.excess(), sets.iter().map(|j| j.fitted.effects()).collect::<Vec<_>>())
+        };
+        let (left, sets) = refined(0.0175);
+        assert!(left > UNEXPLAINED.1 && left < MISMATCH, "{left}");
+        assert_eq!(sets, [[asymmetric, EffectId::CoulombFriction]]);
+        let (left, sets) = refined(0.0);
+        assert!(left < UNEXPLAINED.1 && sets.is_empty(), "{left}");
     }
 }
