@@ -33,7 +33,7 @@ def headline(answer: DiagnosisValues) -> str:
         return f"Something is missing{f' in the {where}' if where else ''} that is not in the catalogue."
     short = "do not allow" if several else "is too poor"
     poor = f"{these} {short} to say what the model leaves out."
-    if where:
+    if where and not answer.interrupted:
         return f"More than the noise is left in the {where}, but {poor}"
     return poor[0].upper() + poor[1:]
 

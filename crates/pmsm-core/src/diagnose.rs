@@ -9,7 +9,6 @@ mod able;
 mod agree;
 pub mod answer;
 mod bare;
-mod chance;
 mod conclude;
 pub mod data;
 mod decide;
@@ -190,10 +189,13 @@ fn on_whole(data: &Data, found: Outcome, base: &Hypothesis, monitor: &dyn Monito
     }
     let bare = best.fitted.effects().is_empty();
     if bare {
-        best.fitted = base.clone();
+        // Fitted together with an effect that turned out needless, the bare machine may do better than by itself.
+        let there = best.fitted.seen_again(data);
+        let better = verdict::largest_excess(&there) < verdict::largest_excess(base);
+        best.fitted = if better { there } else { base.clone() };
     }
     let mut whole = found.base;
-    whole.fitted = base.clone();
+    whole.fitted = if bare { best.fitted.clone() } else { base.clone() };
     let mut path = found.path;
     let last = path.len() - 1;
     for judged in &mut path[1..last.max(1)] {

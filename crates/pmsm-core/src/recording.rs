@@ -160,8 +160,22 @@ fn column_error(column: &str, problem: &str, fix: &str) -> Error {
     Error::Column { column: column.into(), problem: problem.into(), fix: fix.into() }
 }
 
+/// Whether a value can be used; NaN cannot.
+pub(crate) fn sound(x: f64) -> bool {
+    x.abs() <= LARGEST
+}
+
+/// Place of the first value that cannot be used.
+pub(crate) fn first_unsound(values: &[f64]) -> Option<usize> {
+    // Without a way out in between a chunk is looked through several values at a time.
+    const CHUNK: usize = 128;
+    let good = |chunk: &[f64]| chunk.iter().fold(true, |all, x| all & sound(*x));
+    let at = CHUNK * values.chunks(CHUNK).position(|chunk| !good(chunk))?;
+    values[at..].iter().position(|x| !sound(*x)).map(|k| at + k)
+}
+
 fn check_values(column: &str, values: &[f64]) -> Result<()> {
-    match values.iter().position(|x| x.is_nan() || x.abs() > LARGEST) {
+    match first_unsound(values) {
         None => Ok(()),
         Some(row) => Err(Error::Sample {
             column: column.into(),
@@ -247,5 +261,19 @@ mod tests {
         let mut given = columns(20);
         given[2].0 = "speed".into();
         assert!(matches!(Recording::new(given, None), Err(Error::Unknown { .. })));
+    }
+
+    #[test]
+    fn the_first_value_that_cannot_be_used_is_found_wherever_it_lies() {
+        let sound = vec![-LARGEST; 300];
+        assert_eq!(first_unsound(&sound), None);
+        assert_eq!(first_unsound(&[]), None);
+        for at in [0, 1, 127, 128, 255, 256, 299] {
+            for bad in [f64::NAN, f64::INFINITY, -2.0 * LARGEST] {
+                let mut values = sound.clone();
+                (values[at], values[299]) = (bad, f64::NAN);
+                assert_eq!(first_unsound(&values), Some(at));
+            }
+        }
     }
 }

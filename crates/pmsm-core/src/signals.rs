@@ -3,6 +3,7 @@
 
 mod angle;
 mod clock;
+mod held;
 pub mod join;
 mod lag;
 mod mend;
@@ -15,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::real::Real;
 use crate::recording::{Kind, Load, Recording};
-use crate::transforms::{inverse_park, rotate};
+use crate::transforms::inverse_park;
 use angle::{check_sense, differentiate, integrate, unwrap};
 use mend::mend;
 use phases::Currents;
@@ -25,9 +26,6 @@ use std::ops::Range;
 
 /// Temperature to which r_s and psi_m refer where temperatures are logged, °C; the same for all recordings of a machine.
 pub const REFERENCE_TEMPERATURE: f64 = 20.0;
-/// Control periods from the sample that a command is computed from to the middle of the period in which it acts.
-const AHEAD: f64 = 1.5;
-
 /// Something about the data that a user should know, what follows from it and how to record better.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
@@ -54,6 +52,8 @@ pub struct Signals {
     pub v: Option<[Vec<f64>; 2]>,
     /// Whether the voltage is held in the stator's frame over a control period, as inverters do, and not in the rotor's.
     pub stator_held: bool,
+    /// Whether the voltages were logged as those of the phases, in place of a command seen from the rotor.
+    pub phase_voltages: bool,
     /// Whether the voltage of the d and of the q axis was logged.
     pub axes: [bool; 2],
     /// Rotor-frame current in the logged frame, A.
@@ -105,30 +105,6 @@ impl Signals {
         let mut signals = Self::in_rotor_frame(recording, machine)?;
         signals.complete();
         Ok(signals)
-    }
-
-    /// Takes the voltages as held in the stator's frame over each control period h. Seen from the rotor they turn back meanwhile about
-    /// their mean; to second order the currents at the end are those of a voltage that is larger by (ω_e·h)²/12. What it does to
-    /// the currents in between is up to [`crate::simulate::mechanical::torque`].
-    ///
-    /// A drive turns its command to where the rotor will be in the middle of the period, 1.5 periods after the sample that it is computed
-    /// from, at the speed of that sample; a rotor that gains speed meanwhile is farther by (1.5·h)²/2·dω_e/dt, and the voltage lags.
-    pub fn hold_in_stator(&mut self) {
-        let held = self.held_period();
-        let gains = differentiate(&self.t, &self.omega_e, &self.segments);
-        if let (Some([v_d, v_q]), false) = (&mut self.v, self.stator_held) {
-            for ((d, q), (omega, gain)) in v_d.iter_mut().zip(v_q).zip(self.omega_e.iter().zip(gains)) {
-                let longer = 1.0 + (omega * held).powi(2) / 12.0;
-                let (sin, cos) = (-0.5 * (AHEAD * held).powi(2) * gain).sin_cos();
-                [*d, *q] = rotate([*d, *q], longer * cos, longer * sin);
-            }
-        }
-        self.stator_held = true;
-    }
-
-    /// For how long a voltage is held, s.
-    pub fn held_period(&self) -> f64 {
-        self.control_period.unwrap_or(self.period).min(self.period)
     }
 
     /// The same without phase currents where only rotor-frame ones were logged: the model without effects needs none.
@@ -232,6 +208,7 @@ impl Signals {
             period: recording.period(),
             control_period: machine.f_sample.map(|f| 1.0 / f),
             stator_held: false,
+            phase_voltages: v_d.is_none() && v_q.is_none(),
             v,
             axes,
             i,
@@ -346,43 +323,6 @@ mod tests {
         let warm = columns.into_iter().chain([("temperature".to_string(), vec![80.0; 2000])]).collect();
         let signals = Signals::new(&Recording::new(warm, None).unwrap(), &Machine::new(4).unwrap()).unwrap();
         assert_eq!(signals.heating.unwrap()[0], 60.0);
-    }
-
-    #[test]
-    fn a_voltage_held_in_the_stator_lags_where_the_rotor_gains_speed() {
-        // Electrical angle of a rotor that gains 10⁵ rad/s² from 200 rad/s.
-        let (h, gain) = (1e-4, 1e5);
-        let angle = |t: f64| (200.0 + 0.5 * gain * t) * t;
-        let t: Vec<f64> = (0..40).map(|k| h * f64::from(k)).collect();
-        let column =
-            |name: &str, f: &dyn Fn(f64) -> f64| (name.to_string(), t.iter().map(|t| f(*t)).collect());
-        let command = [3.0, 40.0];
-        let columns = vec![
-            column("t", &|t| t),
-            column("theta_e", &angle),
-            column("omega_e", &|t| 200.0 + gain * t),
-            column("v_d", &|_| command[0]),
-            column("v_q", &|_| command[1]),
-            column("i_d", &|_| 3.0),
-            column("i_q", &|_| 4.0),
-        ];
-        let machine = Machine::new(4).unwrap();
-        let mut signals = Signals::new(&Recording::new(columns, None).unwrap(), &machine).unwrap();
-        signals.hold_in_stator();
-        let [d, q] = signals.v.unwrap();
-        for k in 1..39 {
-            // Where the drive put it, seen from where the rotor is in the mean over the period.
-            let put = angle(t[k - 1]) + 1.5 * h * (200.0 + gain * t[k - 1]);
-            let mean = (0..100).map(|n| angle(t[k] + h * (f64::from(n) + 0.5) / 100.0)).sum::<f64>() / 100.0;
-            let lag = q[k].atan2(d[k]) - command[1].atan2(command[0]);
-            assert!(
-                (lag - (put - mean)).abs() < 0.05 * lag.abs() && lag < -1e-3,
-                "{k}: {lag} {}",
-                put - mean
-            );
-            let longer = d[k].hypot(q[k]) / command[0].hypot(command[1]) - 1.0;
-            assert!((longer / (signals.omega_e[k] * h).powi(2) - 1.0 / 12.0).abs() < 1e-6);
-        }
     }
 
     #[test]

@@ -10,7 +10,7 @@ use super::outputs::Outputs;
 use super::search::Outcome;
 use super::ties::Tie;
 use super::transfer::transfer;
-use super::{able, agree, chance, each, power, prescribe, reach, unmodelled, verdict};
+use super::{able, agree, each, power, prescribe, reach, unmodelled, verdict};
 use crate::effect::Site;
 use crate::error::Result;
 use crate::monitor::Monitor;
@@ -84,11 +84,6 @@ pub fn conclude(
         Verdict::Named => unmodelled::rival(data, judge, &best.fitted, monitor)?,
         _ => None,
     };
-    let predicts = described.as_ref().is_some_and(|(_, rest)| !rest.terms.is_empty());
-    let chance = (verdict == Verdict::Unknown && !predicts).then(|| chance::alone(&located)).flatten();
-    if chance.is_some() {
-        verdict = Verdict::Undetermined;
-    }
     if described.is_some() && verdict == Verdict::Named {
         verdict = Verdict::Unknown;
         ranked.iter_mut().for_each(|r| r.probability = r.probability.min(decide::CEILING_UNKNOWN));
@@ -119,7 +114,6 @@ pub fn conclude(
     let next_experiment = prescribe::next_experiment(data, &ranked, &outcome, verdict, weak, monitor)?;
     let mut data_quality = quality(data, weak, &ties, refuted);
     data_quality.extend(contradiction.map(|c| c.finding));
-    data_quality.extend(chance);
     data_quality.extend(monitor.cancelled().then(|| Finding {
         finding: "the diagnosis was interrupted".into(),
         consequence: "what had not been tried is neither named nor excluded".into(),

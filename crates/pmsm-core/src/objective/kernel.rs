@@ -27,6 +27,9 @@ const LEAST_FLUX: f64 = 1e-3;
 /// uncertainty.
 const NEAR: f64 = 0.005;
 
+/// Samples whose rows are gone through at a time.
+const TILE: usize = 64;
+
 /// Initial i_d, i_q (A), ω_e (rad/s) of each gap-free segment.
 pub type Starts = Vec<[f64; INITIAL]>;
 
@@ -115,15 +118,24 @@ impl Recorded {
         let (n, free) = (residual.len() / 3, jacobian.ncols());
         let width = copies::width(free);
         let rows = &self.rows[3 * width * segment.start..3 * width * segment.end];
-        let (residual, jacobian) = (residual.as_mut_slice(), jacobian.as_mut_slice());
-        for channel in 0..3 {
-            let begin = channel * n + segment.start;
-            for (k, row) in rows[channel * width..].chunks(3 * width).enumerate() {
-                let initial = &row[free..][..INITIAL];
-                let follow = |by: &Vector3<f64>| initial[0] * by[0] + initial[1] * by[1] + initial[2] * by[2];
-                residual[begin + k] = row[width - 1] - follow(error);
+        let follow = |row: &[f64], by: &Vector3<f64>| {
+            let initial = &row[free..][..INITIAL];
+            initial[0] * by[0] + initial[1] * by[1] + initial[2] * by[2]
+        };
+        // One column after the other, of so few rows that they are read from the nearest cache.
+        for (tile, rows) in rows.chunks(3 * width * TILE).enumerate() {
+            let count = rows.len() / (3 * width);
+            for channel in 0..3 {
+                let begin = channel * n + segment.start + tile * TILE;
+                let rows = || rows[channel * width..].chunks(3 * width).map(|row| &row[..width]);
+                for (x, row) in residual.as_mut_slice()[begin..][..count].iter_mut().zip(rows()) {
+                    *x = row[width - 1] - follow(row, error);
+                }
                 for (column, by) in slopes.iter().enumerate() {
-                    jacobian[column * 3 * n + begin + k] = row[column] + follow(by);
+                    let own = &mut jacobian.as_mut_slice()[column * 3 * n + begin..][..count];
+                    for (x, row) in own.iter_mut().zip(rows()) {
+                        *x = row[column] + follow(row, by);
+                    }
                 }
             }
         }

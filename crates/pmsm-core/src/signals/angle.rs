@@ -40,6 +40,19 @@ pub fn differentiate(t: &[f64], x: &[f64], segments: &[Range<usize>]) -> Vec<f64
     slope
 }
 
+/// Derivative of a noisy `x` with respect to `t`, segment by segment: the slope of the straight line through `half` samples to either side
+/// as far as there are any.
+pub fn slopes(t: &[f64], x: &[f64], segments: &[Range<usize>], half: usize) -> Vec<f64> {
+    let mut slopes = vec![0.0; x.len()];
+    for segment in segments {
+        for k in segment.clone() {
+            let near = k.saturating_sub(half).max(segment.start)..(k + half + 1).min(segment.end);
+            slopes[k] = line(&t[near.clone()], &x[near], t[k]).1;
+        }
+    }
+    slopes
+}
+
 /// Integral of `rate` over the times `t`, from zero, by the trapezoidal rule.
 pub fn integrate(t: &[f64], rate: &[f64]) -> Vec<f64> {
     let mut sum = 0.0;

@@ -29,6 +29,7 @@ impl Signals {
             period: largest(parts, |s| s.period),
             control_period: first.control_period,
             stator_held: first.stator_held,
+            phase_voltages: first.phase_voltages,
             v: series(parts, |s| s.v.as_ref()),
             axes: [0, 1].map(|axis| parts.iter().any(|s| s.axes[axis])),
             i: series(parts, |s| s.i.as_ref()),

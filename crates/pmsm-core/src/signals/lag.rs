@@ -40,7 +40,8 @@ pub fn undo(t: &[f64], theta: &[f64], omega: &[f64], segments: &[Range<usize>]) 
         let span = t[b] - t[a];
         ((theta[b] - theta[a]) / span - mean(t, speed, a, b), (omega[b] - omega[a]) / span)
     };
-    for (ahead, slope) in windows.iter().map(|w| point(w, omega)) {
+    let points: Vec<(f64, f64)> = windows.iter().map(|w| point(w, omega)).collect();
+    for (ahead, slope) in &points {
         product += ahead * slope;
         square += slope * slope;
         count += 1.0;
@@ -49,7 +50,7 @@ pub fn undo(t: &[f64], theta: &[f64], omega: &[f64], segments: &[Range<usize>]) 
         return None;
     }
     let lag = product / square;
-    let rest: f64 = windows.iter().map(|w| point(w, omega)).map(|(x, s)| (x - lag * s).powi(2)).sum();
+    let rest: f64 = points.iter().map(|(x, s)| (x - lag * s).powi(2)).sum();
     // Neighbouring windows overlap by half.
     let error = (2.0 * rest / count / square).sqrt();
     let period = (t[t.len() - 1] - t[0]) / (t.len() - 1) as f64;

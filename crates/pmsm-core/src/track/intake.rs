@@ -4,7 +4,7 @@
 mod lost;
 
 use crate::error::{Error, Result};
-use crate::recording::{COLUMNS, LARGEST};
+use crate::recording::{COLUMNS, first_unsound, sound};
 use crate::signals::Finding;
 use lost::{Lost, note};
 use serde::{Deserialize, Serialize};
@@ -137,7 +137,7 @@ impl Intake {
         let mut count = t.iter().take(room).take_while(plain).count();
         for values in &batch.values[1..] {
             let kept = &values[row..row + count];
-            count = kept.iter().position(|x| !sound(*x)).unwrap_or(count);
+            count = first_unsound(kept).unwrap_or(count);
         }
         for (column, values) in self.rows.iter_mut().zip(&batch.values) {
             column.extend_from_slice(&values[row..row + count]);
@@ -312,11 +312,6 @@ impl Intake {
         let span = [self.begins(index), self.begins(index + 1).min(end + self.period().unwrap_or(0.0))];
         Some(Cut { number, span, columns, expected, notes })
     }
-}
-
-/// Whether a value can be used; NaN cannot.
-fn sound(x: f64) -> bool {
-    x.abs() <= LARGEST
 }
 
 const SAME: &str = "give every batch of a stream the same columns";

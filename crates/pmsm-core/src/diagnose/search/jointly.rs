@@ -7,10 +7,12 @@ use super::Search;
 use super::variants::Swap;
 use crate::diagnose::data::Data;
 use crate::diagnose::fitting;
+use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::scale::{INDISTINGUISHABLE, Scale};
 use crate::diagnose::verdict::{Judged, MISMATCH, UNEXPLAINED};
 use crate::effects::EffectId;
 use crate::error::Result;
+use crate::signals::Signals;
 
 /// Rivals that are fitted to all runs at most.
 const ASKED: usize = 2;
@@ -24,12 +26,18 @@ impl Search<'_> {
         swaps: &[Swap],
         scale: &Scale,
     ) -> Result<Vec<(EffectId, EffectId)>> {
-        if best.excess() > MISMATCH || best.held_out_excess() < UNEXPLAINED.1 || self.monitor.cancelled() {
+        let [other] = self.held_out[..] else { return Ok(Vec::new()) };
+        let asked = best.excess() < MISMATCH && best.held_out_excess() > UNEXPLAINED.1;
+        // Runs may begin in different electrical turns of the revolution, unless both are parts of one.
+        let one_turn = self.data.signals.turn_known || self.data.held_out.is_some();
+        let fits_both = |j: &Judged| one_turn || j.fitted.model.turned(j.fitted.own(), 1.0).is_none();
+        if !asked || !alike(self.data, other) || !fits_both(best) || self.monitor.cancelled() {
             return Ok(Vec::new());
         }
         let here = scale.fitted_misfit(best);
         let astray = |swap: &&Swap| {
             swap.by.is_some_and(|by| !by.contains(swap.replaced))
+                && fits_both(&swap.judged)
                 && swap.judged.excess() < MISMATCH
                 && scale.fitted_misfit(&swap.judged) < here + INDISTINGUISHABLE
                 && scale.loss(&swap.judged) >= scale.loss(best) + INDISTINGUISHABLE
@@ -40,16 +48,15 @@ impl Search<'_> {
         if rivals.is_empty() {
             return Ok(Vec::new());
         }
-        let runs = std::iter::once(self.data).chain(self.held_out.iter().copied());
-        let all = Data::joined(runs.flat_map(Data::runs).cloned().collect(), Vec::new());
-        let fit = |judged: &Judged| -> Result<Judged> {
-            let fitted = fitting::refit(&all, &judged.fitted, self.monitor)?;
-            Ok(Judged { fitted, held_out: Vec::new(), refuted: false })
-        };
-        let together = fit(best)?;
+        let all = Data::joined(vec![self.data.clone(), other.clone()], Vec::new());
+        let together = self.together(&all, best)?;
         let mut open = Vec::new();
         for rival in rivals {
-            let judged = fit(&rival.judged)?;
+            let judged = self.together(&all, &rival.judged)?;
+            // A fit that was stopped tells nothing.
+            if self.monitor.cancelled() {
+                return Ok(Vec::new());
+            }
             let scale = Scale::new([&together, &judged].into_iter());
             if scale.loss(&judged) < scale.loss(&together) + INDISTINGUISHABLE {
                 open.extend(rival.by.map(|by| (rival.replaced, by)));
@@ -57,6 +64,32 @@ impl Search<'_> {
         }
         Ok(open)
     }
+
+    /// A set fitted to both runs, or as it stands on them if that is better: loads and a fit of everything at once may not be found again.
+    fn together(&self, all: &Data, judged: &Judged) -> Result<Judged> {
+        let Hypothesis { model, mut parameters, free, mut nuisances, .. } = judged.fitted.clone();
+        let count = model.parameter_count();
+        for run in &judged.held_out {
+            parameters.extend(&run.parameters[count..]);
+            nuisances.extend(&run.nuisances);
+        }
+        let free: Vec<usize> = free.into_iter().filter(|k| *k < count).collect();
+        let as_it_is = Hypothesis::on(all, model, parameters, free, nuisances);
+        let fitted = fitting::refit(all, &judged.fitted, self.monitor)?;
+        let [as_it_is, fitted] =
+            [as_it_is, fitted].map(|fitted| Judged { fitted, held_out: Vec::new(), refuted: false });
+        let scale = Scale::new([&as_it_is, &fitted].into_iter());
+        Ok(if scale.loss(&as_it_is) < scale.loss(&fitted) { as_it_is } else { fitted })
+    }
+}
+
+/// Whether two runs have the same equations and refer to the same temperatures.
+fn alike(a: &Data, b: &Data) -> bool {
+    let told = |data: &Data| {
+        let Signals { kind, context, .. } = &data.signals;
+        (*kind, context.has_temperature, context.has_magnet_temperature)
+    };
+    a.parts.is_empty() && b.parts.is_empty() && told(a) == told(b)
 }
 
 #[cfg(test)]

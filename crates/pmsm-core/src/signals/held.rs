@@ -1,0 +1,86 @@
+//! Voltages that stand still in the stator, as inverters hold them, while the rotor turns on.
+
+use super::Signals;
+use super::angle::slopes;
+use crate::transforms::rotate;
+
+/// Control periods from the sample at which angle and speed are known to the middle of the period in which a voltage acts: of a command,
+/// which was computed from the sample before, and of logged phase voltages, which are seen from the rotor by the row's own.
+const AHEAD: (f64, f64) = (1.5, 0.5);
+/// Samples to either side from which an acceleration is taken.
+const GAINS: usize = 8;
+
+impl Signals {
+    /// Takes the voltages as held in the stator's frame over each control period h. Seen from the rotor they turn back meanwhile about
+    /// their mean; to second order the currents at the end are those of a voltage that is larger by (ω_e·h)²/12. What it does to
+    /// the currents in between is up to [`crate::simulate::mechanical::torque`].
+    ///
+    /// A drive turns its command to where the rotor will be in the middle of the period, 1.5 periods after the sample that it is computed
+    /// from, at the speed of that sample; a rotor that gains speed meanwhile is farther by (1.5·h)²/2·dω_e/dt, and the voltage lags. Of
+    /// phase voltages, which the row's own angle turns, half a period is left of that.
+    pub fn hold_in_stator(&mut self) {
+        let held = self.held_period();
+        let gains = slopes(&self.t, &self.omega_e, &self.segments, GAINS);
+        let ahead = if self.phase_voltages { AHEAD.1 } else { AHEAD.0 };
+        if let (Some([v_d, v_q]), false) = (&mut self.v, self.stator_held) {
+            for ((d, q), (omega, gain)) in v_d.iter_mut().zip(v_q).zip(self.omega_e.iter().zip(gains)) {
+                let longer = 1.0 + (omega * held).powi(2) / 12.0;
+                let (sin, cos) = (-0.5 * (ahead * held).powi(2) * gain).sin_cos();
+                [*d, *q] = rotate([*d, *q], longer * cos, longer * sin);
+            }
+        }
+        self.stator_held = true;
+    }
+
+    /// For how long a voltage is held, s.
+    pub fn held_period(&self) -> f64 {
+        self.control_period.unwrap_or(self.period).min(self.period)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::machine::Machine;
+    use crate::recording::Recording;
+    use crate::signals::Signals;
+
+    #[test]
+    fn a_voltage_held_in_the_stator_lags_where_the_rotor_gains_speed() {
+        // Electrical angle of a rotor that gains 10⁵ rad/s² from 200 rad/s.
+        let (h, gain) = (1e-4, 1e5);
+        let angle = |t: f64| (200.0 + 0.5 * gain * t) * t;
+        let t: Vec<f64> = (0..40).map(|k| h * f64::from(k)).collect();
+        let column =
+            |name: &str, f: &dyn Fn(f64) -> f64| (name.to_string(), t.iter().map(|t| f(*t)).collect());
+        let command = [3.0, 40.0];
+        let columns = vec![
+            column("t", &|t| t),
+            column("theta_e", &angle),
+            column("omega_e", &|t| 200.0 + gain * t),
+            column("v_d", &|_| command[0]),
+            column("v_q", &|_| command[1]),
+            column("i_d", &|_| 3.0),
+            column("i_q", &|_| 4.0),
+        ];
+        let machine = Machine::new(4).unwrap();
+        let mut signals = Signals::new(&Recording::new(columns, None).unwrap(), &machine).unwrap();
+        let mut by_phases = Signals { phase_voltages: true, ..signals.clone() };
+        signals.hold_in_stator();
+        by_phases.hold_in_stator();
+        let ([d, q], [_, less]) = (signals.v.unwrap(), by_phases.v.unwrap());
+        for k in 1..39 {
+            // Where the drive put it, seen from where the rotor is in the mean over the period.
+            let put = angle(t[k - 1]) + 1.5 * h * (200.0 + gain * t[k - 1]);
+            let mean = (0..100).map(|n| angle(t[k] + h * (f64::from(n) + 0.5) / 100.0)).sum::<f64>() / 100.0;
+            let lag = q[k].atan2(d[k]) - command[1].atan2(command[0]);
+            assert!(
+                (lag - (put - mean)).abs() < 0.05 * lag.abs() && lag < -1e-3,
+                "{k}: {lag} {}",
+                put - mean
+            );
+            assert!(less[k] > q[k], "{k}: half a period is less than one and a half");
+            let longer = d[k].hypot(q[k]) / command[0].hypot(command[1]) - 1.0;
+            assert!((longer / (signals.omega_e[k] * h).powi(2) - 1.0 / 12.0).abs() < 1e-6);
+        }
+    }
+}
