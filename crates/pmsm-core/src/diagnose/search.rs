@@ -95,7 +95,7 @@ pub struct Outcome {
     pub unfit: Vec<(EffectId, String)>,
     /// What the recording would have shown of the effects that are not in the best set.
     pub shown: Vec<Shown>,
-    /// Rivals, of which effect and which, that lose on other runs alone and not where they are fitted to those, too.
+    /// Rivals, of which effect and which, that lose on the other run alone and not where they are fitted to it, too.
     pub open: Vec<(EffectId, EffectId)>,
     /// How they were compared.
     pub scale: Scale,

@@ -14,12 +14,12 @@ use crate::effects::EffectId;
 use crate::error::Result;
 use crate::signals::Signals;
 
-/// Rivals that are fitted to all runs at most.
+/// Rivals that are fitted to both runs at most.
 const ASKED: usize = 2;
 
 impl Search<'_> {
-    /// Rivals of the best set (the effect of it, what stands in its place) that lose on other runs alone, and that, fitted to all runs at
-    /// once, explain them as well as it does. None are looked for where it explains the other runs.
+    /// Rivals of the best set (the effect of it, what stands in its place) that lose on the other run alone, and that, fitted to both at
+    /// once, explain them as well as it does. None are looked for where it explains that run, nor among several recordings.
     pub(super) fn reopened(
         &self,
         best: &Judged,
