@@ -26,6 +26,7 @@ use std::ops::Range;
 
 /// Temperature to which r_s and psi_m refer where temperatures are logged, °C; the same for all recordings of a machine.
 pub const REFERENCE_TEMPERATURE: f64 = 20.0;
+
 /// Something about the data that a user should know, what follows from it and how to record better.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
@@ -208,7 +209,7 @@ impl Signals {
             period: recording.period(),
             control_period: machine.f_sample.map(|f| 1.0 / f),
             stator_held: false,
-            phase_voltages: v_d.is_none() && v_q.is_none(),
+            phase_voltages: v_d.is_none() || v_q.is_none(),
             v,
             axes,
             i,
