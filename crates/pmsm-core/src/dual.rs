@@ -1,11 +1,12 @@
 //! Numbers that carry exact derivatives along.
 
+mod beside;
 mod outlined;
 mod tangent;
 
-pub use tangent::Beside;
+pub use beside::Beside;
 
-use crate::real::{Loop, Real};
+use crate::real::{Abreast, Loop, Real};
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 /// A value with its derivatives with respect to `N` parameters (forward-mode differentiation).
@@ -171,6 +172,10 @@ impl<const N: usize> Real for Dual<N> {
     #[inline(always)]
     fn fastest<L: Loop<Self>>(task: L) -> L::Output {
         tangent::run(task)
+    }
+    #[inline(always)]
+    fn abreast<L: Abreast<Self>>(task: L) -> Option<L::Output> {
+        beside::run(task)
     }
 }
 

@@ -18,6 +18,7 @@
 //! Bodies and everything they call in an inner loop must be `#[inline(always)]`: what is not inlined is compiled for the
 //! processor that the crate was built for, which is correct and slow.
 
+mod angles;
 mod portable;
 #[cfg(target_arch = "x86_64")]
 mod x86;

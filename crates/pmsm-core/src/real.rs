@@ -71,6 +71,12 @@ pub trait Real:
     fn fastest<L: Loop<Self>>(task: L) -> L::Output {
         task.run::<Self>()
     }
+    /// Runs a loop over samples that do not wait for one another on vectors of several samples each, with the bits of
+    /// one at a time; nothing where this processor has no vectors for numbers of this type.
+    #[inline(always)]
+    fn abreast<L: Abreast<Self>>(_: L) -> Option<L::Output> {
+        None
+    }
 }
 
 /// A number type that stands for `T` in an inner loop: conversions there and back change no bit.
@@ -98,6 +104,37 @@ pub trait Loop<T> {
     type Output;
     /// The loop over the type that stands for `T`. Implementations are `#[inline(always)]`.
     fn run<W: Carries<T>>(self) -> Self::Output;
+}
+
+/// [`Self::COUNT`] numbers of type `T` side by side.
+pub trait Several<T>: Real {
+    /// How many.
+    const COUNT: usize;
+    /// The first of a slice.
+    ///
+    /// # Panics
+    /// If there are fewer than [`Self::COUNT`].
+    fn of(from: &[T]) -> Self;
+    /// The first of a slice of plain numbers.
+    ///
+    /// # Panics
+    /// If there are fewer than [`Self::COUNT`].
+    fn plain(from: &[f64]) -> Self;
+    /// The same number everywhere.
+    fn all(x: T) -> Self;
+    /// Writes them to the head of a slice.
+    ///
+    /// # Panics
+    /// If there is no room.
+    fn put(self, to: &mut [T]);
+}
+
+/// A loop over samples that do not wait for one another, run by [`Real::abreast`].
+pub trait Abreast<T> {
+    /// What it returns.
+    type Output;
+    /// The loop over several at a time. Implementations are `#[inline(always)]`.
+    fn run<W: Several<T>>(self) -> Self::Output;
 }
 
 impl Real for f64 {

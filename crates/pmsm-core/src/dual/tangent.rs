@@ -54,41 +54,8 @@ impl<const N: usize, const R: usize, L: Loop<Dual<N>>> Job for Wide<N, R, L> {
 /// them with `R` derivatives of its own.
 #[derive(Debug, Clone, Copy)]
 pub struct Tangent<V, const R: usize, const APART: bool> {
-    re: V,
-    eps: [V; R],
-}
-
-/// As many numbers as a vector has lanes, each with `R` derivatives of its own.
-pub type Beside<V, const R: usize> = Tangent<V, R, true>;
-
-impl<V: Lane, const R: usize> Beside<V, R> {
-    /// From values, and derivative number `slot` of each.
-    #[inline(always)]
-    pub fn variable(re: V, slot: usize, eps: V) -> Self {
-        let mut own = Self { re, eps: [V::zero(); R] };
-        own.eps[slot] = eps;
-        own
-    }
-    /// From values that do not change.
-    #[inline(always)]
-    pub fn fixed(re: V) -> Self {
-        Self { re, eps: [V::zero(); R] }
-    }
-    /// The values.
-    #[inline(always)]
-    pub fn values(self) -> V {
-        self.re
-    }
-    /// Derivative number `slot` of each.
-    #[inline(always)]
-    pub fn slopes(self, slot: usize) -> V {
-        self.eps[slot]
-    }
-    /// Times numbers without derivatives.
-    #[inline(always)]
-    pub fn scaled(self, by: V) -> Self {
-        self.chain(self.re * by, by)
-    }
+    pub(super) re: V,
+    pub(super) eps: [V; R],
 }
 
 /// A tangent with the value `re` and the derivatives that an expression of `k` gives. A closure would be compiled without
@@ -123,7 +90,7 @@ impl<V: Lane, const R: usize, const N: usize> Carries<Dual<N>> for Tangent<V, R,
 impl<V: Lane, const R: usize, const APART: bool> Tangent<V, R, APART> {
     /// `f(self)` from the value and the derivative of `f` there.
     #[inline(always)]
-    fn chain(self, value: V, slope: V) -> Self {
+    pub(super) fn chain(self, value: V, slope: V) -> Self {
         each!(value, k => self.eps[k] * slope)
     }
     /// A function's value, taken `once` for all lanes or in `each`.
@@ -263,7 +230,7 @@ impl<V: Lane, const R: usize, const APART: bool> Real for Tangent<V, R, APART> {
     }
     #[inline(always)]
     fn size(self) -> f64 {
-        self.re.first().abs()
+        if APART { self.re.size() } else { self.re.first().abs() }
     }
 }
 

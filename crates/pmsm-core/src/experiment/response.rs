@@ -11,7 +11,7 @@ use super::{Experiment, LANES, seed};
 use crate::dual::Dual;
 use crate::effect::{Role, Site};
 use crate::machine::BaseParameter;
-use crate::simulate::mechanical;
+use crate::simulate::mechanical::{self, Rotor, Torque};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -73,8 +73,13 @@ impl Experiment<'_> {
         let weight = self.speed_weight();
         let count = self.model.parameter_count();
         let seeded = seed::<N>(p, columns, free);
-        let lifted = self.lifted(&seeded[..count], changes, torque);
-        let load = (self.nuisance, &seeded[count..]);
+        let lifted;
+        let tau_e = if changes {
+            lifted = mechanical::torque(self.model, self.signals, &seeded[..count]);
+            Torque::Varied(&lifted)
+        } else {
+            Torque::Fixed(torque())
+        };
         let t = &self.signals.t;
         let along = |window: &Range<usize>, here: &[Dual<N>], between: &[Option<Dual<N>>]| {
             let at = |k: usize| &here[k].eps;
@@ -105,16 +110,16 @@ impl Experiment<'_> {
                 put(k, &response);
             }
         };
-        mechanical::accelerations(
-            self.model,
-            self.signals,
-            &seeded[..count],
-            &lifted,
-            load,
-            self.windows,
+        let rotor = Rotor {
+            model: self.model,
+            signals: self.signals,
+            p: &seeded[..count],
+            tau_e,
+            load: (self.nuisance, &p[count..]),
+            windows: self.windows,
             shown,
-            along,
-        );
+        };
+        rotor.accelerations(along);
     }
 
     /// Derivatives of the speed with respect to the levels and instants of the load, from its derivative `slope` with respect
@@ -232,6 +237,63 @@ mod tests {
                     _ => 1e-4,
                 };
                 assert!(off <= share * run.norm(), "{h} {k}: {off} of {}", run.norm());
+            }
+        }
+    }
+
+    #[test]
+    fn samples_beside_one_another_have_the_bits_of_one_after_the_other() {
+        let effects = [
+            EffectId::AsymmetricFriction,
+            EffectId::CoggingTorque,
+            EffectId::StribeckFriction,
+            EffectId::SaturationQ,
+            EffectId::IronLoss,
+            EffectId::EncoderEccentricity,
+        ];
+        // In steps of two samples and of one; segments that no vector fills, and windows that none divides.
+        for (h, gap, length) in [(1e-4, 0.0..0.0, 2000), (4e-4, 0.31..0.7998, 130), (4e-4, 0.0..0.0, 5)] {
+            let mut signals = reversing(h, &gap);
+            signals.stator_held = true;
+            let cut = |s: &Range<usize>| {
+                let end = s.end;
+                s.clone().step_by(length).map(move |k| k..(k + length).min(end)).collect::<Vec<_>>()
+            };
+            let windows: Vec<_> = signals.segments.iter().flat_map(cut).collect();
+            for effects in [&effects[..], &effects[..4], &[]] {
+                let model = Model::new(signals.context, effects);
+                let mut p = vec![0.5, 6e-3, 9e-3, 0.1, 2e-3, 1e-3];
+                for effect in effects {
+                    p.extend(effect.info().parameters.iter().map(|x| (x.typical)(&signals.context)));
+                }
+                let last = p.len() - 1;
+                p.push(0.3);
+                let experiment = of_speed(&model, &signals, Nuisance::unknown(0, 0), &windows);
+                let (torque, starts) = (experiment.torque_at(&p), experiment.starts.clone().unwrap());
+                let speed = experiment.speed_pass(&p, &torque, &starts);
+                let n = signals.len();
+                // The flux and what else drives the motor; what slows it down.
+                for (changes, free) in [(true, [3, last]), (false, [4, last.min(6)])] {
+                    let columns = |wide: bool| {
+                        let mut out = vec![vec![0.0; n]; 2];
+                        let rows = out.iter_mut().map(|x| &mut x[..]).collect();
+                        let at = (&p[..], &free[..], &[0, 1][..]);
+                        if wide {
+                            experiment.torque_columns::<4>(at, changes, || &torque, &speed, rows);
+                        } else {
+                            experiment.torque_columns::<2>(at, changes, || &torque, &speed, rows);
+                        }
+                        out
+                    };
+                    let (wide, narrow) = (columns(true), columns(false));
+                    let worth = narrow.iter().map(|c| c.iter().map(|x| x.abs()).sum::<f64>());
+                    let worth: Vec<f64> = worth.collect();
+                    assert!(
+                        worth.iter().all(|x| *x > 0.0 && x.is_finite()),
+                        "{h} {length} {changes} {worth:?}"
+                    );
+                    assert!(wide == narrow, "{h} {length} {changes} {effects:?}");
+                }
             }
         }
     }

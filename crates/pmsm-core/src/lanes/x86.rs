@@ -6,7 +6,7 @@
 
 #![allow(unsafe_code)]
 
-use super::{Job, Lane, Path};
+use super::{Job, Lane, Path, angles};
 use crate::real::Real;
 use std::arch::x86_64::*;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
@@ -181,12 +181,7 @@ macro_rules! vector {
             }
             #[inline(always)]
             fn sin_cos(self) -> (Self, Self) {
-                let (mut s, mut c) = ([0.0; $width], [0.0; $width]);
-                self.store(&mut s);
-                for k in 0..$width {
-                    (s[k], c[k]) = Real::sin_cos(s[k]);
-                }
-                (Self::load(&s), Self::load(&c))
+                angles::sin_cos(self)
             }
             #[inline(always)]
             fn exp(self) -> Self {

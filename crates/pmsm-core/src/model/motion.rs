@@ -42,7 +42,9 @@ impl Model {
         tau_load: T,
         env: &Env<T>,
     ) -> Mechanical<T> {
-        let env = Env { omega_e: omega_m * self.context.n_p, ..*env };
+        // Temperatures change the windings and the magnets.
+        let omega_e = omega_m * self.context.n_p;
+        let env = Env { omega_e, heating: 0.0, magnet_heating: 0.0, ..*env };
         Mechanical { env, omega_m, tau_e, tau_load, j: base.j }
     }
 

@@ -32,10 +32,10 @@ impl Model {
 
     /// The true rotor-frame current behind logged phase currents: the inverse of [`Model::measured_current`].
     #[inline(always)]
-    pub fn true_current<T: Real>(&self, sensor: &Sensor<T>, abc: [f64; 3], theta_measured: T) -> [T; 2] {
+    pub fn true_current<T: Real>(&self, sensor: &Sensor<T>, abc: [T; 3], theta_measured: T) -> [T; 2] {
         let mut truth = [T::zero(); 3];
         for x in 0..3 {
-            truth[x] = (T::constant(abc[x]) - sensor.offset[x]) / sensor.gain[x];
+            truth[x] = (abc[x] - sensor.offset[x]) / sensor.gain[x];
         }
         self.complete(&mut truth);
         let (s, c) = (theta_measured - sensor.angle).sin_cos();

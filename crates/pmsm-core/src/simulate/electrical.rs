@@ -100,7 +100,7 @@ fn run_sized<T: Real, W: Carries<T>, const N: usize>(
         let mut env = true_env(&sensor, &measured, n_p);
         for k in segment.clone() {
             if k == segment.start {
-                let abc = [phases[0][k], phases[1][k], phases[2][k]];
+                let abc = [0, 1, 2].map(|x: usize| W::constant(phases[x][k]));
                 let i = model.true_current(&sensor, abc, measured.theta_e);
                 state = model.state_under(p, &base, i, None, &model.temperatures(&state), &env).0;
             }

@@ -19,7 +19,7 @@ use std::ops::Range;
 use between::{Way, environment, halfway, mix, span, steps_are_coarse};
 use load::load_over;
 
-pub use acceleration::accelerations;
+pub use acceleration::{Rotor, Torque};
 pub use beside::Windows;
 pub use load::Nuisance;
 pub use torque::torque;

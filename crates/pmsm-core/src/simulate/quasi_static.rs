@@ -19,7 +19,8 @@ pub fn run<T: Real>(model: &Model, signals: &Signals, p: &[T], mut sink: impl Fn
         let measured = measured_env(signals, k);
         let sensor = model.sensor(p, &measured);
         let env = true_env(&sensor, &measured, signals.n_p);
-        let i = model.true_current(&sensor, [phases[0][k], phases[1][k], phases[2][k]], measured.theta_e);
+        let abc = [0, 1, 2].map(|x: usize| T::constant(phases[x][k]));
+        let i = model.true_current(&sensor, abc, measured.theta_e);
         let state: [T; 12] = model.steady_state(p, &base, i, &env).0;
         let (s, c) = sensor.angle.sin_cos();
         let command = rotate([T::constant(v[0][k]), T::constant(v[1][k])], c, s);

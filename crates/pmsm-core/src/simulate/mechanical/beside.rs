@@ -51,8 +51,7 @@ impl Windows<'_> {
         if const { N > MOST } {
             return false;
         }
-        let Signals { heating, magnet_heating, .. } = self.signals;
-        let alone = self.model.mechanical_states() == 0 && heating.is_none() && magnet_heating.is_none();
+        let alone = self.model.mechanical_states() == 0;
         let path = Path::best();
         if !alone || path < Path::Avx2 || self.windows.len() < 2 {
             return false;

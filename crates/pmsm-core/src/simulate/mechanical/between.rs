@@ -2,7 +2,7 @@
 
 use crate::effect::Env;
 use crate::model::Model;
-use crate::real::{Carries, Real};
+use crate::real::{Carries, Real, Several};
 use crate::signals::Signals;
 use crate::simulate::electrical::{measured_env, true_env};
 use std::ops::Range;
@@ -13,7 +13,30 @@ const COARSE: f64 = 0.06;
 /// The true environment at sample `k`, and the measured over the true speed's share that the sensor leaves.
 #[inline(always)]
 pub(super) fn environment<T: Real>(model: &Model, signals: &Signals, p: &[T], k: usize) -> (Env<T>, T) {
-    let measured = measured_env(signals, k);
+    behind_sensors(model, signals, p, measured_env(signals, k))
+}
+
+/// The measured environment at the samples from `k` on, for a motor that does not know the log's temperatures.
+#[inline(always)]
+pub(super) fn measured<T, W: Several<T>>(signals: &Signals, k: usize) -> Env<W> {
+    Env {
+        t: W::plain(&signals.t[k..]),
+        omega_e: W::plain(&signals.omega_e[k..]),
+        theta_e: W::plain(&signals.theta_e[k..]),
+        theta_m: W::plain(&signals.theta_m[k..]),
+        heating: 0.0,
+        magnet_heating: 0.0,
+    }
+}
+
+/// The true environment behind the measured one, and the measured over the true speed's share that the sensor leaves.
+#[inline(always)]
+pub(super) fn behind_sensors<T: Real>(
+    model: &Model,
+    signals: &Signals,
+    p: &[T],
+    measured: Env<T>,
+) -> (Env<T>, T) {
     if model.has_sensor() {
         let sensor = model.sensor(p, &measured);
         (true_env(&sensor, &measured, signals.n_p), T::one() - sensor.angle_slope)

@@ -1,67 +1,175 @@
 //! Motor torque from measured currents.
 
+use super::between::measured;
 use crate::base::Base;
+use crate::effect::Env;
 use crate::model::Model;
-use crate::real::{Carries, Loop, Real};
+use crate::real::{Abreast, Carries, Loop, Real, Several};
 use crate::signals::Signals;
 use crate::simulate::electrical::{measured_env, true_env};
 use crate::transforms::rotate;
 use std::ops::Range;
+
+/// Samples taken together at most.
+const LANES: usize = 8;
 
 /// Motor torque at every sample from the measured currents (or as recorded), N·m.
 pub fn torque<T: Real>(model: &Model, signals: &Signals, p: &[T]) -> Vec<T> {
     if let Some(tau) = &signals.tau_e {
         return tau.iter().map(|x| T::constant(*x)).collect();
     }
+    let (Some(phases), Some(i)) = (&signals.phases, &signals.i) else {
+        return vec![T::zero(); signals.len()];
+    };
+    let motor = Motor { model, signals, phases, i, p };
     match model.electrical_states() {
-        0 => T::fastest(Torque::<T, 2> { model, signals, p }),
-        1..=2 => T::fastest(Torque::<T, 4> { model, signals, p }),
-        _ => T::fastest(Torque::<T, 12> { model, signals, p }),
+        0 => motor.torque::<2>(),
+        1..=2 => motor.torque::<4>(),
+        _ => motor.torque::<12>(),
     }
 }
 
-/// Motor torque from the measured currents, with `N` electrical states.
-struct Torque<'a, T, const N: usize> {
+#[derive(Clone, Copy)]
+struct Motor<'a, T> {
     model: &'a Model,
     signals: &'a Signals,
+    phases: &'a [Vec<f64>; 3],
+    i: &'a [Vec<f64>; 2],
     p: &'a [T],
 }
+
+impl<T: Real> Motor<'_, T> {
+    /// Its torque, with `N` electrical states.
+    fn torque<const N: usize>(self) -> Vec<T> {
+        // Temperatures run on from sample to sample.
+        let apart = !self.model.is_thermal() && self.signals.len() >= LANES;
+        let together = apart.then(|| T::abreast(Torque::<T, N>(self))).flatten();
+        together.unwrap_or_else(|| T::fastest(Torque::<T, N>(self)))
+    }
+
+    /// What a sample says under the `measured` environment.
+    #[inline(always)]
+    fn at<W: Real, const N: usize>(
+        &self,
+        (p, base): (&[W], &Base<W>),
+        Logged { phases, mut i, mut v, measured }: Logged<W>,
+        warm: &[W; N],
+    ) -> Point<W> {
+        let (model, signals) = (self.model, self.signals);
+        let mut env = measured;
+        // What bypasses the winding follows the voltage, also while the current changes.
+        v = v.filter(|_| N > 2 || signals.stator_held);
+        if model.has_sensor() {
+            let sensor = model.sensor(p, &measured);
+            env = true_env(&sensor, &measured, signals.n_p);
+            i = model.true_current(&sensor, phases, measured.theta_e);
+            let (s, c) = sensor.angle.sin_cos();
+            if let Some(command) = v {
+                v = Some(rotate(command, c, s));
+            }
+        }
+        if let (true, Some(v)) = (signals.stator_held, v) {
+            let ripple = ripple(v, env.omega_e, signals.held_period(), base);
+            i = [i[0] + ripple[0], i[1] + ripple[1]];
+        }
+        let mut emf = None;
+        if let (true, Some(v)) = (N > 2, v) {
+            emf = Some([v[0] - base.r_s * i[0], v[1] - base.r_s * i[1]]);
+        }
+        Point { tau_e: model.state_under(p, base, i, emf, warm, &env).1, i, env }
+    }
+}
+
+/// What the log shows of a sample.
+struct Logged<T> {
+    /// Phase currents, A.
+    phases: [T; 3],
+    /// Current (d, q), A.
+    i: [T; 2],
+    /// Voltage around it (d, q), V.
+    v: Option<[T; 2]>,
+    measured: Env<T>,
+}
+
+/// A sample behind the sensors.
+struct Point<T> {
+    tau_e: T,
+    i: [T; 2],
+    env: Env<T>,
+}
+
+/// Motor torque from the measured currents, with `N` electrical states.
+struct Torque<'a, T, const N: usize>(Motor<'a, T>);
 
 impl<T: Real, const N: usize> Loop<T> for Torque<'_, T, N> {
     type Output = Vec<T>;
     #[inline(always)]
     fn run<W: Carries<T>>(self) -> Vec<T> {
-        let (model, signals) = (self.model, self.signals);
-        let mut torque = vec![T::zero(); signals.len()];
-        let (Some(phases), Some(i)) = (&signals.phases, &signals.i) else { return torque };
-        let p: Vec<W> = self.p.iter().map(|x| W::carry(*x)).collect();
+        let Motor { model, signals, phases, i, p } = self.0;
+        let p: Vec<W> = p.iter().map(|x| W::carry(*x)).collect();
         let base = Base::new(&p);
-        let (sensed, thermal) = (model.has_sensor(), model.is_thermal());
-        let held = signals.held_period();
+        let thermal = model.is_thermal();
+        let mut torque = vec![T::zero(); signals.len()];
         let mut warm = [W::zero(); N];
         for segment in &signals.segments {
             for k in segment.clone() {
-                let mut env = measured_env(signals, k);
-                let mut i = [W::constant(i[0][k]), W::constant(i[1][k])];
-                // What bypasses the winding follows the voltage, also while the current changes.
-                let mut v = mean_voltage(signals, segment, k).map(|v| v.map(W::constant));
-                v = v.filter(|_| N > 2 || signals.stator_held);
-                if sensed {
-                    let (sensor, theta) = (model.sensor(&p, &env), env.theta_e);
-                    env = true_env(&sensor, &env, signals.n_p);
-                    i = model.true_current(&sensor, [phases[0][k], phases[1][k], phases[2][k]], theta);
-                    let (s, c) = sensor.angle.sin_cos();
-                    v = v.map(|v| rotate(v, c, s));
-                }
-                if let (true, Some(v)) = (signals.stator_held, v) {
-                    let ripple = ripple(v, env.omega_e, held, &base);
-                    i = [i[0] + ripple[0], i[1] + ripple[1]];
-                }
-                let emf = v.filter(|_| N > 2).map(|v| [v[0] - base.r_s * i[0], v[1] - base.r_s * i[1]]);
-                torque[k] = model.state_under(&p, &base, i, emf, &warm, &env).1.give();
+                let logged = Logged {
+                    phases: [0, 1, 2].map(|x: usize| W::constant(phases[x][k])),
+                    i: [0, 1].map(|axis: usize| W::constant(i[axis][k])),
+                    v: mean_voltage(signals, segment, k).map(|v| v.map(W::constant)),
+                    measured: measured_env(signals, k),
+                };
+                let Point { tau_e, i, env } = self.0.at((&p, &base), logged, &warm);
+                torque[k] = tau_e.give();
                 if thermal && k + 1 < segment.end {
                     model.warm(&p, &base, &mut warm, i, signals.t[k + 1] - signals.t[k], &env);
                 }
+            }
+        }
+        torque
+    }
+}
+
+impl<T: Real, const N: usize> Abreast<T> for Torque<'_, T, N> {
+    type Output = Vec<T>;
+    #[inline(always)]
+    fn run<W: Several<T>>(self) -> Vec<T> {
+        let Motor { signals, phases, i, p, .. } = self.0;
+        let p: Vec<W> = p.iter().map(|x| W::all(*x)).collect();
+        let base = Base::new(&p);
+        let n = signals.len();
+        let mut torque = vec![T::zero(); n];
+        let (warm, mut lanes) = ([W::zero(); N], [T::zero(); LANES]);
+        for segment in &signals.segments {
+            let mut k = segment.start;
+            while k < segment.end {
+                // The last ones reach back, and those of a short segment beyond it.
+                let from = k.min(n - W::COUNT);
+                let mut command = [[0.0; LANES]; 2];
+                let mut v = None;
+                for lane in 0..W::COUNT {
+                    if let Some([d, q]) = mean_voltage(signals, segment, from + lane) {
+                        (command[0][lane], command[1][lane]) = (d, q);
+                        v = Some([W::zero(); 2]);
+                    }
+                }
+                if let Some(v) = &mut v {
+                    *v = [W::plain(&command[0]), W::plain(&command[1])];
+                }
+                let logged = Logged {
+                    phases: [
+                        W::plain(&phases[0][from..]),
+                        W::plain(&phases[1][from..]),
+                        W::plain(&phases[2][from..]),
+                    ],
+                    i: [W::plain(&i[0][from..]), W::plain(&i[1][from..])],
+                    v,
+                    measured: measured(signals, from),
+                };
+                self.0.at((&p, &base), logged, &warm).tau_e.put(&mut lanes);
+                let end = segment.end.min(from + W::COUNT);
+                torque[k..end].copy_from_slice(&lanes[k - from..end - from]);
+                k = end;
             }
         }
         torque
