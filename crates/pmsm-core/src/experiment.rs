@@ -6,6 +6,7 @@
 
 mod currents;
 mod fitting;
+mod forms;
 mod joint;
 mod load;
 mod response;
@@ -168,7 +169,7 @@ impl<'a> Experiment<'a> {
         let currents = || {
             if self.has_electrical() {
                 self.fill_electrical::<f64>(p, |row, value| electrical.residual[row] = value);
-                self.whiten_residual(p, &[], &[], &mut electrical);
+                self.whiten_residual(p, Vec::new, &[], &mut electrical);
             }
         };
         let motion = || {

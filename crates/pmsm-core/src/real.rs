@@ -71,8 +71,8 @@ pub trait Real:
     fn fastest<L: Loop<Self>>(task: L) -> L::Output {
         task.run::<Self>()
     }
-    /// Runs a loop over samples that do not wait for one another on vectors of several samples each, with the bits of
-    /// one at a time; nothing where this processor has no vectors for numbers of this type.
+    /// Runs a task whose parts do not wait for one another on vectors of several parts each, with the bits of one at a
+    /// time; nothing where this processor has no vectors for numbers of this type.
     #[inline(always)]
     fn abreast<L: Abreast<Self>>(_: L) -> Option<L::Output> {
         None
@@ -129,11 +129,13 @@ pub trait Several<T>: Real {
     fn put(self, to: &mut [T]);
 }
 
-/// A loop over samples that do not wait for one another, run by [`Real::abreast`].
+/// A task whose parts do not wait for one another, run by [`Real::abreast`].
 pub trait Abreast<T> {
     /// What it returns.
     type Output;
-    /// The loop over several at a time. Implementations are `#[inline(always)]`.
+    /// Derivatives that a number must carry for several at a time to be worth it.
+    const FEWEST: usize;
+    /// The task, several at a time. Implementations are `#[inline(always)]`.
     fn run<W: Several<T>>(self) -> Self::Output;
 }
 

@@ -7,5 +7,6 @@
 
 pub mod coupled;
 pub mod electrical;
+mod forms;
 pub mod mechanical;
 pub mod quasi_static;

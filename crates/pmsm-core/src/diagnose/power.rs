@@ -179,7 +179,7 @@ impl Survey<'_> {
             amplitudes.iter().map(|k| &parameters[*k]).map(|p| ((p.low)(context), (p.high)(context)));
         let strengths = Strengths { typical, bounds: bounds.collect(), share };
         let probes = effect.probes(context);
-        let together: Vec<&[Vec<f64>]> = batches(effect, &probes, amplitudes.len()).collect();
+        let together: Vec<&[Vec<f64>]> = batches(&probes, amplitudes.len()).collect();
         let looks: Vec<Option<Look>> =
             together.into_par_iter().map(|shapes| self.look(effect, &strengths, shapes)).collect();
         let nothing = Look::nothing(self.found.len());

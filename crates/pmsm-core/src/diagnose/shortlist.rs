@@ -17,8 +17,9 @@ use crate::tall;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-/// Derivatives that one simulation carries.
-const TOGETHER: usize = 8;
+/// Shapes that are looked at together at most, and columns that hold what they do.
+const SHAPES: usize = 8;
+const COLUMNS: usize = 12;
 
 /// The most promising start for fitting one more effect.
 #[derive(Debug, Clone)]
@@ -72,7 +73,7 @@ impl<'a> Scorer<'a> {
         let probes = effect.probes(self.hypothesis.model.context());
         let amplitudes = self.amplitudes(effect);
         let nothing = Prospect { effect, start: probes[0].clone(), score: 0.0 };
-        let together: Vec<&[Vec<f64>]> = batches(effect, &probes, amplitudes.len()).collect();
+        let together: Vec<&[Vec<f64>]> = batches(&probes, amplitudes.len()).collect();
         let best: Vec<Prospect> =
             together.into_par_iter().map(|shapes| self.best_of(&nothing, shapes, &amplitudes)).collect();
         best.into_iter().fold(nothing, |best, next| if next.score > best.score { next } else { best })
@@ -146,8 +147,7 @@ impl<'a> Scorer<'a> {
         }
     }
 
-    /// Derivatives of the residual with respect to the effect's amplitudes at zero strength, shape by shape. An effect without
-    /// strength changes nothing, so that one simulation carries it in every shape.
+    /// Derivatives of the residual with respect to the effect's amplitudes at zero strength, shape by shape.
     fn columns(
         &self,
         effect: EffectId,
@@ -157,26 +157,28 @@ impl<'a> Scorer<'a> {
     ) -> DMatrix<f64> {
         let hypothesis = self.hypothesis;
         let mut effects = hypothesis.effects();
-        effects.extend(std::iter::repeat_n(effect, shapes.len()));
+        effects.push(effect);
         let model = Model::new(*hypothesis.model.context(), &effects);
         let own = hypothesis.own();
-        let (mut parameters, mut free) = (own.to_vec(), Vec::new());
-        for shape in shapes {
-            free.extend(amplitudes.iter().map(|k| parameters.len() + k));
-            let weak = |(k, x): (usize, &f64)| if amplitudes.contains(&k) { 0.0 } else { *x };
-            parameters.extend(shape.iter().enumerate().map(weak));
-        }
+        let free: Vec<usize> = amplitudes.iter().map(|k| own.len() + k).collect();
+        let weak = |(k, x): (usize, &f64)| if amplitudes.contains(&k) { 0.0 } else { *x };
         let mut nuisances = Vec::with_capacity(hypothesis.nuisances.len());
+        let mut open = Vec::new();
         for (nuisance, left_open) in split(&hypothesis.nuisances, &hypothesis.parameters[own.len()..]) {
             // A recording that does not show the motion leaves none of it open.
             let run = &self.data.runs()[nuisances.len()];
             let initial = if run.has(false) { run.initial_states(&model) } else { 0 };
-            parameters.extend(left_open);
-            parameters.extend(std::iter::repeat_n(0.0, initial - nuisance.initial));
+            open.extend(left_open);
+            open.extend(std::iter::repeat_n(0.0, initial - nuisance.initial));
             nuisances.push(Nuisance { initial, ..nuisance });
         }
+        let form = |shape: &Vec<f64>| {
+            let shape = shape.iter().enumerate().map(weak);
+            own.iter().copied().chain(shape).chain(open.iter().copied()).collect()
+        };
+        let forms: Vec<Vec<f64>> = shapes.iter().map(form).collect();
         let experiment = self.data.experiment(&model, &nuisances, projector.channels.clone());
-        experiment.with_plain_speed().linearise_along(&parameters, &free, &projector.courses).jacobian
+        experiment.with_plain_speed().linearise_forms(&forms, &free, &projector.courses)
     }
 }
 
@@ -238,14 +240,9 @@ fn left(data: &Data, hypothesis: &Hypothesis) -> Vec<f64> {
     left
 }
 
-/// Shapes of an effect that one simulation carries: as many as its vectors have room for, of an effect with states of its own one.
-pub fn batches(
-    effect: EffectId,
-    shapes: &[Vec<f64>],
-    amplitudes: usize,
-) -> impl Iterator<Item = &[Vec<f64>]> {
-    let lonely = effect.electrical_state_count() + effect.mechanical_state_count() > 0;
-    let most = if lonely { 1 } else { (TOGETHER / amplitudes.max(1)).max(1) };
+/// Shapes of an effect, of so many amplitudes, that are looked at together.
+pub fn batches(shapes: &[Vec<f64>], amplitudes: usize) -> impl Iterator<Item = &[Vec<f64>]> {
+    let most = (COLUMNS / amplitudes.max(1)).clamp(1, SHAPES);
     let count = shapes.len().div_ceil(most).max(1);
     shapes.chunks(shapes.len().div_ceil(count).max(1))
 }

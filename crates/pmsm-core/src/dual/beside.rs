@@ -10,8 +10,7 @@ pub type Beside<V, const R: usize> = Tangent<V, R, true>;
 
 /// Lanes at most.
 const LANES: usize = 8;
-/// Derivatives that are worth lanes of their own: fewer are as fast one number at a time, of more a number fills the registers.
-const LEAST: usize = 3;
+/// Derivatives at most: with more of them a number fills the registers.
 const MOST: usize = 8;
 
 impl<V: Lane, const R: usize> Beside<V, R> {
@@ -94,7 +93,7 @@ impl<V: Lane, const R: usize> Several<Dual<R>> for Beside<V, R> {
 /// See [`crate::real::Real::abreast`].
 #[inline(always)]
 pub fn run<const N: usize, L: Abreast<Dual<N>>>(task: L) -> Option<L::Output> {
-    if const { LEAST <= N && N <= MOST } {
+    if const { L::FEWEST <= N && N <= MOST } {
         match Path::best() {
             Path::Avx512 => return Some(lanes::avx512(Numbers::<N, L>(task))),
             Path::Avx2 => return Some(lanes::avx2(Numbers::<N, L>(task))),
@@ -104,7 +103,7 @@ pub fn run<const N: usize, L: Abreast<Dual<N>>>(task: L) -> Option<L::Output> {
     None
 }
 
-/// A loop over dual numbers as a job on vectors.
+/// A task on dual numbers as a job on vectors.
 struct Numbers<const N: usize, L>(L);
 
 impl<const N: usize, L: Abreast<Dual<N>>> Job for Numbers<N, L> {
@@ -133,6 +132,7 @@ mod tests {
 
     impl Abreast<Dual<3>> for Rows<'_> {
         type Output = (Vec<Dual<3>>, f64);
+        const FEWEST: usize = 3;
         #[inline(always)]
         fn run<W: Several<Dual<3>>>(self) -> Self::Output {
             let mut out = vec![Dual::zero(); self.0.len()];

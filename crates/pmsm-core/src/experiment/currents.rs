@@ -16,11 +16,24 @@ impl Experiment<'_> {
         let groups = if reaching.is_empty() { vec![&reaching[..]] } else { reaching.chunks(LANES).collect() };
         let first = std::iter::once(Some(&mut *rows.residual)).chain(std::iter::repeat_with(|| None));
         let jobs: Vec<_> = groups.iter().zip(of_groups(&mut rows.columns, &groups)).zip(first).collect();
-        jobs.into_par_iter().for_each(|((columns, rows), residual)| match columns.len() {
+        jobs.into_par_iter().for_each(|((columns, rows), residual)| {
+            self.electrical_passes((p, free, columns), residual, rows);
+        });
+        let rates = || self.inductance_rates(p, free, &reaching);
+        self.whiten_residual(p, rates, &reaching, &mut rows);
+    }
+
+    /// See [`Self::electrical_pass`], for at most [`LANES`] columns.
+    pub(super) fn electrical_passes(
+        &self,
+        (p, free, columns): (&[f64], &[usize], &[usize]),
+        residual: Option<&mut [f64]>,
+        rows: Vec<&mut [f64]>,
+    ) {
+        match columns.len() {
             0..=4 => self.electrical_pass::<4>((p, free, columns), residual, rows),
             _ => self.electrical_pass::<LANES>((p, free, columns), residual, rows),
-        });
-        self.whiten_residual(p, free, &reaching, &mut rows);
+        }
     }
 
     /// Hands the weighted residual of each row to `put`.
@@ -45,9 +58,27 @@ impl Experiment<'_> {
         }
     }
 
-    /// Passes a residual at `p` and the `columns` of its derivatives with respect to the parameters `free` through the whitening filter
-    /// that belongs to `p`.
-    pub(super) fn whiten_residual(&self, p: &[f64], free: &[usize], columns: &[usize], rows: &mut Rows<'_>) {
+    /// Relative rates at which the inductances (d, q) that the whitening filter follows change with those `columns` of the parameters
+    /// `free`, per unit of each.
+    pub(super) fn inductance_rates(&self, p: &[f64], free: &[usize], columns: &[usize]) -> Vec<[f64; 2]> {
+        let count = self.model.parameter_count();
+        let rates = columns.chunks(LANES).flat_map(|chunk| {
+            let seeded = seed::<LANES>(&p[..count], chunk, free);
+            let along = incremental_inductances(self.model, self.signals, &seeded);
+            (0..chunk.len()).map(move |slot| [0, 1].map(|axis: usize| along[axis].eps[slot] / along[axis].re))
+        });
+        rates.collect()
+    }
+
+    /// Passes a residual at `p` and some `columns` of its derivatives, which change the inductances at these `rates`, through the whitening
+    /// filter that belongs to `p`.
+    pub(super) fn whiten_residual(
+        &self,
+        p: &[f64],
+        rates: impl FnOnce() -> Vec<[f64; 2]>,
+        columns: &[usize],
+        rows: &mut Rows<'_>,
+    ) {
         let Some((whitening, _)) = self.whitening else { return };
         let count = self.model.parameter_count();
         if !whitening.follows() {
@@ -63,13 +94,8 @@ impl Experiment<'_> {
         let followed = [0, 1].map(|axis| (l[axis] / wanted[axis] - 1.0).abs() < 1e-9);
         let filter = whitening.at(self.signals, l, !columns.is_empty());
         let bend = self.on_currents(rows.residual, |d, q| filter.follow(l, d, q)).flatten();
-        let rates = columns.chunks(LANES).flat_map(|chunk| {
-            let seeded = seed::<LANES>(&p[..count], chunk, free);
-            let along = incremental_inductances(self.model, self.signals, &seeded);
-            (0..chunk.len()).map(move |slot| [0, 1].map(|axis: usize| along[axis].eps[slot] / along[axis].re))
-        });
         let own = of_groups(&mut rows.columns, &[columns]).swap_remove(0);
-        let jobs: Vec<_> = own.into_iter().zip(rates).collect();
+        let jobs: Vec<_> = own.into_iter().zip(rates()).collect();
         jobs.into_par_iter().for_each(|(rows, rates)| {
             self.on_currents(rows, |d, q| {
                 filter.apply(d, q);

@@ -14,10 +14,10 @@ use std::sync::OnceLock;
 #[derive(Debug, Clone)]
 pub struct Course {
     /// Motor torque per sample, N·m.
-    torque: Vec<f64>,
+    pub(super) torque: Vec<f64>,
     /// Initial electrical speed of each window, rad/s.
-    starts: Vec<f64>,
-    run: Run,
+    pub(super) starts: Vec<f64>,
+    pub(super) run: Run,
 }
 
 /// The speed in free run.
@@ -60,6 +60,18 @@ impl<'a> Experiment<'a> {
         known: Option<&Course>,
         mut rows: Rows<'_>,
     ) {
+        let speed = self.columns_of_speed(p, free, known, &mut rows);
+        self.project(&speed, rows);
+    }
+
+    /// The columns of the speed's rows before the initial speeds are projected out, and the speed.
+    pub(super) fn columns_of_speed<'k>(
+        &self,
+        p: &[f64],
+        free: &[usize],
+        known: Option<&'k Course>,
+        rows: &mut Rows<'_>,
+    ) -> Cow<'k, Run> {
         // A pass whose columns change the torque has its own. Whoever asks first computes it, on its own thread alone: one that took up
         // another job meanwhile might wait for itself.
         let own = OnceLock::new();
@@ -93,8 +105,8 @@ impl<'a> Experiment<'a> {
                 _ => self.mechanical_pass::<LANES>(at, torque, &starts, speed, rows),
             }
         });
-        self.respond(p, free, &answering, torque, &speed, &mut rows);
-        self.project(&speed, rows);
+        self.respond(p, free, &answering, torque, &speed, rows);
+        speed
     }
 
     /// Derivatives of the speed for some `columns` of the parameters `free`, each with its `rows`, and the speed itself where there is

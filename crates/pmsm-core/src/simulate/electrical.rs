@@ -1,9 +1,10 @@
 //! Currents in free run, driven by the logged voltage (held from sample to sample) and the measured speed and angle.
 
+use super::forms::{Each, One, Sink, beside};
 use crate::base::Base;
 use crate::effect::{Env, Sensor};
 use crate::model::Model;
-use crate::real::{Carries, Loop, Real};
+use crate::real::{Abreast, Carries, Loop, Real, Several};
 use crate::rk4::{self, Slope};
 use crate::signals::Signals;
 use crate::transforms::rotate;
@@ -33,9 +34,47 @@ struct Run<'a, T, S, const N: usize> {
 impl<T: Real, S: FnMut(usize, [T; 2]), const N: usize> Loop<T> for Run<'_, T, S, N> {
     type Output = ();
     #[inline(always)]
-    fn run<W: Carries<T>>(mut self) {
+    fn run<W: Carries<T>>(self) {
         let p: Vec<W> = self.p.iter().map(|x| W::carry(*x)).collect();
-        run_sized::<T, W, N>(self.model, self.signals, &p, &mut self.sink);
+        let mut sink = self.sink;
+        run_sized::<W, N>(self.model, self.signals, &p, &mut One::new(|_, k, i: [T; 2]| sink(k, i)));
+    }
+}
+
+/// Simulates the currents at each of the parameter vectors `forms`, several beside one another, and hands to `sink` the number of the
+/// vector and what [`run`] does. Does nothing and returns `false` where this processor has no vectors for it.
+pub fn run_beside<T: Real>(
+    model: &Model,
+    signals: &Signals,
+    forms: &[Vec<T>],
+    sink: impl FnMut(usize, usize, [T; 2]),
+) -> bool {
+    let done = match model.electrical_states() {
+        0 => T::abreast(Forms::<T, _, 2> { model, signals, forms, sink }),
+        1..=2 => T::abreast(Forms::<T, _, 4> { model, signals, forms, sink }),
+        _ => T::abreast(Forms::<T, _, 12> { model, signals, forms, sink }),
+    };
+    done.is_some()
+}
+
+/// Runs with `N` states.
+struct Forms<'a, T, S, const N: usize> {
+    model: &'a Model,
+    signals: &'a Signals,
+    forms: &'a [Vec<T>],
+    sink: S,
+}
+
+impl<T: Real, S: FnMut(usize, usize, [T; 2]), const N: usize> Abreast<T> for Forms<'_, T, S, N> {
+    type Output = ();
+    const FEWEST: usize = 1;
+    #[inline(always)]
+    fn run<W: Several<T>>(mut self) {
+        for (group, forms) in self.forms.chunks(W::COUNT).enumerate() {
+            let p: Vec<W> = beside(forms);
+            let mut sink = Each::new(&mut self.sink, group * W::COUNT, forms.len());
+            run_sized::<W, N>(self.model, self.signals, &p, &mut sink);
+        }
     }
 }
 
@@ -84,12 +123,7 @@ pub fn true_env<T: Real>(sensor: &Sensor<T>, measured: &Env<T>, n_p: f64) -> Env
 }
 
 #[inline(always)]
-fn run_sized<T: Real, W: Carries<T>, const N: usize>(
-    model: &Model,
-    signals: &Signals,
-    p: &[W],
-    sink: &mut impl FnMut(usize, [T; 2]),
-) {
+fn run_sized<W: Real, const N: usize>(model: &Model, signals: &Signals, p: &[W], sink: &mut impl Sink<W, 2>) {
     let (Some(v), Some(_), Some(phases)) = (&signals.v, &signals.i, &signals.phases) else { return };
     let base = Base::new(p);
     let (n_p, sensed) = (signals.n_p, model.has_sensor());
@@ -106,7 +140,7 @@ fn run_sized<T: Real, W: Carries<T>, const N: usize>(
             }
             let i = model.state_current(p, &base, &state, &env).i;
             let shown = if sensed { model.measured_current(&sensor, i, measured.theta_e) } else { i };
-            sink(k, [shown[0].give(), shown[1].give()]);
+            sink.take(0, k, shown);
             if k + 1 == segment.end {
                 break;
             }

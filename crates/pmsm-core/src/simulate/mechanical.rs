@@ -3,6 +3,7 @@
 mod acceleration;
 mod beside;
 mod between;
+mod forms;
 mod load;
 mod torque;
 mod windows;
@@ -13,14 +14,16 @@ use crate::model::Model;
 use crate::real::{Carries, Loop, Real};
 use crate::rk4::{self, Slope};
 use crate::signals::Signals;
+use crate::simulate::forms::{One, Sink};
 use std::marker::PhantomData;
 use std::ops::Range;
 
-use between::{Way, environment, halfway, mix, span, steps_are_coarse};
+use between::{Driven, Lifted, Way, environment, halfway, mix, span, steps_are_coarse};
 use load::load_over;
 
 pub use acceleration::{Rotor, Torque};
 pub use beside::Windows;
+pub use forms::Forms;
 pub use load::Nuisance;
 pub use torque::torque;
 pub use windows::{WINDOW, windows};
@@ -77,13 +80,14 @@ struct Run<'a, T, R, S, const N: usize> {
 impl<T: Real, R: Restart<T>, S: FnMut(usize, usize, T), const N: usize> Loop<T> for Run<'_, T, R, S, N> {
     type Output = ();
     #[inline(always)]
-    fn run<W: Carries<T>>(mut self) {
+    fn run<W: Carries<T>>(self) {
         let carry = |x: &[T]| x.iter().map(|x| W::carry(*x)).collect::<Vec<W>>();
         let (p, own) = (carry(self.p), carry(self.load.1));
         let restart = Carried { inner: self.restart, number: PhantomData };
         let load = (self.load.0, &own[..]);
-        let (windows, sink) = (self.windows, &mut self.sink);
-        run_sized::<T, W, _, N>(self.model, self.signals, &p, self.tau_e, load, windows, restart, sink);
+        let (tau_e, mut sink) = (Lifted(self.tau_e), self.sink);
+        let mut sink = One::new(|number, k, [shown]: [T; 1]| sink(number, k, shown));
+        run_sized::<W, _, N>(self.model, self.signals, &p, &tau_e, load, self.windows, restart, &mut sink);
     }
 }
 
@@ -111,15 +115,15 @@ impl<T: Real, W: Carries<T>, R: Restart<T>> Restart<W> for Carried<R, T> {
 }
 
 #[inline(always)]
-fn run_sized<T: Real, W: Carries<T>, R: Restart<W>, const N: usize>(
+fn run_sized<W: Real, R: Restart<W>, const N: usize>(
     model: &Model,
     signals: &Signals,
     p: &[W],
-    tau_e: &[T],
+    tau_e: &impl Driven<W>,
     (load, own): (Nuisance, &[W]),
     windows: &[Range<usize>],
     mut restart: R,
-    sink: &mut impl FnMut(usize, usize, T),
+    sink: &mut impl Sink<W, 1>,
 ) {
     let base = Base::new(p);
     let (n_p, sensed) = (signals.n_p, model.has_sensor());
@@ -141,7 +145,7 @@ fn run_sized<T: Real, W: Carries<T>, R: Restart<W>, const N: usize>(
                 let omega_m = restart.speed(number, k) * scale * (1.0 / n_p);
                 begins = number == 0 || !continues(signals, &windows[number - 1], k);
                 if begins {
-                    state = model.mechanical_start(p, &base, omega_m, W::carry(tau_e[k]), tau_load, &env);
+                    state = model.mechanical_start(p, &base, omega_m, tau_e.at(k), tau_load, &env);
                     let deviations = &own[load.parameter_count() - load.initial..];
                     for (x, d) in state[1..].iter_mut().zip(deviations.iter().skip(begun)) {
                         *x += *d;
@@ -158,7 +162,7 @@ fn run_sized<T: Real, W: Carries<T>, R: Restart<W>, const N: usize>(
                 restart.step(k..k + span, begins, &mut state);
             }
             let shown = state[0] * n_p;
-            sink(number, k, (if sensed { shown / scale } else { shown }).give());
+            sink.take(number, k, [if sensed { shown / scale } else { shown }]);
             if k + 1 == signals.len() {
                 break;
             }
@@ -168,11 +172,8 @@ fn run_sized<T: Real, W: Carries<T>, R: Restart<W>, const N: usize>(
             } else {
                 (mix(0.5, (scale, env), (scale, end)).1, scale)
             };
-            let torque = if span == 2 { W::carry(tau_e[k + 1]) } else { halfway(tau_e, k, window) };
-            let way = Way {
-                torque: [W::carry(tau_e[k]), torque, W::carry(tau_e[k + span])],
-                env: [env, half, end],
-            };
+            let torque = if span == 2 { tau_e.at(k + 1) } else { halfway(tau_e, k, window) };
+            let way = Way { torque: [tau_e.at(k), torque, tau_e.at(k + span)], env: [env, half, end] };
             let mut pieces = 1;
             if h * ringing > RINGING {
                 pieces = ((h * ringing / RINGING).ceil().min(PIECES) as usize).next_multiple_of(span);
@@ -193,7 +194,7 @@ fn run_sized<T: Real, W: Carries<T>, R: Restart<W>, const N: usize>(
             }
             if span == 2 {
                 let shown = middle[0] * n_p;
-                sink(number, k + 1, (if sensed { shown / half_scale } else { shown }).give());
+                sink.take(number, k + 1, [if sensed { shown / half_scale } else { shown }]);
             }
             k += span;
         }

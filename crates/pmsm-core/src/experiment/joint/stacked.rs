@@ -75,6 +75,33 @@ impl Joint<'_> {
         Linearisation { residual, jacobian }
     }
 
+    /// Derivatives with respect to the parameters `free` at each of the parameter vectors `forms`, one form's columns behind the other's;
+    /// see [`Experiment::linearise_forms`].
+    pub fn linearise_forms(
+        &self,
+        forms: &[Vec<f64>],
+        free: &[usize],
+        courses: &[Option<Course>],
+    ) -> DMatrix<f64> {
+        let course = |r: usize| courses.get(r).and_then(Option::as_ref);
+        if let Some(run) = self.only() {
+            return run.linearise_forms(forms, free, course(0));
+        }
+        let mut jacobian = DMatrix::zeros(self.channels.len() * self.samples(), forms.len() * free.len());
+        let repeated: Vec<usize> = forms.iter().flat_map(|_| free).copied().collect();
+        let linearise = |(r, run): (usize, &Experiment)| {
+            let (columns, own) = self.own_of(r, free);
+            let forms: Vec<Vec<f64>> = forms.iter().map(|p| self.of_run(p, r).into_owned()).collect();
+            let every = (0..forms.len()).flat_map(|form| columns.iter().map(move |c| form * free.len() + c));
+            (every.collect::<Vec<_>>(), run.linearise_forms(&forms, &own, course(r)))
+        };
+        let linear: Vec<_> = self.runs.par_iter().enumerate().map(linearise).collect();
+        for (r, (columns, own)) in linear.iter().enumerate() {
+            self.place_columns(r, own, columns, &repeated, &mut jacobian);
+        }
+        jacobian
+    }
+
     /// Those columns of the parameters `free` that recording `run` knows, and the parameters as it numbers them.
     fn own_of(&self, run: usize, free: &[usize]) -> (Vec<usize>, Vec<usize>) {
         let knows = |c: &usize| self.owner(free[*c]).is_none_or(|owner| owner == run);

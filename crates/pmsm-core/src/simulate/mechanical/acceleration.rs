@@ -1,6 +1,8 @@
 //! The acceleration of the rotor along a known course of its speed.
 
-use super::between::{behind_sensors, environment, halfway, measured, mix, span, steps_are_coarse};
+use super::between::{
+    Fixed, Lifted, behind_sensors, environment, halfway, measured, mix, span, steps_are_coarse,
+};
 use super::load::{Nuisance, load_over};
 use crate::base::Base;
 use crate::effect::Env;
@@ -69,8 +71,8 @@ impl<T: Real> Rotor<'_, T> {
             let single = !(inside || whole == k + 2 || last);
             drive.middle.push(single.then(|| {
                 let torque = match self.tau_e {
-                    Torque::Fixed(tau) => T::constant(halfway::<f64, f64>(tau, k, window)),
-                    Torque::Varied(tau) => halfway::<T, T>(tau, k, window),
+                    Torque::Fixed(tau) => halfway(&Fixed(tau), k, window),
+                    Torque::Varied(tau) => halfway(&Lifted(tau), k, window),
                 };
                 (torque, 0.5 * (self.shown[k] + self.shown[k + 1]) / signals.n_p)
             }));
@@ -151,6 +153,8 @@ impl<T: Real, S: FnMut(&Range<usize>, &[T], &[Option<T>])> Loop<T> for Along<'_,
 
 impl<T: Real, S: FnMut(&Range<usize>, &[T], &[Option<T>])> Abreast<T> for Along<'_, '_, T, S> {
     type Output = ();
+    /// Fewer are as fast one sample at a time.
+    const FEWEST: usize = 3;
     #[inline(always)]
     fn run<W: Several<T>>(self) {
         let Self { rotor, sink } = self;

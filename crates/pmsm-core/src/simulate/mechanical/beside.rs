@@ -3,7 +3,7 @@
 //! That is open to a rotor without states of its own, which takes nothing along from window to window. A lane holds the bits that
 //! [`super::run`] gives its window on dual numbers.
 
-use super::between::{Way, environment, halfway, mix, span, steps_are_coarse};
+use super::between::{Fixed, Way, environment, halfway, mix, span, steps_are_coarse};
 use super::load::load_over;
 use super::{Nuisance, Rhs};
 use crate::base::Base;
@@ -196,7 +196,7 @@ impl Lead {
         } else {
             (mix(0.5, (begin.1, begin.0), (begin.1, end.0)).1, begin.1)
         };
-        let torque = if span == 2 { run.tau_e[k + 1] } else { halfway(run.tau_e, k, window) };
+        let torque = if span == 2 { run.tau_e[k + 1] } else { halfway(&Fixed(run.tau_e), k, window) };
         let way = Way { torque: [run.tau_e[k], torque, run.tau_e[k + span]], env: [begin.0, half, end.0] };
         for c in 0..3 {
             rows.torque[c][lane] = way.torque[c];

@@ -60,15 +60,39 @@ impl<T: Real> Way<T> {
     }
 }
 
+/// Motor torque per sample as numbers of type `W`, N·m.
+pub(super) trait Driven<W> {
+    fn at(&self, k: usize) -> W;
+}
+
+/// Numbers with derivatives.
+pub(super) struct Lifted<'a, T>(pub(super) &'a [T]);
+
+impl<T: Real, W: Carries<T>> Driven<W> for Lifted<'_, T> {
+    #[inline(always)]
+    fn at(&self, k: usize) -> W {
+        W::carry(self.0[k])
+    }
+}
+
+/// Numbers without derivatives.
+pub(super) struct Fixed<'a>(pub(super) &'a [f64]);
+
+impl<W: Real> Driven<W> for Fixed<'_> {
+    #[inline(always)]
+    fn at(&self, k: usize) -> W {
+        W::constant(self.0[k])
+    }
+}
+
 /// Torque halfway from sample `k` to the next, by the cubic through its neighbours within the window.
 #[inline(always)]
-pub(super) fn halfway<T: Real, W: Carries<T>>(tau: &[T], k: usize, window: &Range<usize>) -> W {
-    let at = |k: usize| W::carry(tau[k]);
-    let straight = (at(k) + at(k + 1)) * 0.5;
+pub(super) fn halfway<W: Real>(tau: &impl Driven<W>, k: usize, window: &Range<usize>) -> W {
+    let straight = (tau.at(k) + tau.at(k + 1)) * 0.5;
     if k == window.start || k + 2 >= window.end {
         return straight;
     }
-    straight * 1.125 - (at(k - 1) + at(k + 2)) * 0.0625
+    straight * 1.125 - (tau.at(k - 1) + tau.at(k + 2)) * 0.0625
 }
 
 /// Torque and environment at fraction `c` between two samples.

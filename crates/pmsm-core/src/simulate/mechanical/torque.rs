@@ -44,7 +44,11 @@ impl<T: Real> Motor<'_, T> {
         // Temperatures run on from sample to sample.
         let apart = !self.model.is_thermal() && self.signals.len() >= LANES;
         let together = apart.then(|| T::abreast(Torque::<T, N>(self))).flatten();
-        together.unwrap_or_else(|| T::fastest(Torque::<T, N>(self)))
+        if const { N > 2 } {
+            return together.unwrap_or_else(|| T::fastest(Torque::<T, N>(self)));
+        }
+        // A machine without states is never thermal, and this is for processors without vectors alone.
+        together.unwrap_or_else(|| Loop::run::<T>(Torque::<T, N>(self)))
     }
 
     /// What a sample says under the `measured` environment.
@@ -132,6 +136,8 @@ impl<T: Real, const N: usize> Loop<T> for Torque<'_, T, N> {
 
 impl<T: Real, const N: usize> Abreast<T> for Torque<'_, T, N> {
     type Output = Vec<T>;
+    /// Fewer are as fast one sample at a time.
+    const FEWEST: usize = 3;
     #[inline(always)]
     fn run<W: Several<T>>(self) -> Vec<T> {
         let Motor { signals, phases, i, p, .. } = self.0;

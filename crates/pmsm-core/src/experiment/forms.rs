@@ -1,0 +1,186 @@
+//! Derivatives at several forms of an effect that has no strength: the model does the same in each of them, and they are run beside
+//! one another.
+
+use super::rows::{Rows, of_groups};
+use super::{Channel, Course, Experiment, Linearisation, seed};
+use crate::dual::Dual;
+use crate::simulate::{electrical, mechanical};
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+impl Experiment<'_> {
+    /// Derivatives of the weighted residuals with respect to the parameters `free` at each of the parameter vectors `forms`, one form's
+    /// columns behind the other's. What the forms differ in must change nothing but these derivatives; the rotor's `course` may be known.
+    ///
+    /// # Panics
+    /// As [`Self::linearise`], or if there are no forms.
+    pub fn linearise_forms(
+        &self,
+        forms: &[Vec<f64>],
+        free: &[usize],
+        course: Option<&Course>,
+    ) -> DMatrix<f64> {
+        if forms.len() < 2 {
+            return self.linearise_along(&forms[0], free, course).jacobian;
+        }
+        let own = if course.is_none() { self.course(&forms[0]) } else { None };
+        let known = course.or(own.as_ref());
+        let columns = forms.len() * free.len();
+        let mut linear = Linearisation::zeros(self.channels.len() * self.samples(), columns);
+        let (mut electrical, mut speed) = linear.split_rows(self.electrical_rows());
+        let currents = || {
+            if self.has_electrical() && free.iter().any(|k| self.is_electrical(*k)) {
+                self.currents_of_forms(forms, free, &mut electrical);
+            }
+        };
+        let motion = || {
+            if let Some(course) = known {
+                self.motion_of_forms(forms, free, course, &mut speed);
+                self.project(&course.run, speed);
+            }
+        };
+        rayon::join(currents, motion);
+        self.mask(&mut linear);
+        linear.jacobian
+    }
+
+    /// The currents' or voltages' rows.
+    fn currents_of_forms(&self, forms: &[Vec<f64>], free: &[usize], rows: &mut Rows<'_>) {
+        if free.len() > 1 || !self.currents_beside(forms, free, rows) {
+            self.currents_in_turn(forms, free, rows);
+        }
+        let reaching: Vec<usize> = (0..rows.columns.len()).collect();
+        let every: Vec<usize> = (0..free.len()).collect();
+        let rates = || forms.iter().flat_map(|p| self.inductance_rates(p, free, &every)).collect();
+        self.whiten_residual(&forms[0], rates, &reaching, rows);
+    }
+
+    /// Those of currents with respect to one parameter, if this processor can run the forms beside one another.
+    fn currents_beside(&self, forms: &[Vec<f64>], free: &[usize], rows: &mut Rows<'_>) -> bool {
+        let (Some((d, wd)), Some((q, wq))) = (self.row_of(Channel::ID), self.row_of(Channel::IQ)) else {
+            return false;
+        };
+        let Some(i) = &self.signals.i else { return false };
+        let seeded = self.seeded_forms(forms, free);
+        let Rows { residual, columns } = &mut *rows;
+        electrical::run_beside(self.model, self.signals, &seeded, |form, k, now: [Dual<1>; 2]| {
+            for (row, weight, now, measured) in [(d + k, wd, now[0], i[0][k]), (q + k, wq, now[1], i[1][k])] {
+                if form == 0 {
+                    residual[row] = (now.re - measured) * weight;
+                }
+                columns[form][row] = now.eps[0] * weight;
+            }
+        })
+    }
+
+    /// One form after the other.
+    fn currents_in_turn(&self, forms: &[Vec<f64>], free: &[usize], rows: &mut Rows<'_>) {
+        let every: Vec<usize> = (0..free.len()).collect();
+        let groups: Vec<Vec<usize>> =
+            (0..forms.len()).map(|form| (form * free.len()..(form + 1) * free.len()).collect()).collect();
+        let groups: Vec<&[usize]> = groups.iter().map(|group| &group[..]).collect();
+        let Rows { residual, columns } = rows;
+        let mut residual = Some(&mut **residual);
+        for (p, rows) in forms.iter().zip(of_groups(columns, &groups)) {
+            self.electrical_passes((p, free, &every), residual.take(), rows);
+        }
+    }
+
+    /// The speed's rows before the initial speeds are projected out.
+    fn motion_of_forms(&self, forms: &[Vec<f64>], free: &[usize], course: &Course, rows: &mut Rows<'_>) {
+        let inert = free.iter().all(|k| !self.is_electrical(*k) && !self.answers_as_speed(*k));
+        if inert && free.len() == 1 && self.motion_beside(forms, free, course, rows) {
+            return;
+        }
+        let own: Vec<_> = rows.columns.chunks_mut(free.len()).zip(forms).collect();
+        own.into_par_iter().for_each(|(columns, p)| {
+            let columns = columns.iter_mut().map(|rows| &mut **rows).collect();
+            self.columns_of_speed(p, free, Some(course), &mut Rows { residual: &mut [], columns });
+        });
+    }
+
+    /// The same with respect to one parameter of the rotor, if it has states of its own and this processor can run the forms beside one
+    /// another.
+    fn motion_beside(
+        &self,
+        forms: &[Vec<f64>],
+        free: &[usize],
+        course: &Course,
+        rows: &mut Rows<'_>,
+    ) -> bool {
+        let weight = self.speed_weight();
+        let count = self.model.parameter_count();
+        let mut seeded = self.seeded_forms(forms, free);
+        seeded.iter_mut().for_each(|p| p.truncate(count));
+        let load = (self.nuisance, &forms[0][count..]);
+        let Course { torque, starts, .. } = course;
+        let put = |form: usize, k: usize, now: Dual<1>| rows.columns[form][k] = now.eps[0] * weight;
+        let Self { model, signals, windows, .. } = *self;
+        mechanical::Forms { model, signals, forms: &seeded, tau_e: torque, load, windows, starts }.run(put)
+    }
+
+    /// The forms with the derivative by the one parameter that is `free`.
+    fn seeded_forms(&self, forms: &[Vec<f64>], free: &[usize]) -> Vec<Vec<Dual<1>>> {
+        forms.iter().map(|p| seed(p, &[0], free)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::EffectId;
+    use crate::experiment::testing::{of_speed, reversing};
+    use crate::model::Model;
+    use crate::simulate::mechanical::Nuisance;
+
+    #[test]
+    fn forms_beside_one_another_have_the_bits_of_one_after_the_other() {
+        // With and without states of their own, of the windings and of the rotor; more forms than a vector holds, and fewer.
+        for (effect, beside, amplitudes, scales) in [
+            (
+                EffectId::SaturationD,
+                EffectId::IronLoss,
+                vec![0],
+                vec![0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3],
+            ),
+            (EffectId::SaturationD, EffectId::TwoMassShaft, vec![0], vec![0.7, 1.0]),
+            (EffectId::MagnetThermalDrift, EffectId::QuadraticDrag, vec![0, 1], vec![0.5, 1.0, 2.0]),
+            (EffectId::InterTurnShort, EffectId::CoulombFriction, vec![0], vec![1.0, 1.5]),
+            (EffectId::CoggingTorque, EffectId::DeadTime, vec![0, 1, 2, 3], vec![1.0, 2.0]),
+            (EffectId::TwoMassShaft, EffectId::DeadTime, vec![0], vec![0.6, 0.8, 1.0]),
+        ] {
+            let signals = reversing(2e-4, &(0.31..0.32));
+            let windows = mechanical::windows(&signals);
+            let model = Model::new(signals.context, &[beside, effect]);
+            let typical = |e: EffectId| e.info().parameters.iter().map(|x| (x.typical)(&signals.context));
+            let mut p = vec![0.5, 6e-3, 9e-3, 0.1, 2e-3, 1e-3];
+            p.extend(typical(beside));
+            let first = p.len();
+            p.extend(typical(effect));
+            let last = p.len();
+            let initial = model.mechanical_states();
+            p.push(0.3);
+            p.resize(p.len() + initial * mechanical::beginnings(&signals, &windows), 0.0);
+            let form = |scale: &f64| {
+                let mut p = p.clone();
+                for k in first..last {
+                    p[k] = if amplitudes.contains(&(k - first)) { 0.0 } else { p[k] * scale };
+                }
+                p
+            };
+            let forms: Vec<Vec<f64>> = scales.iter().map(form).collect();
+            let free: Vec<usize> = amplitudes.iter().map(|k| first + k).collect();
+            let nuisance = Nuisance::unknown(0, initial * mechanical::beginnings(&signals, &windows));
+            let channels = vec![(Channel::ID, 0.05), (Channel::IQ, 0.05), (Channel::OmegaE, 0.1)];
+            let experiment = Experiment { channels, ..of_speed(&model, &signals, nuisance, &windows) };
+            let course = experiment.course(&forms[0]);
+            let together = experiment.linearise_forms(&forms, &free, course.as_ref());
+            let one = |p: &Vec<f64>| experiment.linearise_along(p, &free, course.as_ref()).jacobian;
+            for (at, alone) in forms.iter().map(one).enumerate() {
+                let own = together.columns(at * free.len(), free.len());
+                assert!(alone.norm() > 0.0 && alone.iter().all(|x| x.is_finite()), "{effect:?}");
+                assert!(own == alone, "{effect:?} {at}: {} of {}", (own - &alone).norm(), alone.norm());
+            }
+        }
+    }
+}
