@@ -262,3 +262,62 @@ pub fn solve(gram: &DMatrix<f64>, right: &DVector<f64>, length: &[f64]) -> Optio
     let solved = unit.pseudo_inverse(1e-8).ok()? * rhs;
     Some(DVector::from_fn(n, |k, _| if alive(k) { solved[k] / scale[k] } else { 0.0 }))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{setup, speeds};
+    use crate::diagnose::{bare, join};
+    use crate::drive::simulate;
+    use crate::monitor::Silent;
+    use crate::recording::Recording;
+
+    /// A run whose voltages are not known exactly.
+    fn noisy(turned: f64) -> Recording {
+        let manoeuvre = speeds(0.6, &[(0.1, 90.0 * turned), (0.3, -80.0 * turned), (0.5, 60.0)]);
+        let recording = simulate(&setup(manoeuvre, Vec::new()), &Silent).unwrap().recording;
+        let names = ["t", "v_d", "v_q", "i_a", "i_b", "i_c", "theta_e", "omega_e"];
+        let column = |name: &str| {
+            let mut x = recording.column(name).unwrap().to_vec();
+            if name.starts_with('v') {
+                let mut state = if name == "v_d" { 0.17 } else { 0.71 };
+                for x in &mut x {
+                    state = 3.99 * state * (1.0 - state);
+                    *x += 8.0 * (state - 0.5);
+                }
+            }
+            (name.to_string(), x)
+        };
+        Recording::new(names.map(column).to_vec(), None).unwrap()
+    }
+
+    #[test]
+    fn shapes_show_together_what_they_show_alone() {
+        let machine = setup(speeds(0.1, &[(0.0, 1.0)]), Vec::new()).nameplate;
+        let (first, second) = (noisy(1.0), noisy(-1.0));
+        for recordings in [&[&first][..], &[&first, &second]] {
+            let mut data = join::prepare(recordings, &machine).unwrap();
+            let base = bare::fit(&mut data, &Silent).unwrap();
+            assert!(data.runs().iter().all(|run| run.whitening.is_some()));
+            let scorer = Scorer::new(&data, &base);
+            // One changes the inductances that the whitening follows; each has states or an angle of its own, or neither.
+            for effect in [
+                EffectId::SaturationD,
+                EffectId::InterTurnShort,
+                EffectId::DeadTime,
+                EffectId::TwoMassShaft,
+                EffectId::TimeVaryingLoad,
+            ] {
+                let probes: Vec<Vec<f64>> = effect.probes(base.model.context()).into_iter().take(3).collect();
+                assert!(probes.len() > 1);
+                let count = scorer.amplitudes(effect).len();
+                let together = scorer.sensitivity(effect, &probes).columns;
+                for (at, shape) in probes.into_iter().enumerate() {
+                    let alone = scorer.sensitivity(effect, &[shape]).columns;
+                    let off = (together.columns(at * count, count) - &alone).norm();
+                    assert!(alone.norm() > 0.0 && off <= 1e-9 * alone.norm(), "{effect:?} {at}: {off}");
+                }
+            }
+        }
+    }
+}

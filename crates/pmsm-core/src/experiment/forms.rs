@@ -2,7 +2,7 @@
 //! one another.
 
 use super::rows::{Rows, of_groups};
-use super::{Channel, Course, Experiment, Linearisation, seed};
+use super::{Channel, Course, Experiment, LANES, Linearisation, seed};
 use crate::dual::Dual;
 use crate::simulate::{electrical, mechanical};
 use nalgebra::DMatrix;
@@ -11,6 +11,8 @@ use rayon::prelude::*;
 impl Experiment<'_> {
     /// Derivatives of the weighted residuals with respect to the parameters `free` at each of the parameter vectors `forms`, one form's
     /// columns behind the other's. What the forms differ in must change nothing but these derivatives; the rotor's `course` may be known.
+    /// Of a rotor that begins to have states, and so follows a changing load a little differently in each form, the initial speeds are
+    /// projected out along that course.
     ///
     /// # Panics
     /// As [`Self::linearise`], or if there are no forms.
@@ -20,7 +22,7 @@ impl Experiment<'_> {
         free: &[usize],
         course: Option<&Course>,
     ) -> DMatrix<f64> {
-        if forms.len() < 2 {
+        if forms.len() < 2 || free.is_empty() {
             return self.linearise_along(&forms[0], free, course).jacobian;
         }
         let own = if course.is_none() { self.course(&forms[0]) } else { None };
@@ -47,7 +49,7 @@ impl Experiment<'_> {
     /// The currents' or voltages' rows.
     fn currents_of_forms(&self, forms: &[Vec<f64>], free: &[usize], rows: &mut Rows<'_>) {
         if free.len() > 1 || !self.currents_beside(forms, free, rows) {
-            self.currents_in_turn(forms, free, rows);
+            self.currents_apart(forms, free, rows);
         }
         let reaching: Vec<usize> = (0..rows.columns.len()).collect();
         let every: Vec<usize> = (0..free.len()).collect();
@@ -61,6 +63,9 @@ impl Experiment<'_> {
             return false;
         };
         let Some(i) = &self.signals.i else { return false };
+        if self.row_of(Channel::VD).is_some() || self.row_of(Channel::VQ).is_some() {
+            return false;
+        }
         let seeded = self.seeded_forms(forms, free);
         let Rows { residual, columns } = &mut *rows;
         electrical::run_beside(self.model, self.signals, &seeded, |form, k, now: [Dual<1>; 2]| {
@@ -73,17 +78,17 @@ impl Experiment<'_> {
         })
     }
 
-    /// One form after the other.
-    fn currents_in_turn(&self, forms: &[Vec<f64>], free: &[usize], rows: &mut Rows<'_>) {
+    /// Each form by itself.
+    fn currents_apart(&self, forms: &[Vec<f64>], free: &[usize], rows: &mut Rows<'_>) {
         let every: Vec<usize> = (0..free.len()).collect();
-        let groups: Vec<Vec<usize>> =
-            (0..forms.len()).map(|form| (form * free.len()..(form + 1) * free.len()).collect()).collect();
-        let groups: Vec<&[usize]> = groups.iter().map(|group| &group[..]).collect();
-        let Rows { residual, columns } = rows;
-        let mut residual = Some(&mut **residual);
-        for (p, rows) in forms.iter().zip(of_groups(columns, &groups)) {
-            self.electrical_passes((p, free, &every), residual.take(), rows);
-        }
+        let all: Vec<usize> = (0..rows.columns.len()).collect();
+        let groups: Vec<&[usize]> = all.chunks(free.len()).flat_map(|form| form.chunks(LANES)).collect();
+        let passes = forms.iter().flat_map(|p| every.chunks(LANES).map(move |columns| (p, columns)));
+        let first = std::iter::once(Some(&mut *rows.residual)).chain(std::iter::repeat_with(|| None));
+        let jobs: Vec<_> = passes.zip(of_groups(&mut rows.columns, &groups)).zip(first).collect();
+        jobs.into_par_iter().for_each(|(((p, columns), rows), residual)| {
+            self.electrical_passes((p, free, columns), residual, rows);
+        });
     }
 
     /// The speed's rows before the initial speeds are projected out.

@@ -252,7 +252,13 @@ mod tests {
             EffectId::EncoderEccentricity,
         ];
         // In steps of two samples and of one; segments that no vector fills, and windows that none divides.
-        for (h, gap, length) in [(1e-4, 0.0..0.0, 2000), (4e-4, 0.31..0.7998, 130), (4e-4, 0.0..0.0, 5)] {
+        for (h, gap, length) in [
+            (1e-4, 0.0..0.0, 2000),
+            (4e-4, 0.31..0.7998, 130),
+            (4e-4, 0.0..0.0, 5),
+            (4e-4, 0.0063..1.0, 9),
+            (4e-4, 0.0067..1.0, 17),
+        ] {
             let mut signals = reversing(h, &gap);
             signals.stator_held = true;
             let cut = |s: &Range<usize>| {

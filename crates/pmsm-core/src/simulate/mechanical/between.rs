@@ -16,7 +16,8 @@ pub(super) fn environment<T: Real>(model: &Model, signals: &Signals, p: &[T], k:
     behind_sensors(model, signals, p, measured_env(signals, k))
 }
 
-/// The measured environment at the samples from `k` on, for a motor that does not know the log's temperatures.
+/// The measured environment at the samples from `k` on without the log's temperatures: sensors and rotors do not know them, and a
+/// motor that does is not asked for several samples at a time.
 #[inline(always)]
 pub(super) fn measured<T, W: Several<T>>(signals: &Signals, k: usize) -> Env<W> {
     Env {

@@ -47,7 +47,7 @@ impl<T: Real> Motor<'_, T> {
         if const { N > 2 } {
             return together.unwrap_or_else(|| T::fastest(Torque::<T, N>(self)));
         }
-        // A machine without states is never thermal, and this is for processors without vectors alone.
+        // A machine without states is never thermal: few derivatives, short recordings and processors without vectors come here.
         together.unwrap_or_else(|| Loop::run::<T>(Torque::<T, N>(self)))
     }
 
