@@ -11,7 +11,7 @@ pub type Beside<V, const R: usize> = Tangent<V, R, true>;
 /// Lanes at most.
 const LANES: usize = 8;
 /// Derivatives at most: with more of them a number fills the registers.
-const MOST: usize = 8;
+const MOST: usize = 4;
 
 impl<V: Lane, const R: usize> Beside<V, R> {
     /// From values, and derivative number `slot` of each.

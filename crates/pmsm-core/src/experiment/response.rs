@@ -7,13 +7,16 @@
 use super::load::Profile;
 use super::rows::{Rows, of_groups};
 use super::speed::Run;
-use super::{Experiment, LANES, seed};
+use super::{Experiment, seed};
 use crate::dual::Dual;
 use crate::effect::{Role, Site};
 use crate::machine::BaseParameter;
 use crate::simulate::mechanical::{self, Rotor, Torque};
 use rayon::prelude::*;
 use std::ops::Range;
+
+/// Columns that share a pass over the samples: with more of them, too many numbers for the registers are in hand at once.
+const TOGETHER: usize = 4;
 
 impl Experiment<'_> {
     /// Whether the speed answers to parameter `index` as to a change of itself. It does not where the rotor has states of its own, and not
@@ -45,18 +48,17 @@ impl Experiment<'_> {
         // What changes the motor's torque takes a pass of its own through the currents.
         let (through, rotor): (Vec<usize>, Vec<usize>) =
             other.iter().partition(|c| self.is_electrical(free[**c]));
-        let changing = through.chunks(LANES).map(|columns| (columns, Some(true)));
-        let driven = rotor.chunks(LANES).map(|columns| (columns, Some(false)));
+        let changing = through.chunks(TOGETHER).map(|columns| (columns, Some(true)));
+        let driven = rotor.chunks(TOGETHER).map(|columns| (columns, Some(false)));
         let loads = (!load.is_empty()).then_some((&load[..], None));
         let (groups, changes): (Vec<&[usize]>, Vec<Option<bool>>) =
             changing.chain(driven).chain(loads).unzip();
         let jobs: Vec<_> = groups.iter().zip(changes).zip(of_groups(&mut rows.columns, &groups)).collect();
         jobs.into_par_iter().for_each(|((columns, changes), rows)| {
             let at = (p, free, *columns);
-            match (changes, columns.len()) {
-                (None, _) => self.load_columns(at, &speed.slope, rows),
-                (Some(changes), 0..=4) => self.torque_columns::<4>(at, changes, &torque, speed, rows),
-                (Some(changes), _) => self.torque_columns::<LANES>(at, changes, &torque, speed, rows),
+            match changes {
+                None => self.load_columns(at, &speed.slope, rows),
+                Some(changes) => self.torque_columns::<TOGETHER>(at, changes, &torque, speed, rows),
             }
         });
     }

@@ -44,11 +44,7 @@ impl<T: Real> Motor<'_, T> {
         // Temperatures run on from sample to sample.
         let apart = !self.model.is_thermal() && self.signals.len() >= LANES;
         let together = apart.then(|| T::abreast(Torque::<T, N>(self))).flatten();
-        if const { N > 2 } {
-            return together.unwrap_or_else(|| T::fastest(Torque::<T, N>(self)));
-        }
-        // A machine without states is never thermal: few derivatives, short recordings and processors without vectors come here.
-        together.unwrap_or_else(|| Loop::run::<T>(Torque::<T, N>(self)))
+        together.unwrap_or_else(|| T::fastest(Torque::<T, N>(self)))
     }
 
     /// What a sample says under the `measured` environment.
