@@ -10,6 +10,7 @@
 
 mod equations;
 mod kernel;
+mod recorded;
 mod side_by_side;
 
 use crate::bare::Track;

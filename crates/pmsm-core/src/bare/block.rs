@@ -101,22 +101,25 @@ impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Run<'_, FORM, L
         // Four vectors at a time keep the arithmetic busy while each waits for its own results.
         let mut first = 0;
         while first + 4 <= vectors {
-            self.advance::<V, 4>(first);
+            self.advance::<V, 4, false>(first);
             first += 4;
         }
-        match vectors - first {
-            3 => self.advance::<V, 3>(first),
-            2 => self.advance::<V, 2>(first),
-            1 => self.advance::<V, 1>(first),
+        // Few vectors wait for themselves least where nothing but the step of a sample stands in the loop.
+        match (vectors - first, self.stretch.pieces) {
+            (3, _) => self.advance::<V, 3, false>(first),
+            (2, 1) => self.advance::<V, 2, true>(first),
+            (2, _) => self.advance::<V, 2, false>(first),
+            (1, 1) => self.advance::<V, 1, true>(first),
+            (1, _) => self.advance::<V, 1, false>(first),
             _ => {}
         }
     }
 }
 
 impl<const FORM: bool, const LOAD: bool, const N: usize> Run<'_, FORM, LOAD, N> {
-    /// Takes `R` vectors, from number `first` on, through the samples.
+    /// Takes `R` vectors, from number `first` on, through the samples, with `ONCE` in one step per sample.
     #[inline(always)]
-    fn advance<V: Lane, const R: usize>(&mut self, first: usize) {
+    fn advance<V: Lane, const R: usize, const ONCE: bool>(&mut self, first: usize) {
         let Self { blocks, stretch } = self;
         let mut columns = [Columns::<V>::load(blocks, first); R];
         for r in 1..R {
@@ -126,13 +129,14 @@ impl<const FORM: bool, const LOAD: bool, const N: usize> Run<'_, FORM, LOAD, N> 
         for sample in stretch.samples.as_chunks::<N>().0 {
             let now = spread(sample);
             for r in 0..R {
-                let e = columns[r].with.errors(columns[r].y, &now, show_w);
-                let sum = columns[r].sum;
-                columns[r].sum = e[2].mul_add(e[2], e[1].mul_add(e[1], e[0].mul_add(e[0], sum)));
+                // The step first: nothing waits for the errors.
+                let y = columns[r].step::<FORM, LOAD>(&now);
+                let e = columns[r].with.errors(y, &now, show_w);
+                columns[r].sum += e[2].mul_add(e[2], e[1].mul_add(e[1], e[0] * e[0]));
             }
-            for _ in 0..stretch.pieces {
+            for _ in 1..if ONCE { 1 } else { stretch.pieces } {
                 for r in 0..R {
-                    columns[r].y = columns[r].with.step::<FORM, LOAD>(columns[r].y, &now);
+                    columns[r].step::<FORM, LOAD>(&now);
                 }
             }
         }
@@ -152,6 +156,17 @@ impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Subtract<'_, FO
     type Output = ();
     #[inline(always)]
     fn run<V: Lane>(self) {
+        match self.stretch.pieces {
+            1 => self.advance::<V, true>(),
+            _ => self.advance::<V, false>(),
+        }
+    }
+}
+
+impl<const FORM: bool, const LOAD: bool, const N: usize> Subtract<'_, FORM, LOAD, N> {
+    /// Takes all vectors through the samples, with `ONCE` in one step per sample.
+    #[inline(always)]
+    fn advance<V: Lane, const ONCE: bool>(self) {
         let Self { blocks, stretch, to } = self;
         let half = blocks.len() * BLOCK / 2;
         let show_w = V::constant(stretch.show_w);
@@ -162,15 +177,16 @@ impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Subtract<'_, FO
             let mut second = Columns::<V>::load(blocks, vector + half / V::WIDTH);
             for (k, sample) in stretch.samples.as_chunks::<N>().0.iter().enumerate() {
                 let now = spread(sample);
-                let e = first.with.errors(first.y, &now, show_w);
-                let f = second.with.errors(second.y, &now, show_w);
+                let (y, z) = (first.step::<FORM, LOAD>(&now), second.step::<FORM, LOAD>(&now));
+                let e = first.with.errors(y, &now, show_w);
+                let f = second.with.errors(z, &now, show_w);
                 for c in 0..3 {
                     let difference = f[c].neg_mul_add(counts, e[c]) * scale;
                     difference.store(&mut to.rows[(3 * k + c) * half + at..]);
                 }
-                for _ in 0..stretch.pieces {
-                    first.y = first.with.step::<FORM, LOAD>(first.y, &now);
-                    second.y = second.with.step::<FORM, LOAD>(second.y, &now);
+                for _ in 1..if ONCE { 1 } else { stretch.pieces } {
+                    first.step::<FORM, LOAD>(&now);
+                    second.step::<FORM, LOAD>(&now);
                 }
             }
             first.store(blocks, vector);
@@ -197,6 +213,14 @@ impl<V: Lane> Columns<V> {
             y[n] = V::load(&rows[(STATE + n) * BLOCK + at..]);
         }
         Self { with: Coefficients::load(rows, BLOCK, at), y, sum: V::load(&rows[SUM * BLOCK + at..]) }
+    }
+
+    /// One step; returns the state before it.
+    #[inline(always)]
+    fn step<const FORM: bool, const LOAD: bool>(&mut self, now: &Sample<V>) -> [V; 3] {
+        let before = self.y;
+        self.y = self.with.step::<FORM, LOAD>(before, now);
+        before
     }
 
     #[inline(always)]

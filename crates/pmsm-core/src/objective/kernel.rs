@@ -2,6 +2,7 @@
 //! normal equations from perturbed copies.
 
 use super::equations::AT_REST;
+use super::recorded::Recorded;
 use super::{Drive, Objective, side_by_side};
 use crate::bare::copies::{self, Around, INITIAL};
 use crate::bare::{self, Kernel, POINT, chunks};
@@ -9,7 +10,6 @@ use crate::experiment::Linearisation;
 use crate::least_squares::Normal;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use rayon::prelude::*;
-use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Fewer points than fill the vectors: a long recording is then cut into pieces instead.
@@ -26,9 +26,6 @@ const LEAST_FLUX: f64 = 1e-3;
 /// Share of the largest current and speed by which measured initial values may be off for derivatives around them to do for an
 /// uncertainty.
 const NEAR: f64 = 0.005;
-
-/// Samples whose rows are gone through at a time.
-const TILE: usize = 64;
 
 /// Initial i_d, i_q (A), ω_e (rad/s) of each gap-free segment.
 pub type Starts = Vec<[f64; INITIAL]>;
@@ -94,52 +91,6 @@ pub struct Nearby {
     pub course: Course,
     /// Residual and derivatives without what the initial values can still do, where they were asked for.
     pub linear: Option<Linearisation>,
-}
-
-/// Rows as they come from the kernels, see [`copies::Rows`], until it is known what the initial values can still do.
-struct Recorded {
-    rows: Vec<f64>,
-    linear: Linearisation,
-}
-
-impl Recorded {
-    fn room(samples: usize, free: usize) -> Self {
-        let linear = Linearisation {
-            residual: DVector::zeros(3 * samples),
-            jacobian: DMatrix::zeros(3 * samples, free),
-        };
-        Self { rows: Vec::with_capacity(3 * samples * copies::width(free)), linear }
-    }
-
-    /// Residual and derivatives of a segment without what the initial values can still do: derivatives follow them by `slopes`,
-    /// the residual by `error`.
-    fn project(&mut self, segment: &Range<usize>, slopes: &[Vector3<f64>], error: &Vector3<f64>) {
-        let Linearisation { residual, jacobian } = &mut self.linear;
-        let (n, free) = (residual.len() / 3, jacobian.ncols());
-        let width = copies::width(free);
-        let rows = &self.rows[3 * width * segment.start..3 * width * segment.end];
-        let follow = |row: &[f64], by: &Vector3<f64>| {
-            let initial = &row[free..][..INITIAL];
-            initial[0] * by[0] + initial[1] * by[1] + initial[2] * by[2]
-        };
-        // One column after the other, of so few rows that they are read from the nearest cache.
-        for (tile, rows) in rows.chunks(3 * width * TILE).enumerate() {
-            let count = rows.len() / (3 * width);
-            for channel in 0..3 {
-                let begin = channel * n + segment.start + tile * TILE;
-                let rows = || rows[channel * width..].chunks(3 * width).map(|row| &row[..width]);
-                for (x, row) in residual.as_mut_slice()[begin..][..count].iter_mut().zip(rows()) {
-                    *x = row[width - 1] - follow(row, error);
-                }
-                for (column, by) in slopes.iter().enumerate() {
-                    let own = &mut jacobian.as_mut_slice()[column * 3 * n + begin..][..count];
-                    for (x, row) in own.iter_mut().zip(rows()) {
-                        *x = row[column] + follow(row, by);
-                    }
-                }
-            }
-        }
-    }
 }
 
 /// Points, their bounds, and where their costs go.
@@ -251,10 +202,8 @@ impl Objective<'_> {
         stop: &dyn Fn() -> bool,
     ) -> Option<Nearby> {
         let mut rows = record.then(|| Recorded::room(self.experiment.signals.len(), free.len()));
-        let all = self.sums(p, free, starts, stop, rows.as_mut().map(|rows| &mut rows.rows))?;
-        // A run that was stopped has not recorded all.
-        let mut rows =
-            rows.filter(|rows| rows.rows.len() == copies::width(free.len()) * rows.linear.residual.len());
+        let all = self.sums(p, free, starts, stop, rows.as_mut().map(Recorded::rows))?;
+        let mut rows = rows.filter(Recorded::is_complete);
         let mut normal = Normal {
             cost: 0.0,
             jtj: DMatrix::zeros(free.len(), free.len()),
@@ -275,7 +224,8 @@ impl Objective<'_> {
                 slopes.push(-own);
             }
             if let Some(rows) = &mut rows {
-                rows.project(&self.experiment.signals.segments[number], &slopes, &error);
+                let segment = &self.experiment.signals.segments[number];
+                rows.project(Kernel::default(), segment, &slopes, &error);
             }
             for k in 0..INITIAL {
                 start[k] -= error[k];
@@ -283,7 +233,7 @@ impl Objective<'_> {
             course.slopes.push(slopes);
         }
         normal.jtj.fill_upper_triangle_with_lower_triangle();
-        Some(Nearby { normal, course, linear: rows.map(|rows| rows.linear) })
+        Some(Nearby { normal, course, linear: rows.map(Recorded::linear) })
     }
 
     /// [`Objective::linearise`] as an uncertainty needs it: around the measured initial values, if the best ones are within half a per cent of the
