@@ -10,13 +10,12 @@ mod mend;
 mod open_circuit;
 mod phases;
 mod scales;
+mod turned;
 
 use crate::effect::Context;
 use crate::error::{Error, Result};
 use crate::machine::Machine;
-use crate::real::Real;
 use crate::recording::{Kind, Load, Recording};
-use crate::transforms::inverse_park;
 use angle::{check_sense, differentiate, integrate, unwrap};
 use mend::mend;
 use phases::Currents;
@@ -174,7 +173,7 @@ impl Signals {
         };
         let i = match (recording.column("i_d"), recording.column("i_q")) {
             (Some(d), Some(q)) => Some([d.to_vec(), q.to_vec()]),
-            _ => currents.phases.as_ref().map(|abc| phases::to_rotor(abc, &theta_e)),
+            _ => currents.phases.as_ref().map(|abc| turned::to_rotor([&abc[0], &abc[1], &abc[2]], &theta_e)),
         };
         if i.is_none() && (recording.kind() != Kind::Mechanical || recording.column("tau_e").is_none()) {
             return Err(phases::too_few(recording));
@@ -260,15 +259,7 @@ impl Signals {
     /// Adds phase currents where only rotor-frame ones were logged.
     pub(crate) fn complete(&mut self) {
         let (None, Some([d, q])) = (&self.phases, &self.i) else { return };
-        let mut abc = [Vec::with_capacity(d.len()), Vec::with_capacity(d.len()), Vec::with_capacity(d.len())];
-        for k in 0..d.len() {
-            let (s, c) = Real::sin_cos(self.theta_e[k]);
-            let x = inverse_park([d[k], q[k]], c, s);
-            for phase in 0..3 {
-                abc[phase].push(x[phase]);
-            }
-        }
-        self.phases = Some(abc);
+        self.phases = Some(turned::to_phases([d, q], &self.theta_e));
     }
 
     /// Number of samples.

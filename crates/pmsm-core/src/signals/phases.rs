@@ -2,10 +2,9 @@
 
 use super::Finding;
 use super::open_circuit::Calibration;
+use super::turned::to_rotor;
 use crate::error::Error;
-use crate::real::Real;
 use crate::recording::Recording;
-use crate::transforms::park;
 
 /// Columns of the phase currents.
 const PHASES: [&str; 3] = ["i_a", "i_b", "i_c"];
@@ -104,18 +103,6 @@ pub fn too_few(recording: &Recording) -> Error {
     }
 }
 
-/// Phase values seen from the rotor at the angle `theta`, rad.
-pub fn to_rotor(abc: &[Vec<f64>; 3], theta: &[f64]) -> [Vec<f64>; 2] {
-    let mut dq = [Vec::with_capacity(theta.len()), Vec::with_capacity(theta.len())];
-    for k in 0..theta.len() {
-        let (s, c) = Real::sin_cos(theta[k]);
-        let [d, q] = park([abc[0][k], abc[1][k], abc[2][k]], c, s);
-        dq[0].push(d);
-        dq[1].push(q);
-    }
-    dq
-}
-
 /// The three phase voltages, if all were logged.
 pub fn logged_voltages(recording: &Recording) -> Option<[&[f64]; 3]> {
     Some([recording.column("v_a")?, recording.column("v_b")?, recording.column("v_c")?])
@@ -126,7 +113,8 @@ pub fn induced_voltages(abc: [&[f64]; 3], calibration: &Calibration, theta: &[f6
     let corrected: Vec<[f64; 3]> =
         (0..theta.len()).map(|k| calibration.corrected([abc[0][k], abc[1][k], abc[2][k]])).collect();
     let phase = |x: usize| corrected.iter().map(|v| v[x]).collect();
-    to_rotor(&[phase(0), phase(1), phase(2)], theta)
+    let [a, b, c]: [Vec<f64>; 3] = [phase(0), phase(1), phase(2)];
+    to_rotor([&a, &b, &c], theta)
 }
 
 /// Phase voltages held from sample to sample, seen from the rotor in the middle of the interval.
@@ -142,15 +130,12 @@ pub fn held_voltages(
         return None;
     }
     let n = t.len();
-    let mut dq = [Vec::with_capacity(n), Vec::with_capacity(n)];
-    for k in 0..n {
+    let middle = |k: usize| {
         let h = if k + 1 < n { t[k + 1] - t[k] } else { recording.period() };
-        let (s, c) = Real::sin_cos(theta[k] + 0.5 * h.min(2.0 * recording.period()) * omega[k]);
-        let [d, q] = park([abc[0][k], abc[1][k], abc[2][k]], c, s);
-        dq[0].push(d);
-        dq[1].push(q);
-    }
-    Some(dq)
+        theta[k] + 0.5 * h.min(2.0 * recording.period()) * omega[k]
+    };
+    let theta: Vec<f64> = (0..n).map(middle).collect();
+    Some(to_rotor(abc, &theta))
 }
 
 #[cfg(test)]
