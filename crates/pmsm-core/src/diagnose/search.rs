@@ -141,16 +141,28 @@ impl Search<'_> {
             let hidden = hiding && e.info().site == Site::Mechanical;
             mismatched_by(&base, 1.0) || hidden || (e.jumps() && reversing)
         };
-        let asked: Vec<EffectId> = able.iter().copied().filter(asked).collect();
+        let (asked, silent): (Vec<EffectId>, Vec<EffectId>) = able.iter().copied().partition(asked);
         let aim = Aim { base: &base, best: None, most: SINGLES, thorough: true };
-        let singles = self.extend(&base, &asked, aim)?;
+        let mut singles = self.extend(&base, &asked, aim)?;
         self.monitor.report("single effects", 0.6);
         let mut seen = self.refined(&base, &singles)?;
         seen.extend(singles.iter().filter_map(|(_, j)| j.clone()));
         seen.push(base.clone());
-        let scale = Scale::new(seen.iter());
-        let first = sorted(&seen, &scale).swap_remove(0);
-        let best = if scale.beats(&first, &base) { first } else { base.clone() };
+        let best_of = |seen: &[Judged]| {
+            let scale = Scale::new(seen.iter());
+            let first = sorted(seen, &scale).swap_remove(0);
+            let best = if scale.beats(&first, &base) { first } else { base.clone() };
+            (scale, best)
+        };
+        let (mut scale, mut best) = best_of(&seen);
+        if !best.fitted.effects().is_empty() && !silent.is_empty() {
+            // What was not asked may move the rotor just so.
+            let aim = Aim { base: &base, best: Some(&best), most: SINGLES, thorough: false };
+            let rivals = self.extend(&base, &silent, aim)?;
+            seen.extend(rivals.iter().filter_map(|(_, j)| j.clone()));
+            singles.extend(rivals);
+            (scale, best) = best_of(&seen);
+        }
         Ok(Singles { base, able, unfit, tried: singles, seen, scale, best })
     }
 
@@ -246,5 +258,40 @@ impl Search<'_> {
             .map(|(data, best)| fitting::under_load_of(best, data, &fitted, false, self.monitor));
         let held_out = on_others.collect::<Result<Vec<_>>>()?;
         Ok(Judged { fitted, held_out, refuted })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::bare;
+    use crate::diagnose::testing::{choice, setup, speeds};
+    use crate::drive::simulate;
+    use crate::monitor::Silent;
+    use crate::signals::Signals;
+
+    #[test]
+    fn what_little_moves_a_rotor_that_wanders_has_rivals_of_every_kind() {
+        let tried = |tau_c: f64| {
+            let path: Vec<(f64, f64)> =
+                (0..8).map(|k| (0.1 + 0.25 * f64::from(k), [90.0, -70.0][k as usize % 2])).collect();
+            let mut setup = setup(speeds(2.0, &path), vec![choice("coulomb_friction", "tau_c", tau_c)]);
+            setup.drive.sensors.noise_i = 0.3;
+            let recording = simulate(&setup, &Silent).unwrap().recording;
+            let signals = Signals::new(&recording, &setup.nameplate).unwrap();
+            let mut data = Data::new(signals, &setup.nameplate).unwrap();
+            let base = bare::fit(&mut data, &Silent).unwrap();
+            assert!(data.wander().is_some());
+            let search =
+                Search { data: &data, held_out: Vec::new(), refuting: Vec::new(), most: 3, monitor: &Silent };
+            let singles = search.singles(base).unwrap();
+            assert!(!mismatched_by(&singles.base, 1.0), "{:?}", singles.base.fitted.squares);
+            let moves = |e: &EffectId| e.info().site == Site::Mechanical;
+            let found = singles.best.fitted.effects();
+            assert!(found.iter().all(moves), "{found:?}");
+            (found.len(), singles.tried.iter().any(|(p, _)| !moves(&p.effect)))
+        };
+        assert_eq!(tried(0.0), (0, false));
+        assert_eq!(tried(0.05), (1, true));
     }
 }
