@@ -85,7 +85,7 @@ impl Singles {
 pub struct Outcome {
     /// The bare machine.
     pub base: Judged,
-    /// Single effects that were refitted, with their scores, in the order of the catalogue.
+    /// Single effects that were scored, with what came of their refit, in the order of the catalogue.
     pub singles: Vec<(Prospect, Option<Judged>)>,
     /// The best set of effects (possibly none).
     pub best: Judged,
@@ -161,6 +161,7 @@ impl Search<'_> {
             let rivals = self.extend(&base, &silent, aim)?;
             seen.extend(rivals.iter().filter_map(|(_, j)| j.clone()));
             singles.extend(rivals);
+            singles.sort_by_key(|(p, _)| able.iter().position(|e| *e == p.effect));
             (scale, best) = best_of(&seen);
         }
         Ok(Singles { base, able, unfit, tried: singles, seen, scale, best })
@@ -271,7 +272,7 @@ mod tests {
     use crate::signals::Signals;
 
     #[test]
-    fn what_little_moves_a_rotor_that_wanders_has_rivals_of_every_kind() {
+    fn what_little_moves_a_rotor_that_wanders_is_asked_of_every_kind_of_effect() {
         let tried = |tau_c: f64| {
             let path: Vec<(f64, f64)> =
                 (0..8).map(|k| (0.1 + 0.25 * f64::from(k), [90.0, -70.0][k as usize % 2])).collect();

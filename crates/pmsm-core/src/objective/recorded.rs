@@ -133,14 +133,17 @@ mod tests {
     use super::*;
     use crate::lanes::{Path, Rounding};
 
+    /// Samples behind the projected ones.
+    const BEHIND: usize = 2;
+
     /// Rows with no pattern in them, and what becomes of `count` samples of them behind `skipped` others.
-    fn projected(path: Path, free: usize, skipped: usize, count: usize) -> Linearisation {
-        let mut recorded = Recorded::room(skipped + count, free);
-        let numbers = CHANNELS * (skipped + count) * copies::width(free);
+    fn projected(kernel: Kernel, free: usize, skipped: usize, count: usize) -> Linearisation {
+        let samples = skipped + count + BEHIND;
+        let mut recorded = Recorded::room(samples, free);
+        let numbers = CHANNELS * samples * copies::width(free);
         recorded.rows().extend((0..numbers).map(|k| (k as f64 * 0.7).sin()));
         assert!(recorded.is_complete());
         let slopes: Vec<_> = (0..free).map(|k| Vector3::new(0.3, -1.0, 0.1 * k as f64)).collect();
-        let kernel = Kernel { path, rounding: Rounding::Reproducible, ..Kernel::default() };
         recorded.project(kernel, &(skipped..skipped + count), &slopes, &Vector3::new(0.5, 2.0, -0.2));
         recorded.linear()
     }
@@ -148,16 +151,22 @@ mod tests {
     #[test]
     fn a_projection_takes_out_what_the_initial_values_do_on_every_path() {
         for (free, skipped, count) in [(0, 0, 16), (2, 3, 19), (4, 8, 8), (5, 0, 21), (7, 5, 3)] {
-            let (width, samples) = (copies::width(free), skipped + count);
+            let (width, samples) = (copies::width(free), skipped + count + BEHIND);
             let number = |sample: usize, channel: usize, column: usize| {
                 (((CHANNELS * sample + channel) * width + column) as f64 * 0.7).sin()
             };
-            let plain = projected(Path::Portable, free, skipped, count);
-            for sample in skipped..samples {
+            let kernel = |path, rounding| Kernel { path, rounding, ..Kernel::default() };
+            let plain = projected(kernel(Path::Portable, Rounding::Reproducible), free, skipped, count);
+            for sample in 0..samples {
                 for channel in 0..CHANNELS {
                     let x: Vec<f64> = (0..width).map(|column| number(sample, channel, column)).collect();
                     let initial = &x[free..];
                     let at = channel * samples + sample;
+                    if !(skipped..skipped + count).contains(&sample) {
+                        assert_eq!(plain.residual[at], 0.0);
+                        assert!(plain.jacobian.row(at).iter().all(|x| *x == 0.0));
+                        continue;
+                    }
                     let error = x[width - 1] - (0.5 * initial[0] + 2.0 * initial[1] - 0.2 * initial[2]);
                     assert!((plain.residual[at] - error).abs() < 1e-14);
                     for k in 0..free {
@@ -167,9 +176,11 @@ mod tests {
                 }
             }
             for path in Path::ALL {
-                let other = projected(path, free, skipped, count);
-                assert_eq!(other.residual, plain.residual, "{path:?}");
-                assert_eq!(other.jacobian, plain.jacobian, "{path:?}");
+                for rounding in [Rounding::Reproducible, Rounding::Fused] {
+                    let other = projected(kernel(path, rounding), free, skipped, count);
+                    assert_eq!(other.residual, plain.residual, "{path:?}");
+                    assert_eq!(other.jacobian, plain.jacobian, "{path:?}");
+                }
             }
         }
     }

@@ -8,12 +8,12 @@ use std::marker::PhantomData;
 
 /// Phase values seen from the rotor at the angles `theta`, rad.
 pub fn to_rotor(abc: [&[f64]; 3], theta: &[f64]) -> [Vec<f64>; 2] {
-    turned::<Park, 3, 2>(abc, theta)
+    turned::<Park, 3, 2>(Path::best(), abc, theta)
 }
 
 /// Rotor-frame values at the angles `theta`, rad, seen from the three phases.
 pub fn to_phases(dq: [&[f64]; 2], theta: &[f64]) -> [Vec<f64>; 3] {
-    turned::<InversePark, 2, 3>(dq, theta)
+    turned::<InversePark, 2, 3>(Path::best(), dq, theta)
 }
 
 /// A transform at one angle.
@@ -40,13 +40,14 @@ impl Transform<2, 3> for InversePark {
 }
 
 fn turned<X: Transform<IN, OUT>, const IN: usize, const OUT: usize>(
+    path: Path,
     from: [&[f64]; IN],
     theta: &[f64],
 ) -> [Vec<f64>; OUT] {
     let mut to: [Vec<f64>; OUT] = std::array::from_fn(|_| vec![0.0; theta.len()]);
     let columns = to.each_mut().map(Vec::as_mut_slice);
     let job = Turn::<X, IN, OUT> { from, theta, to: columns, by: PhantomData };
-    lanes::run(Path::best(), Rounding::Reproducible, job);
+    lanes::run(path, Rounding::Reproducible, job);
     to
 }
 
@@ -93,14 +94,18 @@ mod tests {
             |shift: f64| -> Vec<f64> { (0..37).map(|k| (0.3 * f64::from(k) + shift).sin() * 5.0).collect() };
         let (a, b, c) = (column(0.0), column(2.0), column(4.0));
         let theta: Vec<f64> = (0..37).map(|k| 1e3 * (0.1 * f64::from(k)).sin()).collect();
-        let dq = to_rotor([&a, &b, &c], &theta);
-        let abc = to_phases([&dq[0], &dq[1]], &theta);
-        for k in 0..37 {
-            let (sin, cos) = Real::sin_cos(theta[k]);
-            assert_eq!([dq[0][k], dq[1][k]], park([a[k], b[k], c[k]], cos, sin));
-            assert_eq!(abc.each_ref().map(|x| x[k]), inverse_park([dq[0][k], dq[1][k]], cos, sin));
-            let zero = (a[k] + b[k] + c[k]) / 3.0;
-            assert!((abc[0][k] + zero - a[k]).abs() < 1e-14);
+        for path in Path::ALL {
+            let dq = turned::<Park, 3, 2>(path, [&a, &b, &c], &theta);
+            let abc = turned::<InversePark, 2, 3>(path, [&dq[0], &dq[1]], &theta);
+            for k in 0..37 {
+                let (sin, cos) = Real::sin_cos(theta[k]);
+                let [d, q] = park([a[k], b[k], c[k]], cos, sin).map(f64::to_bits);
+                assert_eq!([dq[0][k].to_bits(), dq[1][k].to_bits()], [d, q], "{path:?}");
+                let back = inverse_park([dq[0][k], dq[1][k]], cos, sin).map(f64::to_bits);
+                assert_eq!(abc.each_ref().map(|x| x[k].to_bits()), back, "{path:?}");
+                let zero = (a[k] + b[k] + c[k]) / 3.0;
+                assert!((abc[0][k] + zero - a[k]).abs() < 1e-14);
+            }
         }
     }
 }
