@@ -1,6 +1,8 @@
 """Measures the installed package against its strongest peers in one run, in turns, and prints the ratios.
 
-    python benches/peers/compare.py [J1 J2 J3 LS import] [--rounds N]
+    python benches/peers/compare.py [J1 J2 J3 LS import JAX field] [--rounds N]
+
+JAX and field, the field's own simulators, need `jax`, and `motulator` and `gym-electric-motor`.
 
 Every time is CPU time of the whole process, the median over the rounds; peers take turns within a round, so
 that whatever else the computer does hits all of them. Short jobs are called several times in a row as well.
@@ -207,6 +209,30 @@ def main() -> None:
             },
             asked.rounds or 7,
         )
+    if "JAX" in asked.jobs:
+        import jax_swarm
+
+        for job, title, rounds in ((J1, "J1 against JAX", 11), (J2, "J2 against JAX", 3)):
+            alternate(
+                title,
+                {
+                    "pmsm_rs.identify, one thread": swarm(job, columns, 1),
+                    "JAX, whole swarm compiled": jax_swarm.run(job, columns),
+                },
+                asked.rounds or rounds,
+            )
+    if "field" in asked.jobs:
+        import field
+
+        for title, call in (
+            ("motulator 0.5, scipy's solve_ivp", field.motulator(columns)),
+            ("gym-electric-motor 3, its scipy solver", field.gym(columns)),
+        ):
+            alternate(
+                "One parameter set, 3300 samples",
+                {"pmsm_rs.Fitness, one thread": long_run(columns), title: call},
+                asked.rounds or 5,
+            )
     if "import" in asked.jobs:
         print("Start-up, 11 rounds")
         startup()
