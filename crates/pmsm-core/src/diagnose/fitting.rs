@@ -38,15 +38,17 @@ pub fn fit(
     electrical_done: bool,
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
-    staged(data, model, start, Stage { electrical_done, held: &[], load: None }, monitor)
+    staged(data, model, start, Stage { electrical_done, held: &[], load: None, lost: &|_| false }, monitor)
 }
 
-/// Fits as [`fit`] does, but first with the model parameters `held` kept at their start, and then all of them from where that leads,
-/// loads and initial values included.
+/// Fits as [`fit`] does, but not to the motion where what the currents leave is `lost`, which then is all that the answer tells; and first
+/// with the model parameters `held`, if there are any, kept at their start, and then all of them from where that leads, loads and initial
+/// values included.
 ///
 /// # Errors
 /// Those of the least-squares fits.
-pub fn fit_holding_first(
+pub fn fit_unless(
+    lost: &dyn Fn(&Hypothesis) -> bool,
     held: &[usize],
     data: &Data,
     model: &Model,
@@ -54,8 +56,21 @@ pub fn fit_holding_first(
     electrical_done: bool,
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
-    let first = staged(data, model, start, Stage { electrical_done, held, load: None }, monitor)?;
+    let stage = Stage { electrical_done, held, load: None, lost };
+    let first = staged(data, model, start, stage, monitor)?;
+    if held.is_empty() || lost(&first) {
+        return Ok(first);
+    }
     on_from(data, &first, electrical_done, monitor)
+}
+
+/// The electrical parameters of a hypothesis fitted to the currents alone, and what these leave; nothing is said of the motion.
+///
+/// # Errors
+/// Those of the least-squares fit.
+pub fn currents_alone(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
+    let stage = Stage { electrical_done: false, held: &[], load: None, lost: &|_| true };
+    staged(data, &hypothesis.model, hypothesis.own(), stage, monitor)
 }
 
 /// Fits a hypothesis to the same recordings once more from where it stands, loads and initial values included. `electrical_done` says
@@ -70,22 +85,24 @@ pub fn on_from(
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
     let load = (&from.nuisances[..], &from.parameters[from.model.parameter_count()..]);
-    let stage = Stage { electrical_done, held: &[], load: Some(load) };
+    let stage = Stage { electrical_done, held: &[], load: Some(load), lost: &|_| false };
     staged(data, &from.model, from.own(), stage, monitor)
 }
 
-/// What a fit leaves as it is, and the load from which it begins, if one was found before.
+/// What a fit leaves as it is, the load from which it begins, if one was found before, and whether it ends where it has come to the
+/// currents.
 struct Stage<'a> {
     electrical_done: bool,
     held: &'a [usize],
     load: Option<(&'a [Nuisance], &'a [f64])>,
+    lost: &'a dyn Fn(&Hypothesis) -> bool,
 }
 
 fn staged(
     data: &Data,
     model: &Model,
     start: &[f64],
-    Stage { electrical_done, held, load }: Stage,
+    Stage { electrical_done, held, load, lost }: Stage,
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
     let (mut electrical, mut rotor, mut sensors) = free_parameters(data, model);
@@ -111,6 +128,12 @@ fn staged(
             }
         }
         free = wanted;
+        if !electrical_done {
+            let so_far = Hypothesis::of_currents(data, model, &parameters, &free);
+            if lost(&so_far) {
+                return Ok(so_far);
+            }
+        }
     }
     if data.has(false) {
         let fitted = motion::fit(data, model, &parameters, &rotor, load, monitor)?;

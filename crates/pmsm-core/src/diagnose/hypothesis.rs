@@ -113,6 +113,26 @@ impl Hypothesis {
         out
     }
 
+    /// A model whose electrical parameters were fitted to `data`, with what it leaves of the voltage equations there; the motion, of which
+    /// nothing is known, stands at its floor.
+    pub fn of_currents(data: &Data, model: &Model, parameters: &[f64], free: &[usize]) -> Self {
+        let own = parameters[..model.parameter_count()].to_vec();
+        let nuisances = vec![Nuisance::known(0); data.runs().len()];
+        let experiment = data.experiment(model, &nuisances, data.channels(true, false));
+        let mut judged = experiment.mean_squares(&experiment.residual(&own), energy_samples).into_iter();
+        let floors = || data.runs().iter().flat_map(|run| &run.floors);
+        let seen = |floor: &Floor| if floor.channel.is_electrical() { judged.next() } else { None };
+        let seen: Vec<(f64, f64)> = floors().map(seen).map(|found| found.unwrap_or((1.0, 1.0))).collect();
+        Self {
+            free: free.to_vec(),
+            nuisances,
+            squares: floors().map(|floor| floor.channel).zip(seen.iter().map(|s| s.0)).collect(),
+            samples: seen.iter().map(|s| s.1).collect(),
+            chance: floors().map(Floor::chance).collect(),
+            ..Self::bare(model.clone(), own)
+        }
+    }
+
     /// The same under floors that were settled anew.
     pub fn seen_again(self, data: &Data) -> Self {
         Self::on(data, self.model, self.parameters, self.free, self.nuisances)

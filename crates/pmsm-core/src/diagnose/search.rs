@@ -24,7 +24,7 @@ use crate::effects::EffectId;
 use crate::error::Result;
 use crate::monitor::Monitor;
 use extend::Aim;
-use sets::{explains, foothold, hopeless, mismatched_by, path, progress, same, sorted, steps};
+use sets::{explains, foothold, hopeless, mismatched_by, path, progress, same, sorted, steps, widened};
 
 pub use variants::Swap;
 use variants::preferred;
@@ -186,7 +186,8 @@ impl Search<'_> {
             beam.truncate(BEAM);
             let mut larger: Vec<Judged> = Vec::new();
             for (rank, parent) in beam.iter().enumerate() {
-                if hopeless(parent, &beam[0], larger.iter().any(|j| explains(j, &base))) {
+                let done = larger.iter().any(|j| explains(j, &base));
+                if hopeless(parent, &beam[0], done) || (done && widened(parent, &beam[0])) {
                     continue;
                 }
                 let tried = |e: &EffectId| {

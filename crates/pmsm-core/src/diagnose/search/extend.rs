@@ -5,6 +5,7 @@ use super::refit::Claim;
 use super::sets::{explains, mismatched_by};
 use crate::diagnose::shortlist::{Prospect, Scorer};
 use crate::diagnose::verdict::{Judged, MISMATCH, PROGRESS, UNEXPLAINED};
+use crate::effect::Site;
 use crate::effects::{self, EffectId};
 use crate::error::Result;
 use crate::experiment::Channel;
@@ -37,6 +38,15 @@ pub(super) struct Aim<'a> {
     pub(super) thorough: bool,
 }
 
+/// Numbers of prospects that are worth a refit.
+struct Chosen {
+    /// By their score, or because it tells little of them.
+    worth: Vec<usize>,
+    /// The others that score best of their site: what they explain may show once something else is found. They are no rivals to what
+    /// explains the recordings.
+    faint: Vec<usize>,
+}
+
 impl Search<'_> {
     /// Scores `candidates` on top of `parent` and refits the best, in parallel.
     pub(super) fn extend(
@@ -47,8 +57,10 @@ impl Search<'_> {
     ) -> Result<Vec<(Prospect, Option<Judged>)>> {
         let scorer = Scorer::new(self.data, &parent.fitted);
         let claim = aim.best.map_or(Claim::Open, Claim::Beside);
+        let rotor_is_lost = self.rotor_is_lost(parent, claim)?;
+        let mechanical = |e: EffectId| e.info().site == Site::Mechanical;
         let candidates: Vec<EffectId> =
-            candidates.iter().copied().filter(|e| !self.out_of_question(parent, *e, claim)).collect();
+            candidates.iter().copied().filter(|e| !(rotor_is_lost && mechanical(*e))).collect();
         let prospects: Vec<Prospect> = candidates
             .par_iter()
             .map(|effect| {
@@ -60,10 +72,10 @@ impl Search<'_> {
                 scorer.score(*effect)
             })
             .collect();
-        let chosen = self.chosen(parent, &prospects, aim);
+        let Chosen { worth, faint } = self.chosen(parent, &prospects, aim);
         let top = prospects.iter().map(|p| p.score).fold(0.0, f64::max);
         let leads = |k: usize| aim.best.is_none() && prospects[k].score >= LEADING * top;
-        let (first, second): (Vec<usize>, Vec<usize>) = chosen.into_iter().partition(|k| leads(*k));
+        let (first, mut second): (Vec<usize>, Vec<usize>) = worth.into_iter().partition(|k| leads(*k));
 
         let mut judged: Vec<Option<Judged>> = vec![None; prospects.len()];
         let refit = |wave: &[usize], claim: Claim| -> Result<Vec<Option<Judged>>> {
@@ -79,17 +91,29 @@ impl Search<'_> {
         for (k, one) in first.iter().zip(refit(&first, claim)?) {
             judged[*k] = one;
         }
-        let explaining = judged.iter().flatten().filter(|j| explains(j, aim.base));
-        let done = explaining.min_by(|a, b| a.excess().total_cmp(&b.excess())).cloned();
-        let claim = done.as_ref().map_or(claim, Claim::Outdone);
+        let least = |a: &&Judged, b: &&Judged| a.excess().total_cmp(&b.excess());
+        let done = judged.iter().flatten().filter(|j| explains(j, aim.base)).min_by(least).cloned();
+        let ahead = judged.iter().flatten().min_by(least).cloned();
+        let claim = match (aim.best, &done, &ahead) {
+            (None, Some(done), _) => Claim::Outdone(done),
+            (None, None, Some(ahead)) => Claim::Behind(ahead),
+            _ => claim,
+        };
+        if matches!(claim, Claim::Open | Claim::Behind(_)) {
+            second.extend(faint);
+            second.sort_unstable();
+        }
+        if second.iter().any(|k| mechanical(prospects[*k].effect)) && self.rotor_is_lost(parent, claim)? {
+            second.retain(|k| !mechanical(prospects[*k].effect));
+        }
         for (k, one) in second.iter().zip(refit(&second, claim)?) {
             judged[*k] = one;
         }
         Ok(prospects.into_iter().zip(judged).collect())
     }
 
-    /// Numbers of the `prospects` that are worth a refit.
-    fn chosen(&self, parent: &Judged, prospects: &[Prospect], aim: Aim) -> Vec<usize> {
+    /// Which of the `prospects` are worth a refit.
+    fn chosen(&self, parent: &Judged, prospects: &[Prospect], aim: Aim) -> Chosen {
         let mut order: Vec<usize> = (0..prospects.len()).collect();
         order.sort_by(|a, b| prospects[*b].score.total_cmp(&prospects[*a].score));
         let beside = !parent.fitted.effects().is_empty();
@@ -107,10 +131,11 @@ impl Search<'_> {
         let worth = |k: &usize| {
             let (effect, score) = (prospects[*k].effect, prospects[*k].score);
             let top = score > least && order.iter().take(aim.most).any(|o| o == k);
-            let asked = (first_of_site(*k) && score > LEAST_SCORE) || (effect.jumps() && reversing);
-            top || asked || (!effect.is_first_order() && shaken)
+            top || (effect.jumps() && reversing) || (!effect.is_first_order() && shaken)
         };
-        (0..prospects.len()).filter(worth).collect()
+        let (worth, rest): (Vec<usize>, Vec<usize>) = (0..prospects.len()).partition(worth);
+        let faint = |k: &usize| first_of_site(*k) && prospects[*k].score > LEAST_SCORE;
+        Chosen { worth, faint: rest.into_iter().filter(faint).collect() }
     }
 
     /// Of the `extended` sets those whose new effect only refines another one, with that one beside it: neither may be worth much without

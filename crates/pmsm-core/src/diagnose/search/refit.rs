@@ -1,7 +1,7 @@
 //! One more effect refitted beside a set, from where the score sees it.
 
 use super::Search;
-use super::sets::explained;
+use super::sets::{explained, hopeless_currents};
 use crate::diagnose::data::Data;
 use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
@@ -9,7 +9,6 @@ use crate::diagnose::scale;
 use crate::diagnose::shortlist::Prospect;
 use crate::diagnose::verdict::{Judged, MISMATCH};
 use crate::effect::{Parameter, Role, Site};
-use crate::effects::EffectId;
 use crate::error::Result;
 use crate::model::Model;
 use crate::monitor::Monitor;
@@ -29,6 +28,8 @@ pub(super) enum Claim<'a> {
     Beside(&'a Judged),
     /// The same where this set explains the recordings and promised more than twice as much.
     Outdone(&'a Judged),
+    /// Not to leave so much more in the currents than this set that no larger one is grown from it.
+    Behind(&'a Judged),
 }
 
 impl Claim<'_> {
@@ -37,26 +38,34 @@ impl Claim<'_> {
         match self {
             Self::Open => false,
             Self::Beside(best) | Self::Outdone(best) => scale::loses(fitted, currents, best),
+            Self::Behind(best) => hopeless_currents(fitted, best),
         }
     }
 }
 
 impl Search<'_> {
-    /// Whether `effect` beside `parent` cannot come up to the claim: what moves the rotor leaves the currents as they are, unless both
-    /// are fitted at once.
-    pub(super) fn out_of_question(&self, parent: &Judged, effect: EffectId, claim: Claim) -> bool {
-        let apart = !fitting::together(self.data, &parent.fitted.model);
-        effect.info().site == Site::Mechanical && apart && claim.lost(&parent.fitted, true)
+    /// Whether nothing that moves the rotor can bring `parent` up to the claim: it takes nothing away from what the currents leave, at least
+    /// in a fit to them alone.
+    ///
+    /// # Errors
+    /// Those of the least-squares fit.
+    pub(super) fn rotor_is_lost(&self, parent: &Judged, claim: Claim) -> Result<bool> {
+        let fitted = &parent.fitted;
+        if matches!(claim, Claim::Open) {
+            return Ok(false);
+        }
+        if self.data.has(true) && fitting::together(self.data, &fitted.model) {
+            let alone = fitting::currents_alone(self.data, fitted, self.monitor)?;
+            return Ok(claim.lost(&alone, true));
+        }
+        Ok(claim.lost(fitted, true))
     }
 
     /// The set of `parent` with one effect more, judged on all recordings; nothing where the effect vanishes, or does not come up to
     /// the `claim`.
     pub(super) fn refit(&self, parent: &Judged, prospect: &Prospect, claim: Claim) -> Result<Option<Judged>> {
-        if self.out_of_question(parent, prospect.effect, claim) {
-            return Ok(None);
-        }
         let thorough = parent.excess() > MISMATCH && !matches!(claim, Claim::Outdone(_));
-        let fitted = beside(self.data, &parent.fitted, prospect, thorough, self.monitor)?;
+        let fitted = beside(self.data, &parent.fitted, prospect, (thorough, claim), self.monitor)?;
         if claim.lost(&fitted, false) || fitted.vanishes(prospect.effect) {
             return Ok(None);
         }
@@ -64,7 +73,8 @@ impl Search<'_> {
     }
 }
 
-/// `parent` with one effect more, fitted to `data`; what falls short of its promise is fitted from other starts if `thorough`.
+/// `parent` with one effect more, fitted to `data`; what falls short of its promise is fitted from other starts if `thorough`. What cannot
+/// come up to the `claim` by what it leaves of the currents is not fitted to the motion.
 ///
 /// A score lets the parameters of the parent give way to the effect, while a fit starts from them as they are, and to first order a
 /// strength may come out far too large where shapes matter: either may lead a shape astray.
@@ -72,7 +82,7 @@ fn beside(
     data: &Data,
     parent: &Hypothesis,
     prospect: &Prospect,
-    thorough: bool,
+    (thorough, claim): (bool, Claim),
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
     let mut effects = parent.effects();
@@ -82,25 +92,27 @@ fn beside(
     let first = model.parameter_count() - parameters.len();
     let electrical_done = prospect.effect.info().site == Site::Mechanical;
     let start = |own: &[f64]| [parent.own(), own].concat();
-    let mut best = fitting::fit(data, &model, &start(&prospect.start), electrical_done, monitor)?;
+    let lost = |fitted: &Hypothesis| claim.lost(fitted, true);
+    let fit = |own: &[f64], held: &[usize]| {
+        fitting::fit_unless(&lost, held, data, &model, &start(own), electrical_done, monitor)
+    };
+    let mut best = fit(&prospect.start, &[])?;
 
     let shapes: Vec<usize> =
         (0..parameters.len()).filter(|k| parameters[*k].role == Role::Shape).map(|k| first + k).collect();
     let hopeful = thorough && prospect.score > LEAST_PROMISE && !shapes.is_empty();
-    let broken = |fitted: &Hypothesis| {
-        hopeful && explained(parent, fitted) < KEPT_PROMISE * prospect.score && !monitor.cancelled()
+    let short = |fitted: &Hypothesis| explained(parent, fitted) < KEPT_PROMISE * prospect.score;
+    let broken = |fitted: &Hypothesis| hopeful && (lost(fitted) || short(fitted)) && !monitor.cancelled();
+    let better = |a: Hypothesis, b: Hypothesis| {
+        if lost(&a) || (!lost(&b) && explained(parent, &b) > explained(parent, &a)) { b } else { a }
     };
-    let better =
-        |a: Hypothesis, b: Hypothesis| if explained(parent, &b) > explained(parent, &a) { b } else { a };
     if broken(&best) {
-        let start = start(&prospect.start);
-        let held = fitting::fit_holding_first(&shapes, data, &model, &start, electrical_done, monitor)?;
-        best = better(best, held);
+        best = better(best, fit(&prospect.start, &shapes)?);
     }
     if broken(&best) {
         let strength = |p: &Parameter| if p.role == Role::Amplitude { FAINTER } else { 1.0 };
         let fainter: Vec<f64> = prospect.start.iter().zip(parameters).map(|(x, p)| x * strength(p)).collect();
-        best = better(best, fitting::fit(data, &model, &start(&fainter), electrical_done, monitor)?);
+        best = better(best, fit(&fainter, &[])?);
     }
     Ok(best)
 }
@@ -109,9 +121,10 @@ fn beside(
 mod tests {
     use super::*;
     use crate::diagnose::shortlist::Scorer;
-    use crate::diagnose::testing::{data, setup, speeds};
+    use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
     use crate::drive::{Choice, Schedule};
     use crate::effects::EffectId;
+    use crate::experiment::Channel;
     use crate::monitor::Silent;
 
     #[test]
@@ -129,9 +142,36 @@ mod tests {
         let mut far = seen.clone();
         (far.start[0], far.start[1]) = (4.0, 4.0);
         for prospect in [seen, far] {
-            let fitted = beside(&data, &base, &prospect, true, &Silent).unwrap();
+            let fitted = beside(&data, &base, &prospect, (true, Claim::Open), &Silent).unwrap();
             let (explained, f) = (explained(&base, &fitted), fitted.own()[fitted.own().len() - 1]);
             assert!(explained > 0.95 * prospect.score && (f / 4.8 - 1.0).abs() < 0.03, "{explained}, {f} Hz");
+        }
+    }
+
+    #[test]
+    fn what_the_currents_tell_is_enough_where_they_tell_that_a_set_is_lost() {
+        let manoeuvre = speeds(0.4, &[(0.05, 90.0), (0.2, -80.0), (0.35, 60.0)]);
+        let (data, base) = data(&setup(manoeuvre, vec![choice("dead_time", "v_err", 4.0)]));
+        let judged = |fitted| Judged { fitted, held_out: Vec::new(), refuted: false };
+        let best = judged(fitted(&data, &base, EffectId::DeadTime));
+        let prospect = Scorer::new(&data, &base).score(EffectId::BackEmfHarmonics);
+        let (base, search) = (
+            judged(base),
+            Search { data: &data, held_out: Vec::new(), refuting: Vec::new(), most: 3, monitor: &Silent },
+        );
+        let leaves = |claim| {
+            let fitted = beside(&data, &base.fitted, &prospect, (false, claim), &Silent).unwrap();
+            [Channel::ID, Channel::IQ, Channel::OmegaE].map(|channel| fitted.square(channel))
+        };
+        let whole = leaves(Claim::Open);
+        assert!(whole[1] > 30.0 && whole[2] > 0.5 && whole[2] != 1.0, "{whole:?}");
+        assert!(search.refit(&base, &prospect, Claim::Open).unwrap().is_some());
+        assert!(!search.rotor_is_lost(&base, Claim::Open).unwrap());
+        for claim in [Claim::Behind(&best), Claim::Outdone(&best), Claim::Beside(&best)] {
+            assert_eq!(leaves(claim), [whole[0], whole[1], 1.0]);
+            assert!(search.refit(&base, &prospect, claim).unwrap().is_none());
+            assert!(search.rotor_is_lost(&base, claim).unwrap());
+            assert!(!search.rotor_is_lost(&best, claim).unwrap());
         }
     }
 }

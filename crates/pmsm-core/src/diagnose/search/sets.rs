@@ -2,7 +2,7 @@
 
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::scale::Scale;
-use crate::diagnose::verdict::{Judged, MISMATCH, MISMATCH_HELD_OUT, PROGRESS};
+use crate::diagnose::verdict::{Judged, MISMATCH, MISMATCH_HELD_OUT, PROGRESS, beyond_chance};
 use crate::effects::EffectId;
 
 /// A set takes away at least this share of what the best smaller one leaves in some channel, or none is grown from it: of two things that
@@ -29,6 +29,26 @@ pub(super) fn foothold(larger: &Judged, smaller: &Judged) -> bool {
 /// recordings has been found.
 pub(super) fn hopeless(judged: &Judged, best: &Judged, done: bool) -> bool {
     judged.excess() > best.excess().max(MISMATCH) * if done { BEHIND } else { HOPELESS }
+}
+
+/// Whether the currents alone leave so much more than the `best` set of the same size that none is grown from what leaves it.
+pub(super) fn hopeless_currents(fitted: &Hypothesis, best: &Judged) -> bool {
+    let beyond = fitted.squares.iter().zip(beyond_chance(fitted));
+    let currents = beyond.filter(|((channel, _), _)| channel.is_electrical()).map(|(_, excess)| excess);
+    currents.fold(0.0, f64::max) > HOPELESS * best.excess().max(MISMATCH)
+}
+
+/// Whether a set is the `best` of its size but for effects that contain those of that one, and so no better for what they have beyond
+/// them: what grows from it grows from the best, too.
+pub(super) fn widened(judged: &Judged, best: &Judged) -> bool {
+    let (wide, narrow) = (judged.fitted.effects(), best.fitted.effects());
+    let beyond = |own: &[EffectId], other: &[EffectId]| -> Vec<EffectId> {
+        own.iter().copied().filter(|e| !other.contains(e)).collect()
+    };
+    let (wide, narrow) = (beyond(&wide, &narrow), beyond(&narrow, &wide));
+    !wide.is_empty()
+        && wide.len() == narrow.len()
+        && wide.iter().all(|wide| narrow.iter().any(|narrow| wide.contains(*narrow)))
 }
 
 /// Mean square that `larger` takes away, in units of what `smaller` leaves in each channel, summed over the channels: what a score
@@ -136,6 +156,25 @@ mod tests {
     }
 
     #[test]
+    fn a_wider_form_of_the_best_set_is_no_other_root() {
+        let set = |effects: &[EffectId]| {
+            let fitted = Hypothesis::bare(Model::new(CX, effects), Vec::new());
+            Judged { fitted, held_out: Vec::new(), refuted: false }
+        };
+        let (coulomb, stribeck) = (EffectId::CoulombFriction, EffectId::StribeckFriction);
+        assert!(widened(&set(&[stribeck]), &set(&[coulomb])));
+        assert!(widened(&set(&[EffectId::DeadTime, stribeck]), &set(&[coulomb, EffectId::DeadTime])));
+        for (set_of, best) in [
+            (vec![coulomb], vec![stribeck]),
+            (vec![coulomb], vec![coulomb]),
+            (vec![EffectId::QuadraticDrag], vec![coulomb]),
+            (vec![EffectId::IronLoss, stribeck], vec![coulomb, EffectId::DeadTime]),
+        ] {
+            assert!(!widened(&set(&set_of), &set(&best)), "{set_of:?} {best:?}");
+        }
+    }
+
+    #[test]
     fn a_set_far_behind_the_best_is_hopeless_sooner_once_another_explains() {
         let chance = |judged: Judged| {
             let fitted = Hypothesis { chance: vec![0.0; 2], ..judged.fitted.clone() };
@@ -149,6 +188,10 @@ mod tests {
             assert_eq!(hopeless(&judged, &best, false), hopeless_yet, "{left}");
             assert_eq!(hopeless(&judged, &best, true), hopeless_then, "{left}");
         }
+        // That of the motion says nothing of the currents.
+        let far = chance(leaving([130.0, 1.0], [130.0, 1.0])).fitted;
+        assert!(hopeless_currents(&far, &best));
+        assert!(!hopeless_currents(&chance(leaving([12.0, 130.0], [12.0, 130.0])).fitted, &best));
         // Below a mismatch nothing is far apart.
         let (little, none) = (leaving([1.5, 1.0], [1.0, 1.0]), leaving([1.0, 1.0], [1.0, 1.0]));
         assert!(!hopeless(&chance(little), &chance(none), true));

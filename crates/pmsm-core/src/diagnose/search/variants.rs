@@ -10,6 +10,7 @@ use crate::diagnose::power::Shown;
 use crate::diagnose::scale::{LEAST_GAIN, Scale};
 use crate::diagnose::shortlist::Scorer;
 use crate::diagnose::verdict::Judged;
+use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
 
@@ -144,8 +145,12 @@ impl Search<'_> {
                     continue;
                 }
                 rest -= 1;
+                let claim = Claim::Beside(best);
+                if rival.info().site == Site::Mechanical && self.rotor_is_lost(&fewer, claim)? {
+                    continue;
+                }
                 let prospect = Scorer::new(self.data, &fewer.fitted).score(rival);
-                if let Some(judged) = self.refit(&fewer, &prospect, Claim::Beside(best))? {
+                if let Some(judged) = self.refit(&fewer, &prospect, claim)? {
                     swaps.push(Swap { replaced: found, by: Some(rival), judged });
                 }
             }
