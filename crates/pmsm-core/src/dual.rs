@@ -174,6 +174,10 @@ impl<const N: usize> Real for Dual<N> {
         tangent::run(task)
     }
     #[inline(always)]
+    fn compact<L: Loop<Self>>(task: L) -> L::Output {
+        tangent::compact(task)
+    }
+    #[inline(always)]
     fn abreast<L: Abreast<Self>>(task: L) -> Option<L::Output> {
         beside::run(task)
     }

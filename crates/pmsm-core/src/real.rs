@@ -71,6 +71,11 @@ pub trait Real:
     fn fastest<L: Loop<Self>>(task: L) -> L::Output {
         task.run::<Self>()
     }
+    /// Runs a loop that is not hot on the type that holds the same numbers, bit for bit, and takes the least machine code.
+    #[inline(always)]
+    fn compact<L: Loop<Self>>(task: L) -> L::Output {
+        task.run::<Self>()
+    }
     /// Runs a task whose parts do not wait for one another on vectors of several parts each, with the bits of one at a
     /// time; nothing where this processor has no vectors for numbers of this type.
     #[inline(always)]

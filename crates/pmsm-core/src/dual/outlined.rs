@@ -1,24 +1,26 @@
 //! Dual numbers whose arithmetic is called and not inlined: the same bits in a tenth of the machine code.
 //!
 //! A model's right-hand side on wide dual numbers, inlined, is most of what there is to compile. On x86-64 it serves
-//! processors without AVX2 alone, which may be slower for it.
+//! processors without AVX2 alone, and what is not hot; both may be slower for it.
 
 use super::Dual;
 use crate::real::{Carries, Real};
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
-/// A dual number that stands for itself.
+/// A dual number that stands for itself, or for one of fewer derivatives.
 #[derive(Debug, Clone, Copy)]
 pub struct Outlined<const N: usize>(Dual<N>);
 
-impl<const N: usize> Carries<Dual<N>> for Outlined<N> {
+impl<const N: usize, const FEWER: usize> Carries<Dual<FEWER>> for Outlined<N> {
     #[inline(always)]
-    fn carry(x: Dual<N>) -> Self {
-        Self(x)
+    fn carry(x: Dual<FEWER>) -> Self {
+        let mut own = Dual::constant(x.re);
+        own.eps[..FEWER].copy_from_slice(&x.eps);
+        Self(own)
     }
     #[inline(always)]
-    fn give(self) -> Dual<N> {
-        self.0
+    fn give(self) -> Dual<FEWER> {
+        Dual { re: self.0.re, eps: std::array::from_fn(|k| self.0.eps[k]) }
     }
 }
 

@@ -40,9 +40,22 @@ pub fn run_from<T: Real>(
     p: &[T],
     tau_load: T,
     start: impl Fn(usize, [f64; 3]) -> [T; 3],
-    sink: impl FnMut(usize, [T; 3]) -> bool,
+    mut sink: impl FnMut(usize, [T; 3]) -> bool,
 ) {
-    watch(model, signals, range, p, tau_load, start, &mut Plain(sink));
+    handed(model, signals, range, p, tau_load, &start, &mut Handed(&mut sink));
+}
+
+/// [`watch`] through pointers, so that it is compiled once for a type.
+fn handed<T: Real>(
+    model: &Model,
+    signals: &Signals,
+    range: Range<usize>,
+    p: &[T],
+    tau_load: T,
+    start: &dyn Fn(usize, [f64; 3]) -> [T; 3],
+    sink: &mut Handed<T>,
+) {
+    watch(model, signals, range, p, tau_load, start, sink);
 }
 
 /// As [`run_from`], followed by a type of its own: unlike a closure it can insist on being inlined.
@@ -70,9 +83,9 @@ pub trait Watch<T> {
 }
 
 /// A closure as a watch.
-struct Plain<F>(F);
+struct Handed<'a, T>(&'a mut dyn FnMut(usize, [T; 3]) -> bool);
 
-impl<T, F: FnMut(usize, [T; 3]) -> bool> Watch<T> for Plain<F> {
+impl<T> Watch<T> for Handed<'_, T> {
     #[inline(always)]
     fn see(&mut self, k: usize, now: [T; 3]) -> bool {
         (self.0)(k, now)

@@ -15,28 +15,29 @@ const STEP_LIMIT: f64 = 0.15;
 /// Simulates the currents and hands to `sink` the sample number and the d, q current that the log should show, A.
 /// `p` is the parameter vector of `model`. Each gap-free segment starts from its first measured current.
 /// Nothing is called if the recording has no voltages or currents.
-pub fn run<T: Real>(model: &Model, signals: &Signals, p: &[T], sink: impl FnMut(usize, [T; 2])) {
+pub fn run<T: Real>(model: &Model, signals: &Signals, p: &[T], mut sink: impl FnMut(usize, [T; 2])) {
+    let sink = &mut sink;
     match model.electrical_states() {
-        0 => T::fastest(Run::<T, _, 2> { model, signals, p, sink }),
-        1..=2 => T::fastest(Run::<T, _, 4> { model, signals, p, sink }),
-        _ => T::fastest(Run::<T, _, 12> { model, signals, p, sink }),
+        0 => T::fastest(Run::<T, 2> { model, signals, p, sink }),
+        1..=2 => T::fastest(Run::<T, 4> { model, signals, p, sink }),
+        _ => T::fastest(Run::<T, 12> { model, signals, p, sink }),
     }
 }
 
-/// A run with `N` states.
-struct Run<'a, T, S, const N: usize> {
+/// A run with `N` states. Whoever looks on does so through a pointer, so that the run is compiled once.
+struct Run<'a, T, const N: usize> {
     model: &'a Model,
     signals: &'a Signals,
     p: &'a [T],
-    sink: S,
+    sink: &'a mut dyn FnMut(usize, [T; 2]),
 }
 
-impl<T: Real, S: FnMut(usize, [T; 2]), const N: usize> Loop<T> for Run<'_, T, S, N> {
+impl<T: Real, const N: usize> Loop<T> for Run<'_, T, N> {
     type Output = ();
     #[inline(always)]
     fn run<W: Carries<T>>(self) {
         let p: Vec<W> = self.p.iter().map(|x| W::carry(*x)).collect();
-        let mut sink = self.sink;
+        let sink = self.sink;
         run_sized::<W, N>(self.model, self.signals, &p, &mut One::new(|_, k, i: [T; 2]| sink(k, i)));
     }
 }
@@ -84,18 +85,35 @@ const POINTS: usize = 64;
 /// The inductances (d, q), H, that noise of the voltage meets: those of small changes, at the measured currents of samples all over
 /// the recording, so that their mean square is that of the slopes ∂i/∂λ.
 pub fn incremental_inductances<T: Real>(model: &Model, signals: &Signals, p: &[T]) -> [T; 2] {
-    let base = Base::new(p);
-    let Some(i) = &signals.i else { return [base.l_d, base.l_q] };
-    let stride = signals.len().div_ceil(POINTS).max(1);
-    let (mut squares, mut count) = ([T::zero(); 2], 0.0);
-    for k in (0..signals.len()).step_by(stride) {
-        let env = measured_env(signals, k);
-        let state: [T; 12] = model.steady_state(p, &base, [0, 1].map(|axis| T::constant(i[axis][k])), &env).0;
-        let [d, _, q] = model.state_current(p, &base, &state, &env).inverse;
-        squares = [squares[0] + d * d, squares[1] + q * q];
-        count += 1.0;
+    T::compact(Incremental { model, signals, p })
+}
+
+struct Incremental<'a, T> {
+    model: &'a Model,
+    signals: &'a Signals,
+    p: &'a [T],
+}
+
+impl<T: Real> Loop<T> for Incremental<'_, T> {
+    type Output = [T; 2];
+    #[inline(always)]
+    fn run<W: Carries<T>>(self) -> [T; 2] {
+        let Self { model, signals, .. } = self;
+        let p: Vec<W> = self.p.iter().map(|x| W::carry(*x)).collect();
+        let base = Base::new(&p);
+        let Some(i) = &signals.i else { return [base.l_d.give(), base.l_q.give()] };
+        let stride = signals.len().div_ceil(POINTS).max(1);
+        let (mut squares, mut count) = ([W::zero(); 2], 0.0);
+        for k in (0..signals.len()).step_by(stride) {
+            let env = measured_env(signals, k);
+            let now = [0, 1].map(|axis: usize| W::constant(i[axis][k]));
+            let state: [W; 12] = model.steady_state(&p, &base, now, &env).0;
+            let [d, _, q] = model.state_current(&p, &base, &state, &env).inverse;
+            squares = [squares[0] + d * d, squares[1] + q * q];
+            count += 1.0;
+        }
+        squares.map(|square| (W::one() / (square * (1.0 / count)).sqrt()).give())
     }
-    squares.map(|square| (square * (1.0 / count)).sqrt()).map(|slope| T::one() / slope)
 }
 
 /// The environment at sample `k`, in the measured frame.

@@ -7,26 +7,43 @@
 use super::electrical::{measured_env, true_env};
 use crate::base::Base;
 use crate::model::Model;
-use crate::real::Real;
+use crate::real::{Carries, Loop, Real};
 use crate::signals::Signals;
 use crate::transforms::rotate;
 
 /// Hands to `sink` the sample number and the d, q voltage that the model calls for there, V, in the logged frame.
 pub fn run<T: Real>(model: &Model, signals: &Signals, p: &[T], mut sink: impl FnMut(usize, [T; 2])) {
-    let (Some(v), Some(phases)) = (&signals.v, &signals.phases) else { return };
-    let base = Base::new(p);
-    for k in 0..signals.len() {
-        let measured = measured_env(signals, k);
-        let sensor = model.sensor(p, &measured);
-        let env = true_env(&sensor, &measured, signals.n_p);
-        let abc = [0, 1, 2].map(|x: usize| T::constant(phases[x][k]));
-        let i = model.true_current(&sensor, abc, measured.theta_e);
-        let state: [T; 12] = model.steady_state(p, &base, i, &env).0;
-        let (s, c) = sensor.angle.sin_cos();
-        let command = rotate([T::constant(v[0][k]), T::constant(v[1][k])], c, s);
-        let rest = model.electrical_rhs(p, &base, &state, command, &env);
-        let turning = model.magnet_slope(p, &base, &state, &env);
-        let rest = rotate([0, 1].map(|x| rest[x] - env.omega_e * turning[x]), c, -s);
-        sink(k, [T::constant(v[0][k]) - rest[0], T::constant(v[1][k]) - rest[1]]);
+    T::compact(Run { model, signals, p, sink: &mut sink });
+}
+
+struct Run<'a, T> {
+    model: &'a Model,
+    signals: &'a Signals,
+    p: &'a [T],
+    sink: &'a mut dyn FnMut(usize, [T; 2]),
+}
+
+impl<T: Real> Loop<T> for Run<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run<W: Carries<T>>(self) {
+        let Self { model, signals, sink, .. } = self;
+        let (Some(v), Some(phases)) = (&signals.v, &signals.phases) else { return };
+        let p: Vec<W> = self.p.iter().map(|x| W::carry(*x)).collect();
+        let base = Base::new(&p);
+        for k in 0..signals.len() {
+            let measured = measured_env(signals, k);
+            let sensor = model.sensor(&p, &measured);
+            let env = true_env(&sensor, &measured, signals.n_p);
+            let abc = [0, 1, 2].map(|x: usize| W::constant(phases[x][k]));
+            let i = model.true_current(&sensor, abc, measured.theta_e);
+            let state: [W; 12] = model.steady_state(&p, &base, i, &env).0;
+            let (s, c) = sensor.angle.sin_cos();
+            let command = rotate([W::constant(v[0][k]), W::constant(v[1][k])], c, s);
+            let rest = model.electrical_rhs(&p, &base, &state, command, &env);
+            let turning = model.magnet_slope(&p, &base, &state, &env);
+            let rest = rotate([0, 1].map(|x| rest[x] - env.omega_e * turning[x]), c, -s);
+            sink(k, [0, 1].map(|x: usize| (W::constant(v[x][k]) - rest[x]).give()));
+        }
     }
 }
