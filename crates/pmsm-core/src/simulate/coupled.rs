@@ -8,7 +8,7 @@ use super::electrical::{measured_env, taps};
 use crate::base::Base;
 use crate::effect::Env;
 use crate::model::Model;
-use crate::real::Real;
+use crate::real::{Carries, Loop, Real};
 use crate::recording::Load;
 use crate::rk4::{self, Slope};
 use crate::signals::Signals;
@@ -42,20 +42,29 @@ pub fn run_from<T: Real>(
     start: impl Fn(usize, [f64; 3]) -> [T; 3],
     mut sink: impl FnMut(usize, [T; 3]) -> bool,
 ) {
-    handed(model, signals, range, p, tau_load, &start, &mut Handed(&mut sink));
+    T::compact(Run { model, signals, range, p, tau_load, start: &start, sink: &mut sink });
 }
 
-/// [`watch`] through pointers, so that it is compiled once for a type.
-fn handed<T: Real>(
-    model: &Model,
-    signals: &Signals,
+/// A run. Whoever looks on does so through pointers, so that it is compiled once for a type.
+struct Run<'a, T> {
+    model: &'a Model,
+    signals: &'a Signals,
     range: Range<usize>,
-    p: &[T],
+    p: &'a [T],
     tau_load: T,
-    start: &dyn Fn(usize, [f64; 3]) -> [T; 3],
-    sink: &mut Handed<T>,
-) {
-    watch(model, signals, range, p, tau_load, start, sink);
+    start: &'a dyn Fn(usize, [f64; 3]) -> [T; 3],
+    sink: &'a mut dyn FnMut(usize, [T; 3]) -> bool,
+}
+
+impl<T: Real> Loop<T> for Run<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run<W: Carries<T>>(self) {
+        let Self { model, signals, range, tau_load, start, sink, .. } = self;
+        let p: Vec<W> = self.p.iter().map(|x| W::carry(*x)).collect();
+        let start = |k: usize, measured: [f64; 3]| start(k, measured).map(W::carry);
+        watch(model, signals, range, &p, W::carry(tau_load), start, &mut Handed(sink));
+    }
 }
 
 /// As [`run_from`], followed by a type of its own: unlike a closure it can insist on being inlined.
@@ -82,13 +91,13 @@ pub trait Watch<T> {
     fn see(&mut self, k: usize, now: [T; 3]) -> bool;
 }
 
-/// A closure as a watch.
+/// Hands on what numbers of a run stand for.
 struct Handed<'a, T>(&'a mut dyn FnMut(usize, [T; 3]) -> bool);
 
-impl<T> Watch<T> for Handed<'_, T> {
+impl<T, W: Carries<T>> Watch<W> for Handed<'_, T> {
     #[inline(always)]
-    fn see(&mut self, k: usize, now: [T; 3]) -> bool {
-        (self.0)(k, now)
+    fn see(&mut self, k: usize, [i_d, i_q, omega_e]: [W; 3]) -> bool {
+        (self.0)(k, [i_d.give(), i_q.give(), omega_e.give()])
     }
 }
 
