@@ -38,17 +38,17 @@ pub fn fit(
     electrical_done: bool,
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
-    staged(data, model, start, Stage { electrical_done, held: &[], load: None, lost: &|_| false }, monitor)
+    staged(data, model, start, Stage { electrical_done, held: &[], load: None, lost: None }, monitor)
 }
 
-/// Fits as [`fit`] does, but not to the motion where what the currents leave is `lost`, which then is all that the answer tells; and first
-/// with the model parameters `held`, if there are any, kept at their start, and then all of them from where that leads, loads and initial
-/// values included.
+/// Fits as [`fit`] does, but not to the motion where what the currents leave is `lost`, if anything is, which then is all that the answer
+/// tells; and first with the model parameters `held`, if there are any, kept at their start, and then all of them from where that leads,
+/// loads and initial values included.
 ///
 /// # Errors
 /// Those of the least-squares fits.
 pub fn fit_unless(
-    lost: &dyn Fn(&Hypothesis) -> bool,
+    lost: Option<&dyn Fn(&Hypothesis) -> bool>,
     held: &[usize],
     data: &Data,
     model: &Model,
@@ -58,7 +58,7 @@ pub fn fit_unless(
 ) -> Result<Hypothesis> {
     let stage = Stage { electrical_done, held, load: None, lost };
     let first = staged(data, model, start, stage, monitor)?;
-    if held.is_empty() || lost(&first) {
+    if held.is_empty() || lost.is_some_and(|lost| lost(&first)) {
         return Ok(first);
     }
     on_from(data, &first, electrical_done, monitor)
@@ -69,7 +69,7 @@ pub fn fit_unless(
 /// # Errors
 /// Those of the least-squares fit.
 pub fn currents_alone(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
-    let stage = Stage { electrical_done: false, held: &[], load: None, lost: &|_| true };
+    let stage = Stage { electrical_done: false, held: &[], load: None, lost: Some(&|_| true) };
     staged(data, &hypothesis.model, hypothesis.own(), stage, monitor)
 }
 
@@ -85,7 +85,7 @@ pub fn on_from(
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
     let load = (&from.nuisances[..], &from.parameters[from.model.parameter_count()..]);
-    let stage = Stage { electrical_done, held: &[], load: Some(load), lost: &|_| false };
+    let stage = Stage { electrical_done, held: &[], load: Some(load), lost: None };
     staged(data, &from.model, from.own(), stage, monitor)
 }
 
@@ -95,7 +95,7 @@ struct Stage<'a> {
     electrical_done: bool,
     held: &'a [usize],
     load: Option<(&'a [Nuisance], &'a [f64])>,
-    lost: &'a dyn Fn(&Hypothesis) -> bool,
+    lost: Option<&'a dyn Fn(&Hypothesis) -> bool>,
 }
 
 fn staged(
@@ -128,7 +128,7 @@ fn staged(
             }
         }
         free = wanted;
-        if !electrical_done {
+        if let Some(lost) = lost.filter(|_| !electrical_done) {
             let so_far = Hypothesis::of_currents(data, model, &parameters, &free);
             if lost(&so_far) {
                 return Ok(so_far);

@@ -93,8 +93,10 @@ fn beside(
     let electrical_done = prospect.effect.info().site == Site::Mechanical;
     let start = |own: &[f64]| [parent.own(), own].concat();
     let lost = |fitted: &Hypothesis| claim.lost(fitted, true);
+    let may_lose: Option<&dyn Fn(&Hypothesis) -> bool> =
+        if matches!(claim, Claim::Open) { None } else { Some(&lost) };
     let fit = |own: &[f64], held: &[usize]| {
-        fitting::fit_unless(&lost, held, data, &model, &start(own), electrical_done, monitor)
+        fitting::fit_unless(may_lose, held, data, &model, &start(own), electrical_done, monitor)
     };
     let mut best = fit(&prospect.start, &[])?;
 
