@@ -1,6 +1,6 @@
 """Measures the installed package against its strongest peers in one run, in turns, and prints the ratios.
 
-    python benches/peers/compare.py [J1 J2 J3 LS import JAX field] [--rounds N]
+    python benches/peers/compare.py [J1 J2 J3 LS tracker import JAX field] [--rounds N]
 
 JAX and field, the field's own simulators, need `jax`, and `motulator` and `gym-electric-motor`.
 
@@ -25,10 +25,26 @@ import fast_numba
 import numpy as np
 import pmsm_rs as pm
 from scipy.optimize import least_squares
-from window import HIGH, INERTIA, ITERATIONS, J1, J2, LOW, NAMES, PULL, TRUTH, Array, Job, measured
+from window import (
+    HIGH,
+    INERTIA,
+    ITERATIONS,
+    J1,
+    J2,
+    LOW,
+    NAMES,
+    PERIOD,
+    PULL,
+    SAMPLES,
+    TRUTH,
+    Array,
+    Job,
+    measured,
+)
 
 MACHINE = pm.Machine(n_p=4, **dict(zip(NAMES[:6], map(float, TRUTH[:6]), strict=True)))
 LONG = 10_000_000
+WINDOWS = 30
 
 
 def bounds(job: Job) -> dict[str, tuple[float, float]]:
@@ -101,6 +117,27 @@ def long_numba(columns: dict[str, Array]) -> Callable[[], float]:
     return lambda: float(fast_numba.trajectory(TRUTH, *rest))
 
 
+def tracked(columns: dict[str, Array], method: str) -> Callable[[], float]:
+    """The package's tracker over a log: windows cut, identified from the last one's result, and compared."""
+    length = SAMPLES * PERIOD
+
+    def call() -> float:
+        log = pm.Recording(columns, load="unknown_constant")
+        windows = list(pm.track(log, MACHINE, fit=bounds(J1), method=method, window=length, threads=1))
+        return windows[WINDOWS - 1].cost or float("nan")
+
+    return call
+
+
+def every_window(
+    columns: dict[str, Array], run: Callable[[dict[str, Array]], Callable[[], float]]
+) -> Callable[[], float]:
+    """A peer's search on each window of a log by itself, its arrays cut beforehand."""
+    cuts = (slice(k * SAMPLES, (k + 1) * SAMPLES) for k in range(WINDOWS))
+    calls = [run({name: column[cut].copy() for name, column in columns.items()}) for cut in cuts]
+    return lambda: [call() for call in calls][-1]
+
+
 def alternate(title: str, contestants: dict[str, Callable[[], float]], rounds: int) -> None:
     """Runs all in turn and prints CPU time, wall time and the ratio of the last to each."""
     for call in contestants.values():
@@ -171,7 +208,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("jobs", nargs="*", default=["J1", "J2", "J3", "LS", "import"])
+    parser.add_argument("jobs", nargs="*", default=["J1", "J2", "J3", "LS", "tracker", "import"])
     parser.add_argument("--rounds", type=int, default=0, help="repetitions (default: enough for a median)")
     asked = parser.parse_args()
     columns = measured()
@@ -199,6 +236,17 @@ def main() -> None:
         }
         alternate("Least squares, 2 parameters, 3300 samples", contestants, asked.rounds or 51)
         in_a_row("Least squares", contestants, asked.rounds or 5, calls=40)
+    if "tracker" in asked.jobs:
+        log = measured(WINDOWS * SAMPLES)
+        for method, name, peer in (
+            ("lm", "scipy.optimize.least_squares, numba residual", scipy_descent),
+            ("pso", "numba, whole swarm compiled", lambda cut: fast_numba.run(J1, cut)),
+        ):
+            alternate(
+                f"Tracker, {WINDOWS * SAMPLES * PERIOD:.2f} s in {WINDOWS} windows",
+                {f"pmsm_rs.track, {method}, one thread": tracked(log, method), name: every_window(log, peer)},
+                asked.rounds or 11,
+            )
     if "J3" in asked.jobs:
         long = measured(LONG)
         alternate(

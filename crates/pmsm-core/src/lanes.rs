@@ -6,7 +6,7 @@
 //!
 //! | path | vector | needs |
 //! |---|---|---|
-//! | [`Path::Avx512`] | 8 | AVX-512F |
+//! | [`Path::Avx512`] | 8, and 4 where they do | AVX-512F and VL |
 //! | [`Path::Avx2`] | 4 | AVX2 and FMA |
 //! | [`Path::Sse2`] | 2 | any x86-64 |
 //! | [`Path::Portable`] | 1 | nothing |
@@ -29,6 +29,8 @@ use crate::real::Real;
 pub trait Lane: Real {
     /// Number of entries.
     const WIDTH: usize;
+    /// Half as many entries that round alike, for what does not fill a vector; or the same where there is no such type.
+    type Half: Lane;
     /// The first [`Lane::WIDTH`] entries of a slice.
     ///
     /// # Panics
@@ -78,7 +80,7 @@ pub enum Path {
     Sse2,
     /// Four, with AVX2 and FMA.
     Avx2,
-    /// Eight, with AVX-512F.
+    /// Eight, with AVX-512F and VL.
     Avx512,
 }
 
@@ -92,7 +94,7 @@ impl Path {
         match self {
             Self::Portable | Self::Sse2 => true,
             Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
-            Self::Avx512 => is_x86_feature_detected!("avx512f"),
+            Self::Avx512 => is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl"),
         }
     }
 
@@ -170,7 +172,7 @@ pub fn avx512<J: Job>(job: J) -> J::Output {
     #[cfg(target_arch = "x86_64")]
     return x86::avx512::<J, false>(job);
     #[cfg(not(target_arch = "x86_64"))]
-    panic!("this processor has no AVX-512F: {}", std::any::type_name_of_val(&job));
+    panic!("this processor has no AVX-512F with VL: {}", std::any::type_name_of_val(&job));
 }
 
 /// Runs a job on vectors of four, reproducibly; the processor must have [`Path::Avx2`].
@@ -186,7 +188,7 @@ pub fn avx2<J: Job>(job: J) -> J::Output {
 
 #[cfg(test)]
 mod tests {
-    //! Runs under Miri, too: `MIRIFLAGS=-Zmiri-disable-isolation RUSTFLAGS=-Ctarget-feature=+avx512f cargo +nightly miri
+    //! Runs under Miri, too: `MIRIFLAGS=-Zmiri-disable-isolation RUSTFLAGS=-Ctarget-feature=+avx512f,+avx512vl cargo +nightly miri
     //! test -p pmsm-core --lib lanes`.
 
     use super::*;

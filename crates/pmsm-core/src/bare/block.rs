@@ -54,14 +54,15 @@ pub struct Stretch<'a> {
     pub has_load: bool,
 }
 
-/// Takes all blocks through the stretch and adds their weighted squared errors to their sums.
-pub fn run(kernel: Kernel, blocks: &mut [Block], stretch: Stretch<'_>) {
+/// Takes the first `count` parameter sets, and perhaps some behind them, through the stretch and adds their weighted squared errors to
+/// their sums.
+pub fn run(kernel: Kernel, blocks: &mut [Block], count: usize, stretch: Stretch<'_>) {
     let (path, rounding) = (kernel.path, kernel.rounding);
     match (kernel.increments, stretch.has_load) {
-        (false, false) => lanes::run(path, rounding, Run::<STAGES, false, 5> { blocks, stretch }),
-        (false, true) => lanes::run(path, rounding, Run::<STAGES, true, 6> { blocks, stretch }),
-        (true, false) => lanes::run(path, rounding, Run::<INCREMENTS, false, 5> { blocks, stretch }),
-        (true, true) => lanes::run(path, rounding, Run::<INCREMENTS, true, 6> { blocks, stretch }),
+        (false, false) => lanes::run(path, rounding, Run::<STAGES, false, 5> { blocks, count, stretch }),
+        (false, true) => lanes::run(path, rounding, Run::<STAGES, true, 6> { blocks, count, stretch }),
+        (true, false) => lanes::run(path, rounding, Run::<INCREMENTS, false, 5> { blocks, count, stretch }),
+        (true, true) => lanes::run(path, rounding, Run::<INCREMENTS, true, 6> { blocks, count, stretch }),
     }
 }
 
@@ -90,6 +91,7 @@ pub fn subtract(kernel: Kernel, blocks: &mut [Block], stretch: Stretch<'_>, to: 
 
 struct Run<'a, const FORM: bool, const LOAD: bool, const N: usize> {
     blocks: &'a mut [Block],
+    count: usize,
     stretch: Stretch<'a>,
 }
 
@@ -97,51 +99,70 @@ impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Run<'_, FORM, L
     type Output = ();
     #[inline(always)]
     fn run<V: Lane>(mut self) {
-        let vectors = self.blocks.len() * BLOCK / V::WIDTH;
+        // What does not fill a vector, nor half of one, is half the work in half of one.
+        let halves = V::Half::WIDTH < V::WIDTH;
+        let rest = self.count % V::WIDTH;
+        let half = halves && rest > 0 && rest <= V::Half::WIDTH;
+        let vectors = if half { self.count / V::WIDTH } else { self.count.div_ceil(V::WIDTH) };
         // Four vectors at a time keep the arithmetic busy while each waits for its own results.
         let mut first = 0;
         while first + 4 <= vectors {
-            self.advance::<V, 4, false>(first);
+            self.advance::<V, 4, false, false>(first);
             first += 4;
         }
         // Few vectors wait for themselves least where nothing but the step of a sample stands in the loop.
-        match (vectors - first, self.stretch.pieces) {
-            (3, _) => self.advance::<V, 3, false>(first),
-            (2, 1) => self.advance::<V, 2, true>(first),
-            (2, _) => self.advance::<V, 2, false>(first),
-            (1, 1) => self.advance::<V, 1, true>(first),
-            (1, _) => self.advance::<V, 1, false>(first),
+        let once = self.stretch.pieces == 1;
+        match (vectors - first, half, once) {
+            (3, true, _) => self.advance::<V, 3, true, false>(first),
+            (3, false, _) => self.advance::<V, 3, false, false>(first),
+            (2, true, _) => self.advance::<V, 2, true, false>(first),
+            (2, false, true) => self.advance::<V, 2, false, true>(first),
+            (2, false, false) => self.advance::<V, 2, false, false>(first),
+            (1, true, true) => self.advance::<V, 1, true, true>(first),
+            (1, true, false) => self.advance::<V, 1, true, false>(first),
+            (1, false, true) => self.advance::<V, 1, false, true>(first),
+            (1, false, false) => self.advance::<V, 1, false, false>(first),
+            (_, true, true) => self.advance::<V, 0, true, true>(first),
+            (_, true, false) => self.advance::<V, 0, true, false>(first),
             _ => {}
         }
     }
 }
 
 impl<const FORM: bool, const LOAD: bool, const N: usize> Run<'_, FORM, LOAD, N> {
-    /// Takes `R` vectors, from number `first` on, through the samples, with `ONCE` in one step per sample.
+    /// Takes `R` vectors, from number `first` on, and with `HALF` half a one behind them through the samples, with `ONCE` in one step per sample.
     #[inline(always)]
-    fn advance<V: Lane, const R: usize, const ONCE: bool>(&mut self, first: usize) {
-        let Self { blocks, stretch } = self;
-        let mut columns = [Columns::<V>::load(blocks, first); R];
+    fn advance<V: Lane, const R: usize, const HALF: bool, const ONCE: bool>(&mut self, first: usize) {
+        let Self { blocks, stretch, .. } = self;
+        let behind = (first + R) * V::WIDTH / V::Half::WIDTH;
+        let mut columns = [Columns::<V>::load(blocks, if R > 0 { first } else { 0 }); R];
         for r in 1..R {
             columns[r] = Columns::load(blocks, first + r);
         }
-        let show_w = V::constant(stretch.show_w);
+        let mut rest = Columns::<V::Half>::load(blocks, if HALF { behind } else { 0 });
+        let more = if ONCE { 0 } else { stretch.pieces - 1 };
         for sample in stretch.samples.as_chunks::<N>().0 {
-            let now = spread(sample);
+            let (now, half_now) = (spread(sample), spread(sample));
             for r in 0..R {
-                // The step first: nothing waits for the errors.
-                let y = columns[r].step::<FORM, LOAD>(&now);
-                let e = columns[r].with.errors(y, &now, show_w);
-                columns[r].sum += e[2].mul_add(e[2], e[1].mul_add(e[1], e[0] * e[0]));
+                columns[r].count::<FORM, LOAD>(&now, stretch.show_w);
             }
-            for _ in 1..if ONCE { 1 } else { stretch.pieces } {
+            if HALF {
+                rest.count::<FORM, LOAD>(&half_now, stretch.show_w);
+            }
+            for _ in 0..more {
                 for r in 0..R {
                     columns[r].step::<FORM, LOAD>(&now);
+                }
+                if HALF {
+                    rest.step::<FORM, LOAD>(&half_now);
                 }
             }
         }
         for r in 0..R {
             columns[r].store(blocks, first + r);
+        }
+        if HALF {
+            rest.store(blocks, behind);
         }
     }
 }
@@ -221,6 +242,14 @@ impl<V: Lane> Columns<V> {
         let before = self.y;
         self.y = self.with.step::<FORM, LOAD>(before, now);
         before
+    }
+
+    /// One step; the errors of the state before it are added to the sum. The step comes first: nothing waits for the errors.
+    #[inline(always)]
+    fn count<const FORM: bool, const LOAD: bool>(&mut self, now: &Sample<V>, show_w: f64) {
+        let before = self.step::<FORM, LOAD>(now);
+        let e = self.with.errors(before, now, V::constant(show_w));
+        self.sum += e[2].mul_add(e[2], e[1].mul_add(e[1], e[0] * e[0]));
     }
 
     #[inline(always)]

@@ -14,8 +14,9 @@ use crate::lanes::{self, Job, Lane};
 const LANES: usize = 16;
 /// Vectors of pieces that are advanced together.
 const VECTORS: usize = 2;
-/// Samples by which reading is ahead: more streams run side by side than the processor would foresee.
-const AHEAD: usize = 48;
+/// Samples by which reading is ahead: more streams run side by side than some processors foresee, and what they bring must stay in the
+/// first-level cache until it is used.
+const AHEAD: usize = 8;
 /// Run-in in units of the motor's slowest memory: until a difference has fallen below the last bit.
 const RUN_IN: f64 = 42.0;
 /// Longest run-in that pays, as a share of a piece.
@@ -178,7 +179,7 @@ fn in_a_row(
             return None;
         }
         let (pieces, show_w, has_load) = (segment.pieces, segment.show_w, track.has_load);
-        block::run(kernel, &mut blocks, Stretch { samples, pieces, show_w, has_load });
+        block::run(kernel, &mut blocks, 1, Stretch { samples, pieces, show_w, has_load });
     }
     Some(block::get(&blocks, 0, block::SUM))
 }
@@ -208,7 +209,10 @@ impl<const LOAD: bool> Job for WithLoad<'_, LOAD> {
     #[inline(always)]
     fn run<V: Lane>(mut self) {
         for first in (0..LANES).step_by(VECTORS * V::WIDTH) {
-            self.advance::<V>(first);
+            match self.0.pieces {
+                1 => self.advance::<V, true>(first),
+                _ => self.advance::<V, false>(first),
+            }
         }
     }
 }
@@ -224,9 +228,9 @@ impl<const LOAD: bool> WithLoad<'_, LOAD> {
         [v_d, v_q, i_d, i_q, omega, V::zero()]
     }
 
-    /// Takes [`VECTORS`] vectors of pieces through the stretch.
+    /// Takes [`VECTORS`] vectors of pieces through the stretch, with `ONCE` in one step per sample.
     #[inline(always)]
-    fn advance<V: Lane>(&mut self, first: usize) {
+    fn advance<V: Lane, const ONCE: bool>(&mut self, first: usize) {
         let Together { run, records, begin, count, with, pieces, show_w } = &mut self.0;
         let mut rows = [0.0; COEFFICIENTS * block::BLOCK];
         for (row, value) in rows.chunks_exact_mut(block::BLOCK).zip(with.iter()) {
@@ -253,7 +257,7 @@ impl<const LOAD: bool> WithLoad<'_, LOAD> {
                 let now = Self::samples::<V>(records, &begin[first + r * V::WIDTH..], k * fields);
                 let e = with.errors(y[r], &now, show_w);
                 sum[r] = e[2].mul_add(e[2], e[1].mul_add(e[1], e[0].mul_add(e[0], sum[r])));
-                for _ in 0..*pieces {
+                for _ in 0..if ONCE { 1 } else { *pieces } {
                     y[r] = with.step::<STAGES, LOAD>(y[r], &now);
                 }
             }

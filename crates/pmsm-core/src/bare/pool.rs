@@ -1,6 +1,6 @@
 //! Many parameter sets on one recording: early abandonment, survivors closing ranks.
 
-use super::block::{self, Block, ROWS, SUM, Stretch};
+use super::block::{self, BLOCK, Block, ROWS, SUM, Stretch};
 use super::track::{Segment, Track};
 use super::{Kernel, POINT};
 
@@ -51,8 +51,7 @@ pub fn costs(
             }
             let stretch =
                 Stretch { samples, pieces: segment.pieces, show_w: segment.show_w, has_load: track.has_load };
-            let blocks = &mut pool.blocks[..pool.who.len().div_ceil(block::BLOCK)];
-            block::run(kernel, blocks, stretch);
+            block::run(kernel, &mut pool.blocks, pool.who.len(), stretch);
             pool.close_ranks();
             if pool.who.is_empty() {
                 return true;
@@ -69,9 +68,11 @@ pub fn costs(
 }
 
 impl Pool<'_> {
-    /// Puts every set to the measured values at the beginning of a segment.
+    /// Puts every set to the measured values at the beginning of a segment. The last one fills up its vector: a place without a motor
+    /// would fall to numbers too small to be computed at full speed.
     fn restart(&mut self, segment: &Segment) {
-        for (column, who) in self.who.iter().enumerate() {
+        for column in 0..self.who.len().next_multiple_of(BLOCK) {
+            let who = self.who[column.min(self.who.len() - 1)];
             let p = &self.points[POINT * who..][..POINT];
             block::place(&mut self.blocks, column, &segment.scale, p, segment.first);
         }

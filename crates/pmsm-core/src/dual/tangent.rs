@@ -61,12 +61,22 @@ pub struct Tangent<V, const R: usize, const APART: bool> {
 }
 
 /// A tangent with the value `re` and the derivatives that an expression of `k` gives. A closure would be compiled without
-/// the path's instructions.
+/// the path's instructions, and thousands of loops over one or two vectors take the compiler minutes to unroll.
 macro_rules! each {
     ($re:expr, $k:ident => $eps:expr) => {{
         let mut tangent = Self { re: $re, eps: [V::zero(); R] };
-        for $k in 0..R {
-            tangent.eps[$k] = $eps;
+        if const { R > 0 } {
+            let $k = 0;
+            tangent.eps[0] = $eps;
+        }
+        if const { R > 1 } {
+            let $k = 1;
+            tangent.eps[1] = $eps;
+        }
+        if const { R > 2 } {
+            for $k in 2..R {
+                tangent.eps[$k] = $eps;
+            }
         }
         tangent
     }};

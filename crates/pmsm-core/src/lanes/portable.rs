@@ -4,6 +4,7 @@ use super::Lane;
 
 impl Lane for f64 {
     const WIDTH: usize = 1;
+    type Half = Self;
     #[inline(always)]
     fn load(from: &[f64]) -> Self {
         from[0]

@@ -11,32 +11,53 @@ use crate::real::Real;
 use std::arch::x86_64::*;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
-/// Runs a job on vectors of eight.
-///
-/// # Panics
-/// If the processor has no AVX-512F.
-pub fn avx512<J: Job, const FUSED: bool>(job: J) -> J::Output {
-    #[target_feature(enable = "avx512f")]
-    fn enter<J: Job, const FUSED: bool>(job: J) -> J::Output {
-        job.run::<Avx512<FUSED>>()
+pub use eight::avx512;
+pub use four::avx2;
+
+/// A line of the cache on the stack. In a function that holds one the compiler aligns all vectors that it must keep on the stack; those
+/// that cross a line are far slower.
+#[repr(align(64))]
+struct Line([u8; 64]);
+
+// What is entered from different modules is compiled side by side.
+mod eight {
+    use super::{Avx512, Job, Line, Path};
+    use std::hint::black_box;
+
+    /// Runs a job on vectors of eight.
+    ///
+    /// # Panics
+    /// If the processor has no AVX-512F or no VL.
+    pub fn avx512<J: Job, const FUSED: bool>(job: J) -> J::Output {
+        #[target_feature(enable = "avx512f,avx512vl")]
+        fn enter<J: Job, const FUSED: bool>(job: J) -> J::Output {
+            black_box(&Line([0; 64]));
+            job.run::<Avx512<FUSED>>()
+        }
+        assert!(Path::Avx512.available(), "this processor has no AVX-512F with VL");
+        // SAFETY: the instructions that `enter` enables were found on this processor one line above.
+        unsafe { enter::<J, FUSED>(job) }
     }
-    assert!(Path::Avx512.available(), "this processor has no AVX-512F");
-    // SAFETY: the instructions that `enter` enables were found on this processor one line above.
-    unsafe { enter::<J, FUSED>(job) }
 }
 
-/// Runs a job on vectors of four.
-///
-/// # Panics
-/// If the processor has no AVX2 or no FMA.
-pub fn avx2<J: Job, const FUSED: bool>(job: J) -> J::Output {
-    #[target_feature(enable = "avx2,fma")]
-    fn enter<J: Job, const FUSED: bool>(job: J) -> J::Output {
-        job.run::<Avx2<FUSED>>()
+mod four {
+    use super::{Avx2, Job, Line, Path};
+    use std::hint::black_box;
+
+    /// Runs a job on vectors of four.
+    ///
+    /// # Panics
+    /// If the processor has no AVX2 or no FMA.
+    pub fn avx2<J: Job, const FUSED: bool>(job: J) -> J::Output {
+        #[target_feature(enable = "avx2,fma")]
+        fn enter<J: Job, const FUSED: bool>(job: J) -> J::Output {
+            black_box(&Line([0; 64]));
+            job.run::<Avx2<FUSED>>()
+        }
+        assert!(Path::Avx2.available(), "this processor has no AVX2 with FMA");
+        // SAFETY: the instructions that `enter` enables were found on this processor one line above.
+        unsafe { enter::<J, FUSED>(job) }
     }
-    assert!(Path::Avx2.available(), "this processor has no AVX2 with FMA");
-    // SAFETY: the instructions that `enter` enables were found on this processor one line above.
-    unsafe { enter::<J, FUSED>(job) }
 }
 
 /// See [`super::prefetch`].
@@ -83,11 +104,11 @@ macro_rules! operators {
     )+};
 }
 
-/// A vector type from its intrinsics; in each block marked (1) a value or type parameter of the type is at hand, so the
+/// A vector type from its intrinsics; in each block marked (1) a value or type parameter of the type is at hand, or of the one that it is half of, so the
 /// processor has the instructions (see the module's documentation), and no intrinsic used there asks for more. Those of SSE2 are safe
 /// to call, as every x86-64 has them.
 macro_rules! vector {
-    ($name:ident, $width:literal,
+    ($name:ident, $width:literal, $half:ty,
      $splat:ident $add:ident $sub:ident $mul:ident $div:ident $sqrt:ident $load:ident $store:ident,
      |$f:ident, $g:ident, $h:ident| $mul_add:expr, $neg_mul_add:expr, |$x:ident| $abs:expr, |$s:ident, $yes:ident, $no:ident| $select:expr,
      |$l:ident, $b:ident| $within:expr $(, $columns:item)?) => {
@@ -131,6 +152,7 @@ macro_rules! vector {
         }
         impl<const FUSED: bool> Lane for $name<FUSED> {
             const WIDTH: usize = $width;
+            type Half = $half;
             #[inline(always)]
             fn load(from: &[f64]) -> Self {
                 let from: &[f64; $width] = from[..$width].try_into().expect("as long as the range");
@@ -223,7 +245,7 @@ macro_rules! vector {
     };
 }
 
-vector!(Avx512, 8,
+vector!(Avx512, 8, Avx2<FUSED>,
 _mm512_set1_pd _mm512_add_pd _mm512_sub_pd _mm512_mul_pd _mm512_div_pd _mm512_sqrt_pd _mm512_loadu_pd _mm512_storeu_pd,
 |x, a, b| if FUSED {
     // SAFETY: (1)
@@ -245,41 +267,60 @@ if FUSED {
 #[inline(always)]
 fn columns<const N: usize>(records: &[f64], begin: &[usize], size: usize, k: usize) -> [Self; N] {
     const { assert!(N <= 8) };
-    let mut r = [Self::zero(); 8];
-    for lane in 0..8 {
-        r[lane] = Self::load(&records[(begin[lane] + k) * size..][..8]);
+    // One look at the last of them in place of one at each.
+    let begin: &[usize; 8] = begin[..8].try_into().expect("as long as the range");
+    let last = begin.iter().fold(0, |last, begin| last.max(*begin));
+    assert!(last.saturating_add(k).saturating_mul(size).saturating_add(8) <= records.len(), "no such record");
+    let from = records.as_ptr();
+    // Names in place of places in an array, which the compiler would keep in memory.
+    macro_rules! row {
+        ($lane:literal) => {
+            // SAFETY: (1), and the eight numbers that are read end no later than those of the last record, which are there.
+            unsafe { _mm512_loadu_pd(from.add((begin[$lane] + k) * size)) }
+        };
     }
+    let (a, b, c, d) = (row!(0), row!(1), row!(2), row!(3));
+    let (e, f, g, h) = (row!(4), row!(5), row!(6), row!(7));
     // Pairs of rows interleaved, then quarters gathered: a transposition.
-    let mut all = [Self::zero(); 8];
-    for odd in 0..2 {
-        let mut t = [Self::zero(); 4];
-        for pair in 0..4 {
-            let (a, b) = (r[2 * pair].0, r[2 * pair + 1].0);
-            // SAFETY: (1)
-            t[pair] = Self(unsafe { if odd == 0 { _mm512_unpacklo_pd(a, b) } else { _mm512_unpackhi_pd(a, b) } });
-        }
-        // SAFETY: (1)
-        unsafe {
-            let (a, b) = (
-                _mm512_shuffle_f64x2::<0x88>(t[0].0, t[1].0),
-                _mm512_shuffle_f64x2::<0x88>(t[2].0, t[3].0),
-            );
-            let (c, d) = (
-                _mm512_shuffle_f64x2::<0xdd>(t[0].0, t[1].0),
-                _mm512_shuffle_f64x2::<0xdd>(t[2].0, t[3].0),
-            );
-            all[odd] = Self(_mm512_shuffle_f64x2::<0x88>(a, b));
-            all[odd + 2] = Self(_mm512_shuffle_f64x2::<0x88>(c, d));
-            all[odd + 4] = Self(_mm512_shuffle_f64x2::<0xdd>(a, b));
-            all[odd + 6] = Self(_mm512_shuffle_f64x2::<0xdd>(c, d));
-        }
-    }
+    // SAFETY: (1)
+    let (even, odd) = unsafe {
+        (
+            quarters(_mm512_unpacklo_pd(a, b), _mm512_unpacklo_pd(c, d), _mm512_unpacklo_pd(e, f), _mm512_unpacklo_pd(g, h)),
+            quarters(_mm512_unpackhi_pd(a, b), _mm512_unpackhi_pd(c, d), _mm512_unpackhi_pd(e, f), _mm512_unpackhi_pd(g, h)),
+        )
+    };
     let mut columns = [Self::zero(); N];
-    columns.copy_from_slice(&all[..N]);
+    macro_rules! column {
+        ($($n:literal $x:expr),+) => {$(
+            if const { $n < N } {
+                columns[$n] = Self($x);
+            }
+        )+};
+    }
+    column!(0 even.0, 1 odd.0, 2 even.1, 3 odd.1, 4 even.2, 5 odd.2, 6 even.3, 7 odd.3);
     columns
 });
 
-vector!(Avx2, 4,
+/// Quarters number 0, 1, 2, 3 of four vectors, each put together in a vector.
+///
+/// # Safety
+/// The processor has AVX-512F.
+#[inline(always)]
+unsafe fn quarters(a: __m512d, b: __m512d, c: __m512d, d: __m512d) -> (__m512d, __m512d, __m512d, __m512d) {
+    // SAFETY: the caller's.
+    unsafe {
+        let (e, f) = (_mm512_shuffle_f64x2::<0x88>(a, b), _mm512_shuffle_f64x2::<0x88>(c, d));
+        let (g, h) = (_mm512_shuffle_f64x2::<0xdd>(a, b), _mm512_shuffle_f64x2::<0xdd>(c, d));
+        (
+            _mm512_shuffle_f64x2::<0x88>(e, f),
+            _mm512_shuffle_f64x2::<0x88>(g, h),
+            _mm512_shuffle_f64x2::<0xdd>(e, f),
+            _mm512_shuffle_f64x2::<0xdd>(g, h),
+        )
+    }
+}
+
+vector!(Avx2, 4, Self,
     _mm256_set1_pd _mm256_add_pd _mm256_sub_pd _mm256_mul_pd _mm256_div_pd _mm256_sqrt_pd _mm256_loadu_pd _mm256_storeu_pd,
     |x, a, b| if FUSED {
         // SAFETY: (1)
@@ -297,7 +338,7 @@ vector!(Avx2, 4,
     |x, yes, no| _mm256_blendv_pd(no, yes, _mm256_cmp_pd::<_CMP_GT_OQ>(x, _mm256_setzero_pd())),
     |x, bound| _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LE_OQ>(x, bound)) != 0);
 
-vector!(Sse2, 2,
+vector!(Sse2, 2, Self,
     _mm_set1_pd _mm_add_pd _mm_sub_pd _mm_mul_pd _mm_div_pd _mm_sqrt_pd _mm_loadu_pd _mm_storeu_pd,
     |x, a, b| x * a + b, b - x * a,
     |x| _mm_andnot_pd(_mm_set1_pd(-0.0), x),

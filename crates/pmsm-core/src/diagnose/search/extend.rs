@@ -1,8 +1,8 @@
 //! One effect more beside a set: which are worth a refit, and which of those a whole one.
 
-use super::Search;
 use super::refit::Claim;
 use super::sets::{explains, mismatched_by};
+use super::{MOSTLY, Search};
 use crate::diagnose::shortlist::{Prospect, Scorer};
 use crate::diagnose::verdict::{Judged, MISMATCH, PROGRESS, UNEXPLAINED};
 use crate::effect::Site;
@@ -40,8 +40,10 @@ pub(super) struct Aim<'a> {
 
 /// Numbers of prospects that are worth a refit.
 struct Chosen {
-    /// By their score, or because it tells little of them.
+    /// By their score.
     worth: Vec<usize>,
+    /// Those of whose motion it tells little, while much of that is not explained.
+    dim: Vec<usize>,
     /// The others that score best of their site: what they explain may show once something else is found. They are no rivals to what
     /// explains the recordings.
     faint: Vec<usize>,
@@ -72,7 +74,7 @@ impl Search<'_> {
                 scorer.score(*effect)
             })
             .collect();
-        let Chosen { worth, faint } = self.chosen(parent, &prospects, aim);
+        let Chosen { worth, dim, faint } = self.chosen(parent, &prospects, aim);
         let top = prospects.iter().map(|p| p.score).fold(0.0, f64::max);
         let leads = |k: usize| aim.best.is_none() && prospects[k].score >= LEADING * top;
         let (first, mut second): (Vec<usize>, Vec<usize>) = worth.into_iter().partition(|k| leads(*k));
@@ -101,9 +103,17 @@ impl Search<'_> {
         };
         if matches!(claim, Claim::Open | Claim::Behind(_)) {
             second.extend(faint);
-            second.sort_unstable();
         }
-        if second.iter().any(|k| mechanical(prospects[*k].effect)) && self.rotor_is_lost(parent, claim)? {
+        if ahead.as_ref().is_none_or(|ahead| ahead.excess() > MOSTLY * parent.excess()) {
+            second.extend(dim);
+        }
+        second.sort_unstable();
+        let waits = match (claim, &ahead) {
+            (Claim::Behind(_), Some(ahead)) => self.rotor_waits(parent, ahead),
+            _ => false,
+        };
+        let moving = second.iter().any(|k| mechanical(prospects[*k].effect));
+        if moving && (waits || self.rotor_is_lost(parent, claim)?) {
             second.retain(|k| !mechanical(prospects[*k].effect));
         }
         for (k, one) in second.iter().zip(refit(&second, claim)?) {
@@ -131,11 +141,13 @@ impl Search<'_> {
         let worth = |k: &usize| {
             let (effect, score) = (prospects[*k].effect, prospects[*k].score);
             let top = score > least && order.iter().take(aim.most).any(|o| o == k);
-            top || (effect.jumps() && reversing) || (!effect.is_first_order() && shaken)
+            top || (effect.jumps() && reversing)
         };
         let (worth, rest): (Vec<usize>, Vec<usize>) = (0..prospects.len()).partition(worth);
+        let dim = |k: &usize| shaken && !prospects[*k].effect.is_first_order();
+        let (dim, rest): (Vec<usize>, Vec<usize>) = rest.into_iter().partition(dim);
         let faint = |k: &usize| first_of_site(*k) && prospects[*k].score > LEAST_SCORE;
-        Chosen { worth, faint: rest.into_iter().filter(faint).collect() }
+        Chosen { worth, dim, faint: rest.into_iter().filter(faint).collect() }
     }
 
     /// Of the `extended` sets those whose new effect only refines another one, with that one beside it: neither may be worth much without
@@ -165,7 +177,44 @@ impl Search<'_> {
 mod tests {
     use super::*;
     use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
+    use crate::drive::Choice;
     use crate::monitor::Silent;
+
+    /// Of these effects those that are refitted beside the bare machine of a recording with `present`, and those that the score tells of.
+    fn asked(present: Vec<Choice>, effects: &[EffectId]) -> (Vec<EffectId>, Vec<EffectId>) {
+        let path: Vec<(f64, f64)> =
+            (0..8).map(|k| (0.05 + 0.2 * f64::from(k), [110.0, -90.0][k as usize % 2])).collect();
+        let (data, base) = data(&setup(speeds(1.6, &path), present));
+        let base = Judged { fitted: base, held_out: Vec::new(), refuted: false };
+        let search =
+            Search { data: &data, held_out: Vec::new(), refuting: Vec::new(), most: 3, monitor: &Silent };
+        let aim = Aim { base: &base, best: None, most: effects.len(), thorough: true };
+        let singles = search.extend(&base, effects, aim).unwrap();
+        let of = |wanted: &dyn Fn(&(Prospect, Option<Judged>)) -> bool| {
+            singles.iter().filter(|single| wanted(single)).map(|(p, _)| p.effect).collect::<Vec<_>>()
+        };
+        (of(&|(_, judged)| judged.is_some()), of(&|(prospect, _)| prospect.score > LEAST_SCORE))
+    }
+
+    #[test]
+    fn a_shaft_that_the_score_tells_little_of_waits_where_another_effect_explains_most() {
+        let effects = [EffectId::CoulombFriction, EffectId::TwoMassShaft];
+        let shaft = [("inertia_ratio", 0.4), ("f_antires", 25.0), ("zeta", 0.02)];
+        let shaft = shaft.map(|(name, value)| (name.to_string(), value)).into();
+        let shaft = Choice { effect: "two_mass_shaft".into(), parameters: shaft };
+        assert_eq!(asked(vec![choice("coulomb_friction", "tau_c", 0.5)], &effects).0, effects[..1]);
+        assert!(asked(vec![shaft], &effects).0.contains(&EffectId::TwoMassShaft));
+    }
+
+    #[test]
+    fn what_moves_the_rotor_waits_where_saturation_explains_the_motion_and_more_of_the_currents() {
+        let effects = [EffectId::SaturationQ, EffectId::CoulombFriction, EffectId::QuadraticDrag];
+        let parameters = [("k", 0.6), ("s", 2.0)].map(|(name, value)| (name.to_string(), value)).into();
+        let saturation = Choice { effect: "saturation_q".into(), parameters };
+        let (refitted, scored) = asked(vec![saturation], &effects);
+        assert_eq!(refitted, effects[..1]);
+        assert!(scored.len() > 1, "{scored:?}");
+    }
 
     #[test]
     fn what_refines_an_effect_is_tried_with_it_unless_next_to_nothing_is_left() {

@@ -1,7 +1,7 @@
 //! One more effect refitted beside a set, from where the score sees it.
 
 use super::Search;
-use super::sets::{explained, hopeless_currents};
+use super::sets::{explained, hopeless_currents, moves_as_measured};
 use crate::diagnose::data::Data;
 use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
@@ -59,6 +59,13 @@ impl Search<'_> {
             return Ok(claim.lost(&alone, true));
         }
         Ok(claim.lost(fitted, true))
+    }
+
+    /// Whether nothing that moves the rotor need be tried beside `parent` yet: `ahead` explains the motion, and the currents, as `parent`
+    /// leaves them, lose against it. What may still move the rotor shows beside `ahead`.
+    pub(super) fn rotor_waits(&self, parent: &Judged, ahead: &Judged) -> bool {
+        let both = self.data.has(true) && fitting::together(self.data, &parent.fitted.model);
+        !both && moves_as_measured(ahead) && scale::currents_lose(parent, ahead)
     }
 
     /// The set of `parent` with one effect more, judged on all recordings; nothing where the effect vanishes, or does not come up to

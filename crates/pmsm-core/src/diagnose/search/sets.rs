@@ -68,6 +68,15 @@ pub(super) fn mismatched_by(judged: &Judged, share: f64) -> bool {
     judged.excess() > share * MISMATCH || judged.held_out_excess() > share * MISMATCH_HELD_OUT
 }
 
+/// Whether a set leaves no mismatch of the speed on any recording.
+pub(super) fn moves_as_measured(judged: &Judged) -> bool {
+    let moves = |h: &Hypothesis, mismatch: f64| {
+        let mut beyond = h.squares.iter().zip(beyond_chance(h));
+        beyond.all(|((channel, _), excess)| channel.is_electrical() || excess <= mismatch)
+    };
+    moves(&judged.fitted, MISMATCH) && judged.held_out.iter().all(|h| moves(h, MISMATCH_HELD_OUT))
+}
+
 /// Whether an unknown load steps on any recording.
 pub(super) fn steps(judged: &Judged) -> bool {
     let all = std::iter::once(&judged.fitted).chain(&judged.held_out);
@@ -153,6 +162,22 @@ mod tests {
         // What only wanders within the floor is none.
         assert!(!foothold(&leaving([1.0, 0.95], [1.0, 1.0]), &leaving([1.0, 1.03], [1.0, 1.0])));
         assert!(!foothold(&leaving([f64::NAN, 5.0], [250.0, 7.0]), &smaller));
+    }
+
+    #[test]
+    fn a_set_moves_as_measured_whatever_it_leaves_of_the_currents() {
+        let chance = |judged: Judged| {
+            let none = |h: Hypothesis| Hypothesis { chance: vec![0.0; 2], ..h };
+            Judged {
+                fitted: none(judged.fitted),
+                held_out: judged.held_out.into_iter().map(none).collect(),
+                ..judged
+            }
+        };
+        assert!(moves_as_measured(&chance(leaving([90.0, 1.2], [80.0, 1.9]))));
+        assert!(!moves_as_measured(&chance(leaving([1.0, 1.4], [1.0, 1.0]))));
+        assert!(!moves_as_measured(&chance(leaving([1.0, 1.0], [1.0, 2.1]))));
+        assert!(!moves_as_measured(&chance(leaving([1.0, f64::NAN], [1.0, 1.0]))));
     }
 
     #[test]
