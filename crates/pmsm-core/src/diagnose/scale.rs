@@ -140,36 +140,24 @@ impl Scale {
 /// Whether `fitted` loses against `best` by more than a few nats could make up for, however well it did on the other recordings, or in what
 /// is not a current if only these are compared.
 pub fn loses(fitted: &Hypothesis, currents: bool, best: &Judged) -> bool {
+    let floor = |chance: f64| log_square(0.0, chance);
+    // At most what the best set leaves can be gained elsewhere, and its load steps.
+    let nats = |best: &Hypothesis, left: &dyn Fn(usize) -> Option<f64>| -> f64 {
+        let channels = best.squares.iter().zip(&best.chance).zip(&best.samples).enumerate();
+        let all: f64 = channels
+            .map(|(at, (((_, square), chance), samples))| {
+                let worth = samples.clamp(LEAST_WORTH, MOST_WORTH);
+                let left = left(at).map_or(floor(*chance), |left| log_square(left, *chance));
+                0.5 * worth * (left - log_square(*square, *chance))
+            })
+            .sum();
+        (all - price_of_steps(best)) / best.runs() as f64
+    };
     let squares = &fitted.squares;
     let shown = |at: usize| (!currents || squares[at].0.is_electrical()).then_some(squares[at].1);
-    let elsewhere = best.held_out.iter().map(|run| nats_behind(run, &|_| None));
-    let all = nats_behind(&best.fitted, &shown) + elsewhere.sum::<f64>();
-    all / (1 + best.held_out.len()) as f64 > LOST
-}
-
-/// Whether what leaves the currents on all recordings as `judged` does loses against `best` in the same way, whatever the motion.
-pub fn currents_lose(judged: &Judged, best: &Judged) -> bool {
-    let behind = |(own, best): (&Hypothesis, &Hypothesis)| {
-        let shown = |at: usize| own.squares[at].0.is_electrical().then_some(own.squares[at].1);
-        nats_behind(best, &shown)
-    };
-    let elsewhere = judged.held_out.iter().zip(&best.held_out).map(behind);
-    let all = behind((&judged.fitted, &best.fitted)) + elsewhere.sum::<f64>();
-    all / (1 + best.held_out.len()) as f64 > LOST
-}
-
-/// Nats by which what leaves the mean square `left` in channel number `at`, or nothing but chance, is behind `best` on one recording. At
-/// most what the best set leaves can be gained elsewhere, and its load steps.
-fn nats_behind(best: &Hypothesis, left: &dyn Fn(usize) -> Option<f64>) -> f64 {
-    let channels = best.squares.iter().zip(&best.chance).zip(&best.samples).enumerate();
-    let all: f64 = channels
-        .map(|(at, (((_, square), chance), samples))| {
-            let worth = samples.clamp(LEAST_WORTH, MOST_WORTH);
-            let left = log_square(left(at).unwrap_or(0.0), *chance);
-            0.5 * worth * (left - log_square(*square, *chance))
-        })
-        .sum();
-    (all - price_of_steps(best)) / best.runs() as f64
+    let here = nats(&best.fitted, &shown);
+    let elsewhere: f64 = best.held_out.iter().map(|run| nats(run, &|_| None)).sum();
+    (here + elsewhere) / (1 + best.held_out.len()) as f64 > LOST
 }
 
 /// Whether the recordings together would not have left so much more to `narrow` than to `wide`, which contains it and reaches the noise,

@@ -1,7 +1,7 @@
 //! One more effect refitted beside a set, from where the score sees it.
 
 use super::Search;
-use super::sets::{explained, hopeless_currents, moves_as_measured};
+use super::sets::{explained, far_behind, hopeless_currents, moves_as_measured};
 use crate::diagnose::data::Data;
 use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
@@ -61,11 +61,11 @@ impl Search<'_> {
         Ok(claim.lost(fitted, true))
     }
 
-    /// Whether nothing that moves the rotor need be tried beside `parent` yet: `ahead` explains the motion, and the currents, as `parent`
-    /// leaves them, lose against it. What may still move the rotor shows beside `ahead`.
+    /// Whether nothing that moves the rotor need be tried beside `parent` yet: `ahead` explains the motion, and `parent` leaves far more of the
+    /// currents, which no such effect changes. What moves the rotor all the same shows beside `ahead`.
     pub(super) fn rotor_waits(&self, parent: &Judged, ahead: &Judged) -> bool {
         let both = self.data.has(true) && fitting::together(self.data, &parent.fitted.model);
-        !both && moves_as_measured(ahead) && scale::currents_lose(parent, ahead)
+        !both && moves_as_measured(ahead) && far_behind(&parent.fitted, ahead)
     }
 
     /// The set of `parent` with one effect more, judged on all recordings; nothing where the effect vanishes, or does not come up to

@@ -33,9 +33,19 @@ pub(super) fn hopeless(judged: &Judged, best: &Judged, done: bool) -> bool {
 
 /// Whether the currents alone leave so much more than the `best` set of the same size that none is grown from what leaves it.
 pub(super) fn hopeless_currents(fitted: &Hypothesis, best: &Judged) -> bool {
+    currents_excess(fitted) > HOPELESS * best.excess().max(MISMATCH)
+}
+
+/// Whether the currents alone leave so much more than the `best` set as is hopeless once that explains the recordings.
+pub(super) fn far_behind(fitted: &Hypothesis, best: &Judged) -> bool {
+    currents_excess(fitted) > BEHIND * best.excess().max(MISMATCH)
+}
+
+/// Largest excess mean square of a current, beyond chance.
+fn currents_excess(fitted: &Hypothesis) -> f64 {
     let beyond = fitted.squares.iter().zip(beyond_chance(fitted));
     let currents = beyond.filter(|((channel, _), _)| channel.is_electrical()).map(|(_, excess)| excess);
-    currents.fold(0.0, f64::max) > HOPELESS * best.excess().max(MISMATCH)
+    currents.fold(0.0, f64::max)
 }
 
 /// Whether a set is the `best` of its size but for effects that contain those of that one, and so no better for what they have beyond
@@ -217,6 +227,8 @@ mod tests {
         let far = chance(leaving([130.0, 1.0], [130.0, 1.0])).fitted;
         assert!(hopeless_currents(&far, &best));
         assert!(!hopeless_currents(&chance(leaving([12.0, 130.0], [12.0, 130.0])).fitted, &best));
+        assert!(far_behind(&chance(leaving([12.0, 130.0], [12.0, 130.0])).fitted, &best));
+        assert!(!far_behind(&chance(leaving([8.0, 130.0], [8.0, 130.0])).fitted, &best));
         // Below a mismatch nothing is far apart.
         let (little, none) = (leaving([1.5, 1.0], [1.0, 1.0]), leaving([1.0, 1.0], [1.0, 1.0]));
         assert!(!hopeless(&chance(little), &chance(none), true));
