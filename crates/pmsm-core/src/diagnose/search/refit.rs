@@ -176,6 +176,7 @@ mod tests {
         assert!(whole[1] > 30.0 && whole[2] > 0.5 && whole[2] != 1.0, "{whole:?}");
         assert!(search.refit(&base, &prospect, Claim::Open).unwrap().is_some());
         assert!(!search.rotor_is_lost(&base, Claim::Open).unwrap());
+        assert!(search.rotor_waits(&base, &best) && !search.rotor_waits(&best, &base));
         for claim in [Claim::Behind(&best), Claim::Outdone(&best), Claim::Beside(&best)] {
             assert_eq!(leaves(claim), [whole[0], whole[1], 1.0]);
             assert!(search.refit(&base, &prospect, claim).unwrap().is_none());
