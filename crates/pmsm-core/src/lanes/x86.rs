@@ -17,7 +17,9 @@ pub use four::avx2;
 /// A line of the cache on the stack. In a function that holds one the compiler aligns all vectors that it must keep on the stack; those
 /// that cross a line are far slower.
 #[repr(align(64))]
-struct Line([u8; 64]);
+struct Line {
+    _bytes: [u8; 64],
+}
 
 // What is entered from different modules is compiled side by side.
 mod eight {
@@ -31,7 +33,7 @@ mod eight {
     pub fn avx512<J: Job, const FUSED: bool>(job: J) -> J::Output {
         #[target_feature(enable = "avx512f,avx512vl")]
         fn enter<J: Job, const FUSED: bool>(job: J) -> J::Output {
-            black_box(&Line([0; 64]));
+            black_box(&Line { _bytes: [0; 64] });
             job.run::<Avx512<FUSED>>()
         }
         assert!(Path::Avx512.available(), "this processor has no AVX-512F with VL");
@@ -51,7 +53,7 @@ mod four {
     pub fn avx2<J: Job, const FUSED: bool>(job: J) -> J::Output {
         #[target_feature(enable = "avx2,fma")]
         fn enter<J: Job, const FUSED: bool>(job: J) -> J::Output {
-            black_box(&Line([0; 64]));
+            black_box(&Line { _bytes: [0; 64] });
             job.run::<Avx2<FUSED>>()
         }
         assert!(Path::Avx2.available(), "this processor has no AVX2 with FMA");
