@@ -188,8 +188,8 @@ pub fn avx2<J: Job>(job: J) -> J::Output {
 
 #[cfg(test)]
 mod tests {
-    //! Runs under Miri, too: `MIRIFLAGS=-Zmiri-disable-isolation RUSTFLAGS=-Ctarget-feature=+avx512f,+avx512vl cargo +nightly miri
-    //! test -p pmsm-core --lib lanes`.
+    //! Runs under Miri, too: `MIRIFLAGS=-Zmiri-disable-isolation RUSTFLAGS=-Ctarget-feature=+avx512f,+avx512vl cargo +nightly
+    //! miri test -p pmsm-core --lib lanes`.
 
     use super::*;
 

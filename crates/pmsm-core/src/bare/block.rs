@@ -130,7 +130,8 @@ impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Run<'_, FORM, L
 }
 
 impl<const FORM: bool, const LOAD: bool, const N: usize> Run<'_, FORM, LOAD, N> {
-    /// Takes `R` vectors, from number `first` on, and with `HALF` half a one behind them through the samples, with `ONCE` in one step per sample.
+    /// Takes `R` vectors, from number `first` on, and with `HALF` half a one behind them through the samples, with `ONCE` in one step per
+    /// sample.
     #[inline(always)]
     fn advance<V: Lane, const R: usize, const HALF: bool, const ONCE: bool>(&mut self, first: usize) {
         let Self { blocks, stretch, .. } = self;

@@ -1,8 +1,9 @@
 //! Vectors of x86-64, and the only unsafe code of the crate.
 //!
 //! Why it is sound: the types [`Avx2`] and [`Avx512`] are visible in this module alone, and a job meets them as the type
-//! parameter of [`Job::run`], called by [`avx2`] and [`avx512`] after they have asked the processor. So whoever holds
-//! such a value, or calls a function of such a type, runs on a processor that has the instructions.
+//! parameter of [`Job::run`], called by [`avx2`] and [`avx512`] after they have asked the processor, or as the [`Lane::Half`] of
+//! the latter, for which AVX-512F stands good: it includes AVX2 and FMA. So whoever holds such a value, or calls a function of
+//! such a type, runs on a processor that has the instructions.
 
 #![allow(unsafe_code)]
 
@@ -106,9 +107,9 @@ macro_rules! operators {
     )+};
 }
 
-/// A vector type from its intrinsics; in each block marked (1) a value or type parameter of the type is at hand, or of the one that it is half of, so the
-/// processor has the instructions (see the module's documentation), and no intrinsic used there asks for more. Those of SSE2 are safe
-/// to call, as every x86-64 has them.
+/// A vector type from its intrinsics; in each block marked (1) a value or type parameter of the type is at hand, or of the one that it
+/// is half of, so the processor has the instructions (see the module's documentation), and no intrinsic used there asks for more. Those
+/// of SSE2 are safe to call, as every x86-64 has them.
 macro_rules! vector {
     ($name:ident, $width:literal, $half:ty,
      $splat:ident $add:ident $sub:ident $mul:ident $div:ident $sqrt:ident $load:ident $store:ident,
