@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shaft_that_the_score_tells_little_of_waits_where_another_effect_explains_most() {
+    fn a_shaft_is_taken_up_where_it_is_there_and_not_where_friction_explains_all() {
         let effects = [EffectId::CoulombFriction, EffectId::TwoMassShaft];
         let shaft = [("inertia_ratio", 0.4), ("f_antires", 25.0), ("zeta", 0.02)];
         let shaft = shaft.map(|(name, value)| (name.to_string(), value)).into();
