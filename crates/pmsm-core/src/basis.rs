@@ -20,10 +20,7 @@ pub fn orthonormal_beside(known: &DMatrix<f64>, columns: &DMatrix<f64>) -> DMatr
         let mut free = column.into_owned();
         let length = free.norm();
         // Twice is enough (Kahan, Parlett).
-        for _ in 0..2 {
-            tall::remove(known.as_slice(), &mut free);
-            tall::remove(&basis, &mut free);
-        }
+        tall::remove(&[known.as_slice(), &basis, known.as_slice(), &basis], &mut free);
         let rest = free.norm();
         if rest > DEPENDENT * length {
             free /= rest;

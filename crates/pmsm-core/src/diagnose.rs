@@ -79,7 +79,7 @@ pub fn diagnose(
         others.push(Data::new(Signals::new(recording, machine)?, machine)?);
     }
     let mut settled = None;
-    match hold::settle(&mut whole, &mut others, &base, monitor)? {
+    match hold::settle(&mut whole, &mut others, &base, &[], monitor)? {
         Held::InStator(held) => base = *held,
         Held::InRotor(theirs) => settled = Some(theirs),
         Held::Unasked => {}
@@ -103,10 +103,11 @@ pub fn diagnose(
     }
     monitor.report("bare machine", 0.1);
     let mut outcome = search(&mut whole, &mut others, &mut base, monitor)?;
-    let found = &outcome.best.fitted;
+    let Judged { fitted: found, held_out, .. } = &outcome.best;
+    let known = if held_out.len() == others.len() { &held_out[..] } else { &[] };
     let anew = settled_anew(&mut whole, &mut others, &outcome.base, &outcome.best)
         || !found.effects().is_empty()
-            && matches!(hold::settle(&mut whole, &mut others, found, monitor)?, Held::InStator(_));
+            && matches!(hold::settle(&mut whole, &mut others, found, known, monitor)?, Held::InStator(_));
     if anew && !monitor.cancelled() {
         base = fitting::refit(&whole, &base, monitor)?;
         outcome = search(&mut whole, &mut others, &mut base, monitor)?;

@@ -9,6 +9,7 @@ mod fitting;
 mod forms;
 mod joint;
 mod load;
+mod lost;
 mod response;
 mod rows;
 mod speed;
@@ -18,6 +19,7 @@ mod transition;
 
 pub use fitting::Fitted;
 pub use joint::{Block, Channels, Joint, split};
+pub use lost::Answering;
 pub use speed::Course;
 
 use crate::base::BASE;

@@ -1,6 +1,7 @@
 //! Free-run simulations of a model, each driven by what was measured on the other side.
 //!
 //! - [`electrical`]: currents from the logged voltage and the measured speed and angle.
+//! - [`watched`]: the same, for those who look on at every sample.
 //! - [`mechanical`]: speed from the torque of the measured currents, in windows.
 //! - [`quasi_static`]: voltage left unexplained at each steady operating point.
 //! - [`coupled`]: currents and speed from voltage and load alone, the model (1)–(3) as the paper runs it.
@@ -10,3 +11,4 @@ pub mod electrical;
 mod forms;
 pub mod mechanical;
 pub mod quasi_static;
+pub mod watched;

@@ -3,6 +3,7 @@
 
 use crate::lanes::{self, Job, Lane, Path, Rounding};
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 use std::array::from_fn;
 use std::ops::Range;
 
@@ -10,6 +11,8 @@ use std::ops::Range;
 const BLOCK: usize = 256;
 /// Partial sums of a dot product, the same on every processor.
 const SUMS: usize = 8;
+/// Rows of a long column that one thread takes up at a time.
+const PART: usize = 64 * BLOCK;
 /// Dot products with one column that are taken at once.
 const WIDE: usize = 4;
 
@@ -74,18 +77,29 @@ pub fn subtract(a: &mut DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>) {
     fast(Difference { a: a.as_mut_slice(), b: Columns::of(b), c });
 }
 
-/// Takes out of a column what lies in an orthonormal basis, whose columns stand one behind the other.
+/// Takes out of a column what lies in one orthonormal basis after the other; the columns of each stand one behind the other.
 ///
 /// # Panics
-/// If the basis is no number of whole columns.
-pub fn remove(basis: &[f64], column: &mut DVector<f64>) {
+/// If a basis is no number of whole columns.
+pub fn remove(bases: &[&[f64]], column: &mut DVector<f64>) {
     let rows = column.len();
-    let basis = Columns { data: basis, rows };
-    assert_eq!(basis.data.len(), basis.count() * rows, "whole columns");
-    let mut along = DMatrix::zeros(basis.count(), 1);
-    let own = Columns { data: column.as_slice(), rows };
-    fast(Product { a: (basis, 0), b: (own, 0), count: rows, symmetric: false, out: &mut along });
-    fast(Difference { a: column.as_mut_slice(), b: basis, c: &along });
+    let mut before: Option<(Columns, Vec<f64>)> = None;
+    // What lies in a basis is taken out of each block where the block is looked at along the next one.
+    for next in bases.iter().filter(|data| !data.is_empty()).map(Some).chain([None]) {
+        let next = next.map(|data| Columns { data, rows });
+        let count = next.map_or(0, Columns::count);
+        assert_eq!(next.map_or(0, |basis| basis.data.len()), count * rows, "whole columns");
+        let before_it = before.as_ref().map(|(basis, lies)| (*basis, &lies[..]));
+        let pass = |(part, own)| fast(Pass { first: part * PART, own, before: before_it, next });
+        let sums: Vec<Vec<f64>> = column.as_mut_slice().par_chunks_mut(PART).enumerate().map(pass).collect();
+        before = next.map(|basis| {
+            let mut lies = vec![0.0; count];
+            for sums in sums.iter().flat_map(|sums| sums.chunks_exact(count)) {
+                lies.iter_mut().zip(sums).for_each(|(x, sum)| *x += sum);
+            }
+            (basis, lies)
+        });
+    }
 }
 
 /// Columns of one length, one behind the other.
@@ -179,25 +193,68 @@ impl Job for Difference<'_> {
             let to = (from + BLOCK).min(n);
             for l in 0..q {
                 let own = &mut self.a[l * n + from..l * n + to];
-                let basis = |k: usize| self.b.part(k, from, to - from);
-                let mut k = 0;
-                while k + WIDE <= p {
-                    let columns: [&[f64]; WIDE] = from_fn(|x| &basis(k + x)[..own.len()]);
-                    let times: [f64; WIDE] = from_fn(|x| self.c[(k + x, l)]);
-                    for (row, x) in own.iter_mut().enumerate() {
-                        for (column, times) in columns.iter().zip(times) {
-                            *x -= times * column[row];
-                        }
-                    }
-                    k += WIDE;
-                }
-                for k in k..p {
-                    let times = self.c[(k, l)];
-                    for (x, y) in own.iter_mut().zip(basis(k)) {
-                        *x -= times * y;
-                    }
-                }
+                less(own, (self.b, from), &self.c.as_slice()[l * p..][..p]);
             }
+        }
+    }
+}
+
+/// Rows of a column on its way through bases.
+struct Pass<'a> {
+    /// Number of the first of these rows.
+    first: usize,
+    own: &'a mut [f64],
+    /// The basis behind it, and what lies along each of its columns.
+    before: Option<(Columns<'a>, &'a [f64])>,
+    /// The basis ahead.
+    next: Option<Columns<'a>>,
+}
+
+impl Job for Pass<'_> {
+    /// Sums along the columns of the basis ahead, block by block.
+    type Output = Vec<f64>;
+    #[inline(always)]
+    fn run<V: Lane>(self) -> Vec<f64> {
+        let count = self.next.map_or(0, Columns::count);
+        let mut sums = Vec::with_capacity(count * self.own.len().div_ceil(BLOCK));
+        for (block, own) in self.own.chunks_mut(BLOCK).enumerate() {
+            let from = self.first + block * BLOCK;
+            if let Some((basis, lies)) = self.before {
+                less(own, (basis, from), lies);
+            }
+            let Some(basis) = self.next else { continue };
+            let left = |k: usize| basis.part(k, from, own.len());
+            let mut k = 0;
+            while k + WIDE <= count {
+                sums.extend(dots::<WIDE>(from_fn(|x| left(k + x)), own));
+                k += WIDE;
+            }
+            for k in k..count {
+                sums.extend(dots([left(k)], own));
+            }
+        }
+        sums
+    }
+}
+
+/// Subtracts from a block of a column, whose first row is given with the `basis`, so many `times` each of its columns.
+#[inline(always)]
+fn less(own: &mut [f64], (basis, from): (Columns, usize), times: &[f64]) {
+    let rows = own.len();
+    let mut k = 0;
+    while k + WIDE <= times.len() {
+        let columns: [&[f64]; WIDE] = from_fn(|x| basis.part(k + x, from, rows));
+        let times: [f64; WIDE] = from_fn(|x| times[k + x]);
+        for (row, x) in own.iter_mut().enumerate() {
+            for (column, times) in columns.iter().zip(times) {
+                *x -= times * column[row];
+            }
+        }
+        k += WIDE;
+    }
+    for k in k..times.len() {
+        for (x, y) in own.iter_mut().zip(basis.part(k, from, rows)) {
+            *x -= times[k] * y;
         }
     }
 }
@@ -246,6 +303,24 @@ mod tests {
         assert!(gram(&a)[(1, 1)].is_nan());
     }
 
+    #[test]
+    fn a_long_column_loses_what_lies_in_bases_to_the_same_bits_on_any_number_of_threads() {
+        let rows = 2 * PART + 3 * BLOCK + 17;
+        let [one, other] = [(4, 0.3), (6, 2.1)].map(|(columns, seed)| matrix(rows, columns, seed).qr().q());
+        let column = matrix(rows, 1, 5.0).column(0).into_owned();
+        let freed = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let mut free = column.clone();
+            pool.install(|| remove(&[one.as_slice(), &[], other.as_slice()], &mut free));
+            free
+        };
+        let expected = &column - &one * one.tr_mul(&column);
+        let expected = &expected - &other * other.tr_mul(&expected);
+        let free = freed(1);
+        assert!((&free - expected).amax() < 1e-10 * column.norm());
+        assert_eq!(free, freed(3));
+    }
+
     proptest! {
         #[test]
         fn products_are_those_of_the_definition(rows in 0..2500usize, p in 0..5usize, q in 0..5usize, seed in 0.0..9.0f64) {
@@ -268,7 +343,7 @@ mod tests {
             let mut out = matrix(rows, 1, seed + 2.0).column(0).into_owned();
             let removed = &a * (a.transpose() * &out);
             let expected = &out - removed;
-            remove(a.as_slice(), &mut out);
+            remove(&[a.as_slice()], &mut out);
             prop_assert!((out - expected).amax() < 1e-9);
             if q > 0 {
                 let y = b.column(0).into_owned();

@@ -26,7 +26,8 @@ pub enum Held {
 }
 
 /// Fits a hypothesis once more with voltages held in the stator's frame, and goes over to them, on the `others` as well, if they alone
-/// explain what it leaves in the currents of all recordings or in the motion of all, and no other channel is the worse for it.
+/// explain what it leaves in the currents of all recordings or in the motion of all, and no other channel is the worse for it. Where the
+/// hypothesis has been transferred to the others, `known` holds it there; else nothing.
 ///
 /// # Errors
 /// Those of the least-squares fits.
@@ -34,6 +35,7 @@ pub fn settle(
     data: &mut Data,
     others: &mut [Data],
     found: &Hypothesis,
+    known: &[Hypothesis],
     monitor: &dyn Monitor,
 ) -> Result<Held> {
     let driven = data.has(true) && data.runs().iter().all(|run| run.signals.v.is_some());
@@ -48,8 +50,11 @@ pub fn settle(
     };
     let in_rotor = || -> Result<(Vec<Data>, Vec<Hypothesis>)> {
         let (mut theirs, mut before) = (others.to_vec(), vec![found.clone()]);
-        for other in &mut theirs {
-            let transferred = transfer(other, found, monitor)?;
+        for (run, other) in theirs.iter_mut().enumerate() {
+            let transferred = match known.get(run) {
+                Some(known) => known.clone(),
+                None => transfer(other, found, monitor)?,
+            };
             other.settle_floors(&transferred);
             before.push(transferred.seen_again(other));
         }
@@ -63,8 +68,11 @@ pub fn settle(
         None if before.iter().any(asks) => in_stator()?,
         None => return Ok(Held::InRotor(in_rotor)),
     };
-    let mut theirs = in_rotor.clone();
     let mut after = vec![held.clone()];
+    if !tells(&before[..1], &after) {
+        return Ok(Held::InRotor(in_rotor));
+    }
+    let mut theirs = in_rotor.clone();
     for other in &mut theirs {
         other.hold_in_stator();
         after.push(transfer(other, &held, monitor)?);
@@ -86,6 +94,23 @@ pub fn settle(
 
 /// Whether all that was left of the currents, or of the motion, is gone, and the rest no worse.
 fn explained(before: &[Hypothesis], after: &[Hypothesis]) -> bool {
+    sides(before, after).into_iter().any(|side| side.asks && side.gone)
+}
+
+/// Whether that can still be so with more recordings than these.
+fn tells(before: &[Hypothesis], after: &[Hypothesis]) -> bool {
+    sides(before, after).into_iter().any(|side| side.gone)
+}
+
+/// Currents or motion of some recordings.
+struct Side {
+    /// Whether anything was left.
+    asks: bool,
+    /// Whether all of it is gone, and the rest no worse.
+    gone: bool,
+}
+
+fn sides(before: &[Hypothesis], after: &[Hypothesis]) -> [Side; 2] {
     let pairs = |electrical: bool| -> Vec<(f64, f64)> {
         let on_run = |(before, after): (&Hypothesis, &Hypothesis)| {
             let excess = beyond_chance(before).zip(beyond_chance(after));
@@ -95,14 +120,16 @@ fn explained(before: &[Hypothesis], after: &[Hypothesis]) -> bool {
         };
         before.iter().zip(after).flat_map(on_run).collect()
     };
-    [true, false].into_iter().any(|side| {
+    [true, false].map(|side| {
         let (own, rest) = (pairs(side), pairs(!side));
         let gone = |(before, after): &(f64, f64)| {
             *after <= if *before > UNEXPLAINED.1 { (LEFT * before).min(UNEXPLAINED.1) } else { UNEXPLAINED.1 }
         };
-        own.iter().any(|(before, _)| *before > UNEXPLAINED.1)
-            && own.iter().all(gone)
-            && rest.iter().all(|(before, after)| *after <= before + MORE * (1.0 + before.max(0.0)))
+        let no_worse = |(before, after): &(f64, f64)| *after <= before + MORE * (1.0 + before.max(0.0));
+        Side {
+            asks: own.iter().any(|(before, _)| *before > UNEXPLAINED.1),
+            gone: own.iter().all(gone) && rest.iter().all(no_worse),
+        }
     })
 }
 
@@ -127,6 +154,11 @@ mod tests {
         let before = runs(left(1.05, 1.0, 90.0), left(1.42, 1.1, 40.0));
         assert!(explained(&before, &runs(left(1.0, 1.0, 89.0), left(1.01, 1.0, 41.0))));
         assert!(!explained(&before, &runs(left(1.0, 1.0, 89.0), left(1.2, 1.0, 41.0))));
+        // Of the first run alone it is not known yet, or no longer.
+        assert!(
+            tells(&before[..1], &[left(1.0, 1.0, 89.0)]) && !explained(&before[..1], &[left(1.0, 1.0, 89.0)])
+        );
+        assert!(!tells(&before[..1], &[left(1.2, 1.0, 89.0)]));
         assert!(!explained(&before, &runs(left(1.0, 1.0, 99.0), left(1.01, 1.0, 41.0))));
         // The motion of the fitted run alone proves nothing against that of the other one.
         let before = runs(left(1.0, 1.0, 1.3), left(1.0, 1.0, 1.05));

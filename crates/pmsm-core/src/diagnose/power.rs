@@ -108,19 +108,18 @@ pub fn survey(
     monitor: &dyn Monitor,
 ) -> Vec<Shown> {
     let scorer = Scorer::new(data, best);
-    let jacobian = scorer.experiment().linearise(&best.parameters, &best.free).jacobian;
-    let basis = orthonormal(&jacobian);
+    let (jacobian, basis) = scorer.fitted();
     let (mut found, mut columns) = (Vec::new(), Vec::new());
     let mut at = basis.ncols();
     for effect in best.effects() {
-        let Trace { alone, trace, size } = trace(&scorer, best, effect, &jacobian);
+        let Trace { alone, trace, size } = trace(&scorer, best, effect, jacobian);
         let end = at + alone.ncols();
         found.push(Found { effect, alone: at..end, trace: end, size });
         at = end + 1;
         columns.extend([alone, trace]);
     }
-    let fitted = Fitted::new(&jacobian, &basis);
-    let known = Known::new(basis, &columns, scorer.experiment().blocks());
+    let fitted = Fitted::new(jacobian, basis);
+    let known = Known::new(basis.clone(), &columns, scorer.experiment().blocks());
     let survey = Survey { scorer, best, worth, poor, fitted, known, found };
     let judged: Vec<Option<Shown>> = absent
         .par_iter()

@@ -38,6 +38,8 @@ pub struct Scorer<'a> {
     hypothesis: &'a Hypothesis,
     whole: Projector,
     rotor: Option<Projector>,
+    /// Derivatives of the residual with respect to what was fitted.
+    jacobian: DMatrix<f64>,
 }
 
 /// Orthonormal basis of what fitted parameters can do, and the residual they leave.
@@ -60,11 +62,11 @@ impl<'a> Scorer<'a> {
         // Parameters that were fitted to both may have bent in both: a flux that stands in for friction shows in the currents.
         let rotor = data.floors.iter().any(|f| !f.channel.is_electrical())
             && !fitting::together(data, &hypothesis.model);
-        let (whole, rotor) = rayon::join(
+        let ((whole, jacobian), rotor) = rayon::join(
             || Projector::new(data, hypothesis, false),
-            || rotor.then(|| Projector::new(data, hypothesis, true)),
+            || rotor.then(|| Projector::new(data, hypothesis, true).0),
         );
-        Self { data, hypothesis, whole, rotor }
+        Self { data, hypothesis, whole, rotor, jacobian }
     }
 
     /// Scores `effect` over its grid of shapes. Amplitudes found beyond their physical bounds count as far as the
@@ -139,6 +141,12 @@ impl<'a> Scorer<'a> {
         experiment.with_plain_speed().with_starts(self.whole.starts.as_deref())
     }
 
+    /// Derivatives of the residual, in units of what is left in each channel, with respect to what was fitted, and an orthonormal basis of
+    /// what they span.
+    pub fn fitted(&self) -> (&DMatrix<f64>, &DMatrix<f64>) {
+        (&self.jacobian, &self.whole.basis)
+    }
+
     fn projector(&self, effect: EffectId) -> &Projector {
         // A purely mechanical effect leaves the voltage equations as they are, and what was fitted to them alone.
         match (&self.rotor, effect.info().site) {
@@ -201,7 +209,8 @@ impl Sensitivity<'_> {
 }
 
 impl Projector {
-    fn new(data: &Data, hypothesis: &Hypothesis, rotor_only: bool) -> Self {
+    /// With the derivatives with respect to what was fitted.
+    fn new(data: &Data, hypothesis: &Hypothesis, rotor_only: bool) -> (Self, DMatrix<f64>) {
         let mut channels = rescaled(data.channels(true, true), left(data, hypothesis));
         for run in &mut channels {
             run.retain(|(c, _)| !(rotor_only && c.is_electrical()));
@@ -221,7 +230,7 @@ impl Projector {
         let basis = orthonormal(&linear.jacobian);
         let residual = &linear.residual - &basis * basis.tr_mul(&linear.residual);
         let courses = experiment.courses(&hypothesis.parameters);
-        Self { channels, order, courses, starts, basis, residual }
+        (Self { channels, order, courses, starts, basis, residual }, linear.jacobian)
     }
 }
 

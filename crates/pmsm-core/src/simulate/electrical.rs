@@ -140,8 +140,45 @@ pub fn true_env<T: Real>(sensor: &Sensor<T>, measured: &Env<T>, n_p: f64) -> Env
     }
 }
 
+/// What goes along with a run.
+pub(super) trait Along<W> {
+    /// At the state `[λ_d, λ_q, extra …]` of the next sample, which may be changed before the run goes on from it.
+    #[inline(always)]
+    fn arrive<const N: usize>(&mut self, _: &mut [W; N]) {}
+    /// At sample `k`, with where the machine is, its current d, q and that which the log should show, A.
+    fn stand(&mut self, k: usize, env: &Env<W>, i: [W; 2], shown: [W; 2]);
+    /// Behind it, with the voltage d, q that is held to the next sample, V.
+    #[inline(always)]
+    fn leave(&mut self, _: [W; 2]) {}
+}
+
+impl<W, T, S> Along<W> for One<T, S>
+where
+    Self: Sink<W, 2>,
+{
+    #[inline(always)]
+    fn stand(&mut self, k: usize, _: &Env<W>, _: [W; 2], shown: [W; 2]) {
+        self.take(0, k, shown);
+    }
+}
+
+impl<W, T, S> Along<W> for Each<'_, T, S>
+where
+    Self: Sink<W, 2>,
+{
+    #[inline(always)]
+    fn stand(&mut self, k: usize, _: &Env<W>, _: [W; 2], shown: [W; 2]) {
+        self.take(0, k, shown);
+    }
+}
+
 #[inline(always)]
-fn run_sized<W: Real, const N: usize>(model: &Model, signals: &Signals, p: &[W], sink: &mut impl Sink<W, 2>) {
+pub(super) fn run_sized<W: Real, const N: usize>(
+    model: &Model,
+    signals: &Signals,
+    p: &[W],
+    along: &mut impl Along<W>,
+) {
     let (Some(v), Some(_), Some(phases)) = (&signals.v, &signals.i, &signals.phases) else { return };
     let base = Base::new(p);
     let (n_p, sensed) = (signals.n_p, model.has_sensor());
@@ -156,9 +193,10 @@ fn run_sized<W: Real, const N: usize>(model: &Model, signals: &Signals, p: &[W],
                 let i = model.true_current(&sensor, abc, measured.theta_e);
                 state = model.state_under(p, &base, i, None, &model.temperatures(&state), &env).0;
             }
+            along.arrive(&mut state);
             let i = model.state_current(p, &base, &state, &env).i;
             let shown = if sensed { model.measured_current(&sensor, i, measured.theta_e) } else { i };
-            sink.take(0, k, shown);
+            along.stand(k, &env, i, shown);
             if k + 1 == segment.end {
                 break;
             }
@@ -173,6 +211,7 @@ fn run_sized<W: Real, const N: usize>(model: &Model, signals: &Signals, p: &[W],
             } else {
                 (sensor, next_measured)
             };
+            along.leave(command);
             let rate = signals.omega_e[k].abs() + signals.context.electrical_rate;
             let pieces = ((h * rate / STEP_LIMIT).ceil() as usize).clamp(1, 64);
             for piece in 0..pieces {
@@ -236,7 +275,7 @@ fn mix<T: Real>(x: T, y: T, c: f64) -> T {
 
 /// Linear interpolation between two environments.
 #[inline(always)]
-fn between<T: Real>(a: &Env<T>, b: &Env<T>, c: f64) -> Env<T> {
+pub fn between<T: Real>(a: &Env<T>, b: &Env<T>, c: f64) -> Env<T> {
     Env {
         t: a.t + (b.t - a.t) * c,
         omega_e: mix(a.omega_e, b.omega_e, c),

@@ -18,6 +18,8 @@ use crate::monitor::Monitor;
 const KEPT_PROMISE: f64 = 0.5;
 const LEAST_PROMISE: f64 = 0.02;
 const FAINTER: f64 = 0.1;
+/// Two fits whose parameters of the effect differ by no more than this share have come to the same place.
+const ALIKE: f64 = 0.01;
 
 /// What a refit has to come up to.
 #[derive(Clone, Copy)]
@@ -115,10 +117,15 @@ fn beside(
     let better = |a: Hypothesis, b: Hypothesis| {
         if lost(&a) || (!lost(&b) && explained(parent, &b) > explained(parent, &a)) { b } else { a }
     };
+    let mut alike = false;
     if broken(&best) {
-        best = better(best, fit(&prospect.start, &shapes)?);
+        let again = fit(&prospect.start, &shapes)?;
+        // Two ways that lead to the same place have not led astray.
+        let place = |fitted: &Hypothesis| fitted.own()[first..].to_vec();
+        alike = place(&best).iter().zip(place(&again)).all(|(a, b)| (a - b).abs() <= ALIKE * a.abs());
+        best = better(best, again);
     }
-    if broken(&best) {
+    if broken(&best) && !alike {
         let strength = |p: &Parameter| if p.role == Role::Amplitude { FAINTER } else { 1.0 };
         let fainter: Vec<f64> = prospect.start.iter().zip(parameters).map(|(x, p)| x * strength(p)).collect();
         best = better(best, fit(&fainter, &[])?);

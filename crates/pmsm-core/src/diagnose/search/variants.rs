@@ -13,9 +13,26 @@ use crate::diagnose::verdict::Judged;
 use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Look-alikes of the found effects refitted at most beside those that were tried anyway.
 const LOOK_ALIKES: usize = 4;
+
+/// A way to do with less than a set of effects.
+struct Less {
+    /// The effect that is taken out.
+    gone: EffectId,
+    /// What stands in its place, if anything: a special case of it.
+    instead: Option<EffectId>,
+}
+
+impl Less {
+    /// What is left of these effects.
+    fn effects(&self, of: &[EffectId]) -> Vec<EffectId> {
+        of.iter().copied().filter(|e| *e != self.gone).chain(self.instead).collect()
+    }
+}
 
 /// A variant of the best set.
 #[derive(Debug, Clone)]
@@ -34,34 +51,66 @@ impl Search<'_> {
         'again: loop {
             let effects = best.fitted.effects();
             // What an effect has beyond a special case of it must be plain.
-            for wide in &effects {
-                for narrow in special_cases(*wide).filter(|e| !effects.contains(e)) {
-                    let simpler = self.narrowed(&best, *wide, narrow, seen)?;
-                    let simpler = self.sharpened(&best, *wide, narrow, simpler, scale, seen)?;
-                    if !scale.widens(&best, &simpler) {
-                        best = simpler;
-                        continue 'again;
-                    }
+            let narrower = effects.iter().flat_map(|gone| {
+                let instead = special_cases(*gone).filter(|e| !effects.contains(e));
+                instead.map(|narrow| Less { gone: *gone, instead: Some(narrow) })
+            });
+            let fewer = effects.iter().map(|gone| Less { gone: *gone, instead: None });
+            let ways: Vec<Less> = narrower.chain(fewer).collect();
+            // What comes behind one that will do is not asked for.
+            let done = AtomicUsize::new(ways.len());
+            let try_one = |(k, way): (usize, &Less)| {
+                if done.load(Ordering::Relaxed) < k {
+                    return None;
                 }
-            }
-            for drop in &effects {
-                if let Some(fewer) = self.needless(&best, *drop, scale, seen)? {
-                    best = fewer;
-                    continue 'again;
+                let mut own = seen.clone();
+                let will_do = self.will_do(&best, way, scale, &mut own);
+                if matches!(will_do, Ok(Some(_))) {
+                    done.fetch_min(k, Ordering::Relaxed);
                 }
-                let tried = seen.len();
-                let mut fewer = self.without(&best, *drop, seen)?;
-                if seen.len() == tried {
-                    fewer = self.fitted_here(&best, *drop, fewer, scale, seen)?;
+                let set = way.effects(&effects);
+                let learned = own.into_iter().enumerate().filter(|(_, j)| is_set(&j.fitted.effects(), &set));
+                Some((will_do, learned.collect::<Vec<_>>()))
+            };
+            let tried: Vec<_> = ways.par_iter().enumerate().map(try_one).collect();
+            let known = seen.len();
+            for (will_do, learned) in tried.into_iter().map_while(|x| x) {
+                let will_do = will_do?;
+                for (at, judged) in learned {
+                    if at < known { seen[at] = judged } else { seen.push(judged) }
                 }
-                let fewer = self.under_same_load(&best, *drop, fewer, scale, seen)?;
-                if scale.loss(&fewer) < scale.loss(&best) + LEAST_GAIN {
-                    best = fewer;
+                if let Some(simpler) = will_do {
+                    best = simpler;
                     continue 'again;
                 }
             }
             return Ok(best);
         }
+    }
+
+    /// The set with less, if it will do; the best fit of it is put among those `seen`.
+    fn will_do(
+        &self,
+        best: &Judged,
+        way: &Less,
+        scale: &Scale,
+        seen: &mut Vec<Judged>,
+    ) -> Result<Option<Judged>> {
+        if let Some(narrow) = way.instead {
+            let simpler = self.narrowed(best, way.gone, narrow, seen)?;
+            let simpler = self.sharpened(best, way.gone, narrow, simpler, scale, seen)?;
+            return Ok((!scale.widens(best, &simpler)).then_some(simpler));
+        }
+        if let Some(fewer) = self.needless(best, way.gone, scale, seen)? {
+            return Ok(Some(fewer));
+        }
+        let tried = seen.len();
+        let mut fewer = self.without(best, way.gone, seen)?;
+        if seen.len() == tried {
+            fewer = self.fitted_here(best, way.gone, fewer, scale, seen)?;
+        }
+        let fewer = self.under_same_load(best, way.gone, fewer, scale, seen)?;
+        Ok((scale.loss(&fewer) < scale.loss(best) + LEAST_GAIN).then_some(fewer))
     }
 
     /// The same set with a special case in place of one effect, refitted unless it was tried before.
@@ -105,29 +154,42 @@ impl Search<'_> {
         (seen, grown): (&mut Vec<Judged>, &mut Vec<Vec<EffectId>>),
     ) -> Result<Vec<Swap>> {
         let effects = best.fitted.effects();
-        let mut out = Vec::new();
-        for &effect in &effects {
+        let rest = self.rest(able, best);
+        let beside = |effect: &EffectId| {
             if self.monitor.cancelled() {
-                break;
+                return None;
             }
-            let fewer = self.without(best, effect, seen)?;
-            let kept = fewer.fitted.effects();
-            let tried = |e: EffectId, seen: &[Judged]| {
-                seen.iter().find(|j| same(&j.fitted.effects(), &kept, e)).cloned()
+            let mut own = seen.clone();
+            let fewer = match self.without(best, *effect, &mut own) {
+                Ok(fewer) => fewer,
+                Err(error) => return Some(Err(error)),
             };
-            let rest: Vec<EffectId> = able.iter().copied().filter(|e| !effects.contains(e)).collect();
-            let known = grown.iter().any(|set| is_set(set, &kept));
-            if !known && !rest.iter().any(|e| tried(*e, seen).is_some()) {
-                grown.push(kept.clone());
+            let kept = fewer.fitted.effects();
+            let tried = |e: &EffectId, own: &[Judged]| {
+                own.iter().find(|j| same(&j.fitted.effects(), &kept, *e)).cloned()
+            };
+            let grows =
+                !grown.iter().any(|set| is_set(set, &kept)) && !rest.iter().any(|e| tried(e, &own).is_some());
+            if grows {
                 let aim = Aim { base, best: Some(best), most: BRANCHES, thorough: true };
-                let extended = self.extend(&fewer, &rest, aim)?;
-                seen.extend(extended.into_iter().filter_map(|(_, j)| j));
+                match self.extend(&fewer, &rest, aim) {
+                    Ok(extended) => own.extend(extended.into_iter().filter_map(|(_, j)| j)),
+                    Err(error) => return Some(Err(error)),
+                }
             }
-            let rivals = rest
-                .iter()
-                .filter_map(|e| Some(Swap { replaced: effect, by: Some(*e), judged: tried(*e, seen)? }));
-            out.extend(rivals.collect::<Vec<_>>());
-            out.push(Swap { replaced: effect, by: None, judged: fewer });
+            let rival =
+                |e: &EffectId| Some(Swap { replaced: *effect, by: Some(*e), judged: tried(e, &own)? });
+            let mut swaps: Vec<Swap> = rest.iter().filter_map(rival).collect();
+            swaps.push(Swap { replaced: *effect, by: None, judged: fewer });
+            Some(Ok((swaps, own.split_off(seen.len()), grows.then_some(kept))))
+        };
+        let all: Vec<_> = effects.par_iter().map(beside).collect();
+        let mut out = Vec::new();
+        for one in all.into_iter().map_while(|x| x) {
+            let (swaps, new, kept) = one?;
+            out.extend(swaps);
+            seen.extend(new);
+            grown.extend(kept);
         }
         Ok(out)
     }

@@ -11,11 +11,12 @@ use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::locate::Located;
 use crate::diagnose::scale::{LEAST_GAIN, MOST_WORTH, PRICE};
-use crate::experiment::Joint;
+use crate::experiment::{Answering, Joint};
 use crate::least_squares::Normal;
 use crate::map::{Factor, Part};
 use crate::monitor::Monitor;
 use crate::recording::Kind;
+use crate::tall;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -63,24 +64,24 @@ pub fn choose(
 ) -> Option<Choice> {
     let folds = folds(data, side)?;
     let torque = candidates::torque(data, best);
-    let view = View::new(data, best, side, &torque);
-    let rows = view.residual.len();
+    let view = View::new(data, best, side, &torque, &folds);
+    let rows = view.known.nrows();
     let candidates: Vec<Part> = candidates::candidates(data, best, side, located)
         .into_iter()
         .filter(|part| part.count() * rows <= CELLS)
         .collect();
-    let bare = left(&view.normals(&DMatrix::zeros(rows, 0), &folds), view.basis.ncols(), &[], 0.0);
+    let bare = left(&view.normals(&DMatrix::zeros(rows, 0)), view.parameters(), &[], 0.0);
     let scale = Scale { channels: rows / data.signals.len(), counted: data.counted() };
     let trials: Vec<Trial> = candidates
         .par_iter()
         .filter(|_| !monitor.cancelled())
-        .flat_map_iter(|part| view.trials(part, &folds))
+        .flat_map_iter(|part| view.trials(part))
         .collect();
     let loss = |trial: &Trial| scale.loss(trial.left, trial.part.count());
     let chosen = trials.into_iter().min_by(|a, b| loss(a).total_cmp(&loss(b)))?;
     let floor = (scale.channels * scale.counted) as f64;
     let gain = ((bare - chosen.left) / (bare - floor).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-    (loss(&chosen) < scale.loss(bare, 0) - LEAST_GAIN).then(|| view.settled(chosen, &folds, gain))
+    (loss(&chosen) < scale.loss(bare, 0) - LEAST_GAIN).then(|| view.settled(chosen, gain))
 }
 
 /// What a sum of squares over some channels is worth, by the rule by which effects are compared.
@@ -104,21 +105,52 @@ struct View<'a> {
     side: Side,
     torque: &'a [f64],
     starts: Option<Vec<f64>>,
-    basis: DMatrix<f64>,
-    residual: DVector<f64>,
+    /// Basis of what the fitted parameters can do, and behind it what they leave.
+    known: DMatrix<f64>,
+    /// The rows of each fold, and the products of what is known over them.
+    folds: Vec<Vec<Range<usize>>>,
+    of_folds: Vec<DMatrix<f64>>,
+    /// How the currents answer to a voltage that is lost, where that is asked and can be told.
+    answering: Option<Vec<Answering>>,
 }
 
 impl<'a> View<'a> {
-    fn new(data: &'a Data, best: &'a Hypothesis, side: Side, torque: &'a [f64]) -> Self {
-        let (basis, residual) = (DMatrix::zeros(0, 0), DVector::zeros(0));
-        let mut view = Self { data, best, side, torque, starts: None, basis, residual };
+    /// With the blocks of the recording that each fold holds.
+    fn new(
+        data: &'a Data,
+        best: &'a Hypothesis,
+        side: Side,
+        torque: &'a [f64],
+        blocks: &[Vec<Range<usize>>],
+    ) -> Self {
+        let (known, folds, of_folds) = (DMatrix::zeros(0, 0), Vec::new(), Vec::new());
+        let mut view =
+            Self { data, best, side, torque, starts: None, known, folds, of_folds, answering: None };
         let experiment = view.experiment(&best.model);
         let electrical = |k: usize| experiment.is_electrical(k);
         let free: Vec<usize> =
             best.free.iter().copied().filter(|k| electrical(*k) == (side == Side::Electrical)).collect();
         let starts = experiment.estimated_starts(&best.parameters);
+        let electrical = side == Side::Electrical;
+        let answering = electrical.then(|| experiment.answering(&best.parameters)).flatten();
         let linear = experiment.with_starts(starts.as_deref()).linearise(&best.parameters, &free);
-        (view.starts, view.basis, view.residual) = (starts, orthonormal(&linear.jacobian), linear.residual);
+        let basis = orthonormal(&linear.jacobian);
+        let parameters = basis.ncols();
+        let mut known = basis.insert_column(parameters, 0.0);
+        known.set_column(parameters, &linear.residual);
+        let n = data.signals.len();
+        let rows = |channel: usize, block: &Range<usize>| channel * n + block.start..channel * n + block.end;
+        let all = |fold: &Vec<Range<usize>>| -> Vec<Range<usize>> {
+            (0..known.nrows() / n).flat_map(|c| fold.iter().map(move |block| rows(c, block))).collect()
+        };
+        let folds: Vec<Vec<Range<usize>>> = blocks.iter().map(all).collect();
+        let products = |fold: &Vec<Range<usize>>| {
+            let mut sums = DMatrix::zeros(known.ncols(), known.ncols());
+            fold.iter().for_each(|rows| tall::add_gram(&known, rows.clone(), &mut sums));
+            sums
+        };
+        view.of_folds = folds.iter().map(products).collect();
+        (view.starts, view.known, view.folds, view.answering) = (starts, known, folds, answering);
         view
     }
 
@@ -132,6 +164,10 @@ impl<'a> View<'a> {
 
     /// Derivatives of the residual with respect to the coefficients of a part, at zero.
     fn columns(&self, part: &Part) -> DMatrix<f64> {
+        if let Some(answering) = &self.answering {
+            let experiment = self.experiment(&self.best.model);
+            return experiment.lost_columns(&self.best.parameters, answering, part);
+        }
         let own = self.best.own();
         let mut map = self.best.model.map().cloned().unwrap_or_default();
         map.parts.push(part.clone());
@@ -144,43 +180,35 @@ impl<'a> View<'a> {
     }
 
     /// Normal equations of each fold: what the fitted parameters can do first, then the columns.
-    fn normals(&self, columns: &DMatrix<f64>, folds: &[Vec<Range<usize>>]) -> Vec<Normal> {
-        let (b, k) = (self.basis.ncols(), columns.ncols());
-        let n = self.data.signals.len();
-        let channels = self.residual.len() / n;
-        let fold = |ranges: &Vec<Range<usize>>| {
-            let mut normal =
-                Normal { cost: 0.0, jtj: DMatrix::zeros(b + k, b + k), jtr: DVector::zeros(b + k) };
-            for range in
-                (0..channels).flat_map(|c| ranges.iter().map(move |r| c * n + r.start..c * n + r.end))
-            {
-                let rows = range.len();
-                let (base, own) = (self.basis.rows(range.start, rows), columns.rows(range.start, rows));
-                let residual = self.residual.rows(range.start, rows);
-                normal.cost += residual.norm_squared();
-                let mut add = |at: (usize, usize), block: DMatrix<f64>| {
-                    let mut view = normal.jtj.view_mut(at, block.shape());
-                    view += block;
-                };
-                let cross = base.tr_mul(&own);
-                add((0, 0), base.tr_mul(&base));
-                add((b, 0), cross.transpose());
-                add((0, b), cross);
-                add((b, b), own.tr_mul(&own));
-                let mut first = normal.jtr.rows_mut(0, b);
-                first += base.tr_mul(&residual);
-                let mut second = normal.jtr.rows_mut(b, k);
-                second += own.tr_mul(&residual);
+    fn normals(&self, columns: &DMatrix<f64>) -> Vec<Normal> {
+        let (b, k) = (self.parameters(), columns.ncols());
+        let fold = |(ranges, known): (&Vec<Range<usize>>, &DMatrix<f64>)| {
+            let (mut along, mut own) = (DMatrix::zeros(b + 1, k), DMatrix::zeros(k, k));
+            for range in ranges {
+                let first = range.start;
+                along += tall::tr_mul_rows((&self.known, first), (columns, first), range.len());
+                tall::add_gram(columns, range.clone(), &mut own);
             }
-            normal
+            let mut jtj = DMatrix::zeros(b + k, b + k);
+            jtj.view_mut((0, 0), (b, b)).copy_from(&known.view((0, 0), (b, b)));
+            jtj.view_mut((0, b), (b, k)).copy_from(&along.rows(0, b));
+            jtj.view_mut((b, 0), (k, b)).copy_from(&along.rows(0, b).transpose());
+            jtj.view_mut((b, b), (k, k)).copy_from(&own);
+            let jtr = DVector::from_fn(b + k, |n, _| if n < b { known[(n, b)] } else { along[(b, n - b)] });
+            Normal { cost: known[(b, b)], jtj, jtr }
         };
-        folds.iter().map(fold).collect()
+        self.folds.iter().zip(&self.of_folds).map(fold).collect()
+    }
+
+    /// Number of what the fitted parameters can do.
+    fn parameters(&self) -> usize {
+        self.known.ncols() - 1
     }
 
     /// All sizes and ridges of one candidate.
-    fn trials(&self, part: &Part, folds: &[Vec<Range<usize>>]) -> Vec<Trial> {
-        let normals = self.normals(&self.columns(part), folds);
-        let base = self.basis.ncols();
+    fn trials(&self, part: &Part) -> Vec<Trial> {
+        let normals = self.normals(&self.columns(part));
+        let base = self.parameters();
         let mut out = Vec::new();
         for (part, columns) in sizes(part) {
             for ridge in RIDGES {
@@ -192,9 +220,9 @@ impl<'a> View<'a> {
     }
 
     /// First-order coefficients of a trial from all blocks, and the prior in their unit.
-    fn settled(&self, trial: Trial, folds: &[Vec<Range<usize>>], gain: f64) -> Choice {
-        let whole = sum(&self.normals(&self.columns(&trial.part), folds), None);
-        let base = self.basis.ncols();
+    fn settled(&self, trial: Trial, gain: f64) -> Choice {
+        let whole = sum(&self.normals(&self.columns(&trial.part)), None);
+        let base = self.parameters();
         let columns: Vec<usize> = (0..trial.part.count()).collect();
         let step = step(&whole, base, &columns, trial.ridge);
         let spread = 1.0 / weight(&whole, base, &columns, trial.ridge).max(f64::MIN_POSITIVE).sqrt();

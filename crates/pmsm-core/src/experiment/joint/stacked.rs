@@ -1,7 +1,8 @@
 //! What each recording's own experiment computes, stacked with that of the others.
 
 use super::Joint;
-use crate::experiment::{Channel, Course, Experiment, Linearisation, Prediction};
+use crate::experiment::{Answering, Channel, Course, Experiment, Linearisation, Prediction};
+use crate::map::Part;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -100,6 +101,28 @@ impl Joint<'_> {
             self.place_columns(r, own, columns, &repeated, &mut jacobian);
         }
         jacobian
+    }
+
+    /// How the currents of each recording answer at `p` to a voltage that is lost, if they can be followed on all of them; see
+    /// [`Experiment::answering`].
+    pub fn answering(&self, p: &[f64]) -> Option<Vec<Answering>> {
+        self.runs.par_iter().enumerate().map(|(r, run)| run.answering(&self.of_run(p, r))).collect()
+    }
+
+    /// Derivatives with respect to the coefficients of `part`, all of them zero, beside the model whose currents are `answering` like
+    /// this at `p`; see [`Experiment::lost_columns`].
+    pub fn lost_columns(&self, p: &[f64], answering: &[Answering], part: &Part) -> DMatrix<f64> {
+        if let Some(run) = self.only() {
+            return run.lost_columns(p, &answering[0], part);
+        }
+        let mut columns = DMatrix::zeros(self.channels.len() * self.samples(), part.count());
+        for (r, (run, answering)) in self.runs.iter().zip(answering).enumerate() {
+            let own = run.lost_columns(&self.of_run(p, r), answering, part);
+            for (own, mut all) in own.column_iter().zip(columns.column_iter_mut()) {
+                self.place(r, own.as_slice(), all.as_mut_slice());
+            }
+        }
+        columns
     }
 
     /// Those columns of the parameters `free` that recording `run` knows, and the parameters as it numbers them.
