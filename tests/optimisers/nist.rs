@@ -270,6 +270,7 @@ const PATIENT: Settings = Settings {
     step_tolerance: 1e-10,
     initial_damping: 1e-3,
     leaves_rest: false,
+    stall_tolerance: 0.0,
 };
 
 fn assert_certified(problem: &Regression, found: &Fit, start: &[f64]) {

@@ -31,6 +31,8 @@ const MIN_GAIN: f64 = 1e-4;
 /// Relative reduction that summation error of a long cost can hide. A run that finds no lower cost while the model
 /// promises no more than this has converged.
 const COST_NOISE: f64 = 1e-8;
+/// Steps on end that hardly lower the cost, after which a run has stalled.
+const STALLED: usize = 3;
 /// What a step promises falls with the one before to no less than this share, as far as can be relied on: from far away it falls faster.
 const FASTEST: f64 = 1e-5;
 
@@ -55,6 +57,10 @@ impl Normal {
 pub trait Problem: Sync {
     /// Number of parameters.
     fn dim(&self) -> usize;
+    /// Number of residuals that count, where it is known.
+    fn residuals(&self) -> Option<usize> {
+        None
+    }
     /// Sum of squared weighted residuals at `p`. Not finite where the model cannot be evaluated.
     fn cost(&self, p: &[f64]) -> f64;
     /// Cost and normal equations at `p`.
@@ -82,6 +88,10 @@ pub struct Settings {
     /// Whether the last step is left to the caller, who takes it without an evaluation, see [`Fit::go_on`]. Converged is then also where
     /// the step behind it would promise no more than `cost_tolerance` allows, if it falls behind it as that one fell behind the one before.
     pub leaves_rest: bool,
+    /// Converged also where three steps on end lower the cost less and less, and by no more than this share of it, ≥ 0, times the mean
+    /// square of the residuals where that is known and above one: a parameter runs away where hardly anything shows it, whatever the model
+    /// promises.
+    pub stall_tolerance: f64,
 }
 
 impl Default for Settings {
@@ -92,6 +102,7 @@ impl Default for Settings {
             step_tolerance: 1e-10,
             initial_damping: 1e-3,
             leaves_rest: false,
+            stall_tolerance: 0.0,
         }
     }
 }
@@ -108,6 +119,7 @@ impl Settings {
         for (name, value) in [
             ("cost_tolerance", self.cost_tolerance),
             ("step_tolerance", self.step_tolerance),
+            ("stall_tolerance", self.stall_tolerance),
             ("initial_damping", self.initial_damping),
         ] {
             if !(value.is_finite() && value >= 0.0) {
@@ -172,6 +184,7 @@ pub fn minimise(
     let mut damping = settings.initial_damping;
     let mut iterations = 0;
     let mut before = 0.0f64;
+    let (mut idle, mut fell) = (0, f64::INFINITY);
     let status = loop {
         if !normal.is_finite() {
             break if monitor.cancelled() { Status::Interrupted } else { Status::NotFinite };
@@ -197,7 +210,17 @@ pub fn minimise(
         iterations += 1;
         monitor.report("least squares", iterations as f64 / settings.max_iterations as f64);
         match descend(problem, &normal, &p, bounds, &scale, &mut damping, monitor)? {
-            Search::Found(point, there) => (p, normal) = (point, there),
+            Search::Found(point, there) => {
+                let above = problem.residuals().map_or(1.0, |n| (there.cost / n.max(1) as f64).max(1.0));
+                let falls = normal.cost - there.cost;
+                let hardly = falls <= settings.stall_tolerance * above * there.cost && falls <= fell;
+                idle = if hardly { idle + 1 } else { 0 };
+                fell = falls;
+                (p, normal) = (point, there);
+                if idle == STALLED {
+                    break Status::Converged;
+                }
+            }
             Search::Cancelled => break Status::Interrupted,
             Search::NotFinite => break Status::NotFinite,
             Search::Nothing if newton.promise <= COST_NOISE * normal.cost => break Status::Converged,
@@ -474,5 +497,47 @@ mod tests {
         assert!(run(&[1.0; 2], &[FREE; 2], &Settings { max_iterations: 0, ..ok }).is_err());
         assert!(run(&[1.0; 2], &[FREE; 2], &Settings { cost_tolerance: f64::NAN, ..ok }).is_err());
         assert!(run(&[1.0; 2], &[FREE; 2], &Settings { initial_damping: -1.0, ..ok }).is_err());
+    }
+
+    /// r = k (1 − exp(−t/τ)) − t − c·(−1)^n at t = 1, …, 12, over (k, τ): the line is reached where τ has no end.
+    struct Runaway {
+        c: f64,
+    }
+
+    impl Problem for Runaway {
+        fn dim(&self) -> usize {
+            2
+        }
+        fn residuals(&self) -> Option<usize> {
+            Some(12)
+        }
+        fn cost(&self, p: &[f64]) -> f64 {
+            self.normal(p).cost
+        }
+        fn normal(&self, p: &[f64]) -> Normal {
+            let fades = |n: i32| (-f64::from(n) / p[1]).exp();
+            let residual = |n: i32| p[0] * (1.0 - fades(n)) - f64::from(n) - self.c * (-1f64).powi(n);
+            let r = DVector::from_iterator(12, (1..=12).map(residual));
+            let a = DMatrix::from_fn(12, 2, |i, j| {
+                let n = i as i32 + 1;
+                if j == 0 { 1.0 - fades(n) } else { -p[0] * fades(n) * f64::from(n) / (p[1] * p[1]) }
+            });
+            Normal { cost: r.norm_squared(), jtj: a.tr_mul(&a), jtr: a.tr_mul(&r) }
+        }
+    }
+
+    #[test]
+    fn a_parameter_that_runs_away_is_followed_only_as_long_as_it_is_worth_it() {
+        let end = |c: f64, stall_tolerance: f64| {
+            let settings = Settings { cost_tolerance: 1e-8, stall_tolerance, ..Settings::default() };
+            minimise(&Runaway { c }, &[20.0, 20.0], &[FREE; 2], &settings, &Silent).unwrap()
+        };
+        let (far, near) = (end(0.5, 0.0), end(0.5, 1e-4));
+        assert!(near.iterations + 5 < far.iterations, "{} {}", near.iterations, far.iterations);
+        assert_eq!(near.status, Status::Converged);
+        assert!(near.cost < 1.001 * far.cost, "{} {}", near.cost, far.cost);
+        // What is ten times above one per residual need not be known as well.
+        let loud = end(3.5, 1e-4);
+        assert!(loud.cost > 12.0 * 10.0 && loud.iterations < near.iterations, "{loud:?}");
     }
 }

@@ -239,4 +239,5 @@ pub const SETTINGS: Settings = Settings {
     step_tolerance: 1e-9,
     initial_damping: 1e-3,
     leaves_rest: false,
+    stall_tolerance: 2e-5,
 };

@@ -43,10 +43,11 @@ impl Joint<'_> {
     ) -> Result<Fitted> {
         let bounds: Vec<(f64, f64)> = free.iter().map(|k| self.bounds(*k)).collect();
         let mut start = start.to_vec();
+        let counted = self.blocks().iter().map(|block| block.counted).sum();
         let mut seen = self.with_estimated_starts(&start);
         let mut round = 0;
         loop {
-            let problem = Fitting { experiment: &seen, start: &start, free };
+            let problem = Fitting { experiment: &seen, start: &start, free, counted };
             let at: Vec<f64> = free.iter().map(|k| start[*k]).collect();
             let fit = least_squares::minimise(&problem, &at, &bounds, settings, monitor)?;
             let parameters = problem.whole(&fit.parameters);
@@ -95,6 +96,7 @@ struct Fitting<'a> {
     experiment: &'a Joint<'a>,
     start: &'a [f64],
     free: &'a [usize],
+    counted: usize,
 }
 
 impl Fitting<'_> {
@@ -122,6 +124,10 @@ impl Fitting<'_> {
 impl Problem for Fitting<'_> {
     fn dim(&self) -> usize {
         self.free.len()
+    }
+
+    fn residuals(&self) -> Option<usize> {
+        Some(self.counted)
     }
 
     fn cost(&self, point: &[f64]) -> f64 {

@@ -17,6 +17,7 @@ pub const SETTINGS: Settings = Settings {
     step_tolerance: 1e-9,
     initial_damping: 1e-3,
     leaves_rest: true,
+    stall_tolerance: 0.0,
 };
 /// The same for a start that is nearly right: undamped at first, and done within a tenth of a standard error.
 pub const WARM: Settings =

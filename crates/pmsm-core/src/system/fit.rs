@@ -19,6 +19,7 @@ const SETTINGS: Settings = Settings {
     step_tolerance: 1e-9,
     initial_damping: 1e-3,
     leaves_rest: false,
+    stall_tolerance: 0.0,
 };
 /// Share of its value, or of its range where that is larger, by which a parameter must change to matter.
 const MATTERS: f64 = 0.02;
