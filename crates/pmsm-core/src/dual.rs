@@ -2,6 +2,7 @@
 
 mod beside;
 mod outlined;
+mod plain;
 mod tangent;
 
 pub use beside::Beside;

@@ -8,6 +8,7 @@
 mod candidates;
 mod choice;
 mod rival;
+mod view;
 mod words;
 
 use super::data::Data;

@@ -278,7 +278,7 @@ mod tests {
                 let free: Vec<usize> = (p.len()..all.len()).collect();
                 let run = of_currents(&richer, &signals, &windows).linearise(&all, &free).jacobian;
                 for (column, exact) in columns.column_iter().zip(run.column_iter()) {
-                    let off = (&column - &exact).norm() / exact.norm();
+                    let off = (column - exact).norm() / exact.norm();
                     assert!(off < 0.01, "{effects:?} {off} of {}", exact.norm());
                 }
             }

@@ -6,14 +6,25 @@
 
 use super::load::Profile;
 use super::rows::{Rows, of_groups};
-use super::speed::Run;
+use super::speed::{Course, Run};
 use super::{Experiment, seed};
 use crate::dual::Dual;
 use crate::effect::{Role, Site};
 use crate::machine::BaseParameter;
+use crate::real::Real;
 use crate::simulate::mechanical::{self, Rotor, Torque};
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::OnceLock;
+
+/// How the acceleration (rad/s², electrical) answers to the motor's torque (N·m) along a course of the speed.
+#[derive(Debug, Clone)]
+pub(super) struct Gains {
+    /// At each sample.
+    here: Vec<f64>,
+    /// Halfway to the next, where a step has its middle there.
+    between: Vec<Option<f64>>,
+}
 
 /// Columns that share a pass over the samples: with more of them, too many numbers for the registers are in hand at once.
 const TOGETHER: usize = 4;
@@ -33,12 +44,11 @@ impl Experiment<'_> {
     }
 
     /// Derivatives of the `speed`, which comes with its derivative with respect to the initial speeds, for those `answering` columns of
-    /// the parameters `free` to which it answers as to a change of itself.
+    /// the parameters `free` to which it answers as to a change of itself; the rotor's course may be `known`.
     pub(super) fn respond<'t>(
         &self,
-        p: &[f64],
-        free: &[usize],
-        answering: &[usize],
+        (p, free, answering): (&[f64], &[usize], &[usize]),
+        known: Option<&Course>,
         torque: impl Fn() -> &'t [f64] + Sync,
         speed: &Run,
         rows: &mut Rows<'_>,
@@ -53,75 +63,134 @@ impl Experiment<'_> {
         let loads = (!load.is_empty()).then_some((&load[..], None));
         let (groups, changes): (Vec<&[usize]>, Vec<Option<bool>>) =
             changing.chain(driven).chain(loads).unzip();
+        let own = OnceLock::new();
+        let gains =
+            || known.map_or(&own, |known| &known.gains).get_or_init(|| self.gains(p, torque(), speed));
         let jobs: Vec<_> = groups.iter().zip(changes).zip(of_groups(&mut rows.columns, &groups)).collect();
         jobs.into_par_iter().for_each(|((columns, changes), rows)| {
             let at = (p, free, *columns);
-            match changes {
-                None => self.load_columns(at, &speed.slope, rows),
-                Some(changes) => self.torque_columns::<TOGETHER>(at, changes, &torque, speed, rows),
+            match (changes, columns.len()) {
+                (None, _) => self.load_columns(at, &speed.slope, rows),
+                (Some(true), 1) => self.torque_columns::<1>(at, gains(), speed, rows),
+                (Some(true), 2) => self.torque_columns::<2>(at, gains(), speed, rows),
+                (Some(true), _) => self.torque_columns::<TOGETHER>(at, gains(), speed, rows),
+                (Some(false), 1) => self.rotor_columns::<1>(at, torque(), speed, rows),
+                (Some(false), 2) => self.rotor_columns::<2>(at, torque(), speed, rows),
+                (Some(false), _) => self.rotor_columns::<TOGETHER>(at, torque(), speed, rows),
             }
         });
     }
 
-    /// Derivatives with respect to parameters that change the acceleration, the motor's torque along with it if that `changes`.
-    fn torque_columns<'t, const N: usize>(
-        &self,
-        (p, free, columns): (&[f64], &[usize], &[usize]),
-        changes: bool,
-        torque: impl Fn() -> &'t [f64],
-        Run { shown, slope }: &Run,
-        mut rows: Vec<&mut [f64]>,
-    ) {
-        let weight = self.speed_weight();
+    /// How the acceleration answers to the motor's torque along the `speed`.
+    fn gains(&self, p: &[f64], torque: &[f64], Run { shown, .. }: &Run) -> Gains {
         let count = self.model.parameter_count();
-        let seeded = seed::<N>(p, columns, free);
-        let lifted;
-        let tau_e = if changes {
-            lifted = mechanical::torque(self.model, self.signals, &seeded[..count]);
-            Torque::Varied(&lifted)
-        } else {
-            Torque::Fixed(torque())
-        };
-        let t = &self.signals.t;
-        let along = |window: &Range<usize>, here: &[Dual<N>], between: &[Option<Dual<N>>]| {
-            let at = |k: usize| &here[k].eps;
-            let mut put = |k: usize, response: &[f64; N]| {
-                for (rows, x) in rows.iter_mut().zip(response) {
-                    rows[window.start + k] = x * weight;
-                }
-            };
-            let (mut k, mut response) = (0, [0.0; N]);
-            put(0, &response);
-            // Simpson's rule, and over half a step what belongs to it.
-            while k + 1 < here.len() {
-                let from = window.start + k;
-                let (h, kept) = (t[from + 1] - t[from], kept(slope, from, 1));
-                if let Some(middle) = &between[k] {
-                    let weights = [kept, 4.0 * root(kept), 1.0].map(|x| x * h / 6.0);
-                    response = added(&response, kept, weights, [at(k), &middle.eps, at(k + 1)]);
-                    k += 1;
-                } else {
-                    let three = [at(k), at(k + 1), at(k + 2)];
-                    let half = [5.0, 8.0, -1.0].map(|x| x * root(kept) * h / 12.0);
-                    put(k + 1, &added(&response, kept, half, three));
-                    let (h, kept) = (t[from + 2] - t[from], self::kept(slope, from, 2));
-                    let weights = [kept, 4.0 * root(kept), 1.0].map(|x| x * h / 6.0);
-                    response = added(&response, kept, weights, three);
-                    k += 2;
-                }
-                put(k, &response);
-            }
-        };
+        let fixed: Vec<Dual<1>> = p[..count].iter().map(|x| Dual::constant(*x)).collect();
+        let torque: Vec<Dual<1>> = torque.iter().map(|x| Dual::variable(*x, 0)).collect();
+        let n = self.samples();
+        let mut gains = Gains { here: vec![0.0; n], between: vec![None; n] };
         let rotor = Rotor {
             model: self.model,
             signals: self.signals,
-            p: &seeded[..count],
-            tau_e,
+            p: &fixed,
+            tau_e: Torque::Varied(&torque),
             load: (self.nuisance, &p[count..]),
             windows: self.windows,
             shown,
         };
-        rotor.accelerations(along);
+        rotor.accelerations(|window, here, between| {
+            for ((k, here), between) in window.clone().zip(here).zip(between) {
+                gains.here[k] = here.eps[0];
+                gains.between[k] = between.map(|x| x.eps[0]);
+            }
+        });
+        gains
+    }
+
+    /// Derivatives with respect to parameters that change the acceleration through the motor's torque alone.
+    fn torque_columns<const N: usize>(
+        &self,
+        (p, free, columns): (&[f64], &[usize], &[usize]),
+        gains: &Gains,
+        Run { slope, .. }: &Run,
+        mut rows: Vec<&mut [f64]>,
+    ) {
+        let count = self.model.parameter_count();
+        let torque = mechanical::torque(self.model, self.signals, &seed::<N>(p, columns, free)[..count]);
+        for window in self.windows {
+            let here = |k: usize| torque[k].eps.map(|x| x * gains.here[k]);
+            let between = |k: usize| {
+                let gain = gains.between[k]?;
+                Some(mechanical::torque_halfway(&torque, k, window).eps.map(|x| x * gain))
+            };
+            self.accumulate(window, slope, (here, between), &mut rows);
+        }
+    }
+
+    /// Derivatives with respect to parameters of the rotor, which change the acceleration at the same `torque` of the motor.
+    fn rotor_columns<const N: usize>(
+        &self,
+        (p, free, columns): (&[f64], &[usize], &[usize]),
+        torque: &[f64],
+        Run { shown, slope }: &Run,
+        mut rows: Vec<&mut [f64]>,
+    ) {
+        let count = self.model.parameter_count();
+        let seeded = seed::<N>(p, columns, free);
+        let rotor = Rotor {
+            model: self.model,
+            signals: self.signals,
+            p: &seeded[..count],
+            tau_e: Torque::Fixed(torque),
+            load: (self.nuisance, &p[count..]),
+            windows: self.windows,
+            shown,
+        };
+        rotor.accelerations(|window, here, between| {
+            let own = (
+                |k: usize| here[k - window.start].eps,
+                |k: usize| between[k - window.start].map(|x: Dual<N>| x.eps),
+            );
+            self.accumulate(window, slope, own, &mut rows);
+        });
+    }
+
+    /// What derivatives of the acceleration, at a sample and halfway to the next where a step has its middle there, do to the speed of
+    /// one window.
+    fn accumulate<const N: usize>(
+        &self,
+        window: &Range<usize>,
+        slope: &[f64],
+        (here, between): (impl Fn(usize) -> [f64; N], impl Fn(usize) -> Option<[f64; N]>),
+        rows: &mut [&mut [f64]],
+    ) {
+        let weight = self.speed_weight();
+        let t = &self.signals.t;
+        let mut put = |k: usize, response: &[f64; N]| {
+            for (rows, x) in rows.iter_mut().zip(response) {
+                rows[k] = x * weight;
+            }
+        };
+        let (mut k, mut response) = (window.start, [0.0; N]);
+        put(k, &response);
+        // Simpson's rule, and over half a step what belongs to it.
+        while k + 1 < window.end {
+            let (h, kept) = (t[k + 1] - t[k], kept(slope, k, 1));
+            if let Some(middle) = between(k) {
+                let weights = [kept, 4.0 * root(kept), 1.0].map(|x| x * h / 6.0);
+                response = added(&response, kept, weights, [&here(k), &middle, &here(k + 1)]);
+                k += 1;
+            } else {
+                let (a, b, c) = (here(k), here(k + 1), here(k + 2));
+                let three = [&a, &b, &c];
+                let half = [5.0, 8.0, -1.0].map(|x| x * root(kept) * h / 12.0);
+                put(k + 1, &added(&response, kept, half, three));
+                let (h, kept) = (t[k + 2] - t[k], self::kept(slope, k, 2));
+                let weights = [kept, 4.0 * root(kept), 1.0].map(|x| x * h / 6.0);
+                response = added(&response, kept, weights, three);
+                k += 2;
+            }
+            put(k, &response);
+        }
     }
 
     /// Derivatives of the speed with respect to the levels and instants of the load, from its derivative `slope` with respect
@@ -279,17 +348,21 @@ mod tests {
                 let experiment = of_speed(&model, &signals, Nuisance::unknown(0, 0), &windows);
                 let (torque, starts) = (experiment.torque_at(&p), experiment.starts.clone().unwrap());
                 let speed = experiment.speed_pass(&p, &torque, &starts);
+                let gains = experiment.gains(&p, &torque, &speed);
                 let n = signals.len();
                 // The flux and what else drives the motor; what slows it down.
-                for (changes, free) in [(true, [3, last]), (false, [4, last.min(6)])] {
+                let driving = if effects.is_empty() { 1 } else { last };
+                for (changes, free) in [(true, [3, driving]), (false, [4, last.min(6)])] {
                     let columns = |wide: bool| {
                         let mut out = vec![vec![0.0; n]; 2];
                         let rows = out.iter_mut().map(|x| &mut x[..]).collect();
                         let at = (&p[..], &free[..], &[0, 1][..]);
-                        if wide {
-                            experiment.torque_columns::<4>(at, changes, || &torque, &speed, rows);
-                        } else {
-                            experiment.torque_columns::<2>(at, changes, || &torque, &speed, rows);
+                        // More derivatives than a vector holds of several samples.
+                        match (changes, wide) {
+                            (true, true) => experiment.torque_columns::<4>(at, &gains, &speed, rows),
+                            (true, false) => experiment.torque_columns::<5>(at, &gains, &speed, rows),
+                            (false, true) => experiment.rotor_columns::<4>(at, &torque, &speed, rows),
+                            (false, false) => experiment.rotor_columns::<5>(at, &torque, &speed, rows),
                         }
                         out
                     };

@@ -1,5 +1,6 @@
 //! The speed's residual and its derivatives. The initial speed of each window is estimated and projected out.
 
+use super::response::Gains;
 use super::rows::{Rows, of_groups};
 use super::{Channel, Experiment, LANES, seed};
 use crate::dual::Dual;
@@ -18,6 +19,8 @@ pub struct Course {
     /// Initial electrical speed of each window, rad/s.
     pub(super) starts: Vec<f64>,
     pub(super) run: Run,
+    /// How the acceleration answers to the torque, once somebody has asked.
+    pub(super) gains: OnceLock<Gains>,
 }
 
 /// The speed in free run.
@@ -43,7 +46,7 @@ impl<'a> Experiment<'a> {
             let torque = self.torque_at(p).into_owned();
             let starts = self.starts(p, &torque).into_owned();
             let run = self.speed_pass(p, &torque, &starts);
-            Course { torque, starts, run }
+            Course { torque, starts, run, gains: OnceLock::new() }
         })
     }
 
@@ -105,7 +108,7 @@ impl<'a> Experiment<'a> {
                 _ => self.mechanical_pass::<LANES>(at, torque, &starts, speed, rows),
             }
         });
-        self.respond(p, free, &answering, torque, &speed, rows);
+        self.respond((p, free, &answering), known, torque, &speed, rows);
         speed
     }
 

@@ -23,6 +23,7 @@ use load::load_over;
 
 pub use acceleration::{Rotor, Torque};
 pub use beside::Windows;
+pub use between::torque_halfway;
 pub use forms::Forms;
 pub use load::Nuisance;
 pub use torque::torque;

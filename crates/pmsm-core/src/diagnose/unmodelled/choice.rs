@@ -5,18 +5,16 @@
 //! held back by a ridge, are judged on that one. So every tried size and stiffness costs one small solution, and the
 //! simulation is differentiated once per map.
 
+use super::view::View;
 use super::{Side, candidates};
-use crate::basis::orthonormal;
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::locate::Located;
 use crate::diagnose::scale::{LEAST_GAIN, MOST_WORTH, PRICE};
-use crate::experiment::{Answering, Joint};
 use crate::least_squares::Normal;
 use crate::map::{Factor, Part};
 use crate::monitor::Monitor;
 use crate::recording::Kind;
-use crate::tall;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -75,13 +73,13 @@ pub fn choose(
     let trials: Vec<Trial> = candidates
         .par_iter()
         .filter(|_| !monitor.cancelled())
-        .flat_map_iter(|part| view.trials(part))
+        .flat_map_iter(|part| trials(&view, part))
         .collect();
     let loss = |trial: &Trial| scale.loss(trial.left, trial.part.count());
     let chosen = trials.into_iter().min_by(|a, b| loss(a).total_cmp(&loss(b)))?;
     let floor = (scale.channels * scale.counted) as f64;
     let gain = ((bare - chosen.left) / (bare - floor).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-    (loss(&chosen) < scale.loss(bare, 0) - LEAST_GAIN).then(|| view.settled(chosen, gain))
+    (loss(&chosen) < scale.loss(bare, 0) - LEAST_GAIN).then(|| settled(&view, chosen, gain))
 }
 
 /// What a sum of squares over some channels is worth, by the rule by which effects are compared.
@@ -98,138 +96,30 @@ impl Scale {
     }
 }
 
-/// The recording as one side sees it: what the fitted parameters can do, and what they leave.
-struct View<'a> {
-    data: &'a Data,
-    best: &'a Hypothesis,
-    side: Side,
-    torque: &'a [f64],
-    starts: Option<Vec<f64>>,
-    /// Basis of what the fitted parameters can do, and behind it what they leave.
-    known: DMatrix<f64>,
-    /// The rows of each fold, and the products of what is known over them.
-    folds: Vec<Vec<Range<usize>>>,
-    of_folds: Vec<DMatrix<f64>>,
-    /// How the currents answer to a voltage that is lost, where that is asked and can be told.
-    answering: Option<Vec<Answering>>,
+/// All sizes and ridges of one candidate.
+fn trials(view: &View, part: &Part) -> Vec<Trial> {
+    let normals = view.normals(&view.columns(part));
+    let base = view.parameters();
+    let mut out = Vec::new();
+    for (part, columns) in sizes(part) {
+        for ridge in RIDGES {
+            let left = left(&normals, base, &columns, ridge);
+            out.push(Trial { part: part.clone(), ridge, left });
+        }
+    }
+    out
 }
 
-impl<'a> View<'a> {
-    /// With the blocks of the recording that each fold holds.
-    fn new(
-        data: &'a Data,
-        best: &'a Hypothesis,
-        side: Side,
-        torque: &'a [f64],
-        blocks: &[Vec<Range<usize>>],
-    ) -> Self {
-        let (known, folds, of_folds) = (DMatrix::zeros(0, 0), Vec::new(), Vec::new());
-        let mut view =
-            Self { data, best, side, torque, starts: None, known, folds, of_folds, answering: None };
-        let experiment = view.experiment(&best.model);
-        let electrical = |k: usize| experiment.is_electrical(k);
-        let free: Vec<usize> =
-            best.free.iter().copied().filter(|k| electrical(*k) == (side == Side::Electrical)).collect();
-        let starts = experiment.estimated_starts(&best.parameters);
-        let electrical = side == Side::Electrical;
-        let answering = electrical.then(|| experiment.answering(&best.parameters)).flatten();
-        let linear = experiment.with_starts(starts.as_deref()).linearise(&best.parameters, &free);
-        let basis = orthonormal(&linear.jacobian);
-        let parameters = basis.ncols();
-        let mut known = basis.insert_column(parameters, 0.0);
-        known.set_column(parameters, &linear.residual);
-        let n = data.signals.len();
-        let rows = |channel: usize, block: &Range<usize>| channel * n + block.start..channel * n + block.end;
-        let all = |fold: &Vec<Range<usize>>| -> Vec<Range<usize>> {
-            (0..known.nrows() / n).flat_map(|c| fold.iter().map(move |block| rows(c, block))).collect()
-        };
-        let folds: Vec<Vec<Range<usize>>> = blocks.iter().map(all).collect();
-        let products = |fold: &Vec<Range<usize>>| {
-            let mut sums = DMatrix::zeros(known.ncols(), known.ncols());
-            fold.iter().for_each(|rows| tall::add_gram(&known, rows.clone(), &mut sums));
-            sums
-        };
-        view.of_folds = folds.iter().map(products).collect();
-        (view.starts, view.known, view.folds, view.answering) = (starts, known, folds, answering);
-        view
-    }
-
-    fn experiment<'b>(&'b self, model: &'b crate::model::Model) -> Joint<'b> {
-        let electrical = self.side == Side::Electrical;
-        let channels = self.data.channels(electrical, !electrical);
-        let experiment = self.data.experiment(model, &self.best.nuisances, channels).with_plain_speed();
-        let experiment = experiment.with_starts(self.starts.as_deref());
-        if electrical { experiment } else { experiment.with_torque(self.torque) }
-    }
-
-    /// Derivatives of the residual with respect to the coefficients of a part, at zero.
-    fn columns(&self, part: &Part) -> DMatrix<f64> {
-        if let Some(answering) = &self.answering {
-            let experiment = self.experiment(&self.best.model);
-            return experiment.lost_columns(&self.best.parameters, answering, part);
-        }
-        let own = self.best.own();
-        let mut map = self.best.model.map().cloned().unwrap_or_default();
-        map.parts.push(part.clone());
-        let model = self.best.model.clone().with_map(map);
-        let mut parameters = own.to_vec();
-        parameters.resize(own.len() + part.count(), 0.0);
-        parameters.extend(&self.best.parameters[own.len()..]);
-        let free: Vec<usize> = (own.len()..own.len() + part.count()).collect();
-        self.experiment(&model).linearise(&parameters, &free).jacobian
-    }
-
-    /// Normal equations of each fold: what the fitted parameters can do first, then the columns.
-    fn normals(&self, columns: &DMatrix<f64>) -> Vec<Normal> {
-        let (b, k) = (self.parameters(), columns.ncols());
-        let fold = |(ranges, known): (&Vec<Range<usize>>, &DMatrix<f64>)| {
-            let (mut along, mut own) = (DMatrix::zeros(b + 1, k), DMatrix::zeros(k, k));
-            for range in ranges {
-                let first = range.start;
-                along += tall::tr_mul_rows((&self.known, first), (columns, first), range.len());
-                tall::add_gram(columns, range.clone(), &mut own);
-            }
-            let mut jtj = DMatrix::zeros(b + k, b + k);
-            jtj.view_mut((0, 0), (b, b)).copy_from(&known.view((0, 0), (b, b)));
-            jtj.view_mut((0, b), (b, k)).copy_from(&along.rows(0, b));
-            jtj.view_mut((b, 0), (k, b)).copy_from(&along.rows(0, b).transpose());
-            jtj.view_mut((b, b), (k, k)).copy_from(&own);
-            let jtr = DVector::from_fn(b + k, |n, _| if n < b { known[(n, b)] } else { along[(b, n - b)] });
-            Normal { cost: known[(b, b)], jtj, jtr }
-        };
-        self.folds.iter().zip(&self.of_folds).map(fold).collect()
-    }
-
-    /// Number of what the fitted parameters can do.
-    fn parameters(&self) -> usize {
-        self.known.ncols() - 1
-    }
-
-    /// All sizes and ridges of one candidate.
-    fn trials(&self, part: &Part) -> Vec<Trial> {
-        let normals = self.normals(&self.columns(part));
-        let base = self.parameters();
-        let mut out = Vec::new();
-        for (part, columns) in sizes(part) {
-            for ridge in RIDGES {
-                let left = left(&normals, base, &columns, ridge);
-                out.push(Trial { part: part.clone(), ridge, left });
-            }
-        }
-        out
-    }
-
-    /// First-order coefficients of a trial from all blocks, and the prior in their unit.
-    fn settled(&self, trial: Trial, gain: f64) -> Choice {
-        let whole = sum(&self.normals(&self.columns(&trial.part)), None);
-        let base = self.parameters();
-        let columns: Vec<usize> = (0..trial.part.count()).collect();
-        let step = step(&whole, base, &columns, trial.ridge);
-        let spread = 1.0 / weight(&whole, base, &columns, trial.ridge).max(f64::MIN_POSITIVE).sqrt();
-        let start =
-            step.map_or(vec![0.0; columns.len()], |s| s.rows(base, columns.len()).iter().copied().collect());
-        Choice { part: trial.part, start, spread, gain }
-    }
+/// First-order coefficients of a trial from all blocks, and the prior in their unit.
+fn settled(view: &View, trial: Trial, gain: f64) -> Choice {
+    let whole = sum(&view.normals(&view.columns(&trial.part)), None);
+    let base = view.parameters();
+    let columns: Vec<usize> = (0..trial.part.count()).collect();
+    let step = step(&whole, base, &columns, trial.ridge);
+    let spread = 1.0 / weight(&whole, base, &columns, trial.ridge).max(f64::MIN_POSITIVE).sqrt();
+    let start =
+        step.map_or(vec![0.0; columns.len()], |s| s.rows(base, columns.len()).iter().copied().collect());
+    Choice { part: trial.part, start, spread, gain }
 }
 
 /// The blocks of a recording dealt to folds; none if there are too few.

@@ -153,8 +153,7 @@ impl<T: Real, S: FnMut(&Range<usize>, &[T], &[Option<T>])> Loop<T> for Along<'_,
 
 impl<T: Real, S: FnMut(&Range<usize>, &[T], &[Option<T>])> Abreast<T> for Along<'_, '_, T, S> {
     type Output = ();
-    /// Fewer are as fast one sample at a time.
-    const FEWEST: usize = 3;
+    const FEWEST: usize = 1;
     #[inline(always)]
     fn run<W: Several<T>>(self) {
         let Self { rotor, sink } = self;

@@ -96,6 +96,11 @@ pub(super) fn halfway<W: Real>(tau: &impl Driven<W>, k: usize, window: &Range<us
     straight * 1.125 - (tau.at(k - 1) + tau.at(k + 2)) * 0.0625
 }
 
+/// Motor torque halfway from sample `k` of a window to the next, N·m, as [`super::run`] takes it.
+pub fn torque_halfway<T: Real>(torque: &[T], k: usize, window: &Range<usize>) -> T {
+    halfway::<T>(&Lifted(torque), k, window)
+}
+
 /// Torque and environment at fraction `c` between two samples.
 #[inline(always)]
 pub(super) fn mix<T: Real>(c: f64, a: (T, Env<T>), b: (T, Env<T>)) -> (T, Env<T>) {

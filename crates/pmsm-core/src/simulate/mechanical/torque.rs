@@ -47,6 +47,13 @@ impl<T: Real> Motor<'_, T> {
         together.unwrap_or_else(|| T::fastest(Torque::<T, N>(self)))
     }
 
+    /// Voltage (d, q) around sample `k` of a segment, V, where the torque depends on it: what bypasses the winding follows the voltage, also
+    /// while the current changes.
+    #[inline(always)]
+    fn voltage<const N: usize>(&self, segment: &Range<usize>, k: usize) -> Option<[f64; 2]> {
+        if N > 2 || self.signals.stator_held { mean_voltage(self.signals, segment, k) } else { None }
+    }
+
     /// What a sample says under the `measured` environment.
     #[inline(always)]
     fn at<W: Real, const N: usize>(
@@ -57,8 +64,6 @@ impl<T: Real> Motor<'_, T> {
     ) -> Point<W> {
         let (model, signals) = (self.model, self.signals);
         let mut env = measured;
-        // What bypasses the winding follows the voltage, also while the current changes.
-        v = v.filter(|_| N > 2 || signals.stator_held);
         if model.has_sensor() {
             let sensor = model.sensor(p, &measured);
             env = true_env(&sensor, &measured, signals.n_p);
@@ -86,7 +91,7 @@ struct Logged<T> {
     phases: [T; 3],
     /// Current (d, q), A.
     i: [T; 2],
-    /// Voltage around it (d, q), V.
+    /// Voltage around it (d, q), V, where it matters.
     v: Option<[T; 2]>,
     measured: Env<T>,
 }
@@ -116,7 +121,7 @@ impl<T: Real, const N: usize> Loop<T> for Torque<'_, T, N> {
                 let logged = Logged {
                     phases: [0, 1, 2].map(|x: usize| W::constant(phases[x][k])),
                     i: [0, 1].map(|axis: usize| W::constant(i[axis][k])),
-                    v: mean_voltage(signals, segment, k).map(|v| v.map(W::constant)),
+                    v: self.0.voltage::<N>(segment, k).map(|v| v.map(W::constant)),
                     measured: measured_env(signals, k),
                 };
                 let Point { tau_e, i, env } = self.0.at((&p, &base), logged, &warm);
@@ -132,8 +137,7 @@ impl<T: Real, const N: usize> Loop<T> for Torque<'_, T, N> {
 
 impl<T: Real, const N: usize> Abreast<T> for Torque<'_, T, N> {
     type Output = Vec<T>;
-    /// Fewer are as fast one sample at a time.
-    const FEWEST: usize = 3;
+    const FEWEST: usize = 0;
     #[inline(always)]
     fn run<W: Several<T>>(self) -> Vec<T> {
         let Motor { signals, phases, i, p, .. } = self.0;
@@ -150,7 +154,7 @@ impl<T: Real, const N: usize> Abreast<T> for Torque<'_, T, N> {
                 let mut command = [[0.0; LANES]; 2];
                 let mut v = None;
                 for lane in 0..W::COUNT {
-                    if let Some([d, q]) = mean_voltage(signals, segment, from + lane) {
+                    if let Some([d, q]) = self.0.voltage::<N>(segment, from + lane) {
                         (command[0][lane], command[1][lane]) = (d, q);
                         v = Some([W::zero(); 2]);
                     }
