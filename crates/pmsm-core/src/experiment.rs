@@ -4,6 +4,7 @@
 //! the noise of the channel, stacked channel by channel. The initial speed of each mechanical window is estimated
 //! inside and projected out, so that callers never see it.
 
+mod course;
 mod currents;
 mod fitting;
 mod forms;
@@ -17,10 +18,10 @@ mod speed;
 mod testing;
 mod transition;
 
+pub use course::Course;
 pub use fitting::Fitted;
 pub use joint::{Block, Channels, Joint, split};
 pub use lost::Answering;
-pub use speed::Course;
 
 use crate::base::BASE;
 use crate::colour::Colour;

@@ -4,9 +4,9 @@
 //! parameter adds over one step fades from then on as a change of the initial speed does. One run tells how that fades; a parameter
 //! then costs its share of the acceleration at each sample, in place of a run.
 
+use super::course::{Course, Gains, Run};
 use super::load::Profile;
 use super::rows::{Rows, of_groups};
-use super::speed::{Course, Run};
 use super::{Experiment, seed};
 use crate::dual::Dual;
 use crate::effect::{Role, Site};
@@ -16,15 +16,6 @@ use crate::simulate::mechanical::{self, Rotor, Torque};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::OnceLock;
-
-/// How the acceleration (rad/s², electrical) answers to the motor's torque (N·m) along a course of the speed.
-#[derive(Debug, Clone)]
-pub(super) struct Gains {
-    /// At each sample.
-    here: Vec<f64>,
-    /// Halfway to the next, where a step has its middle there.
-    between: Vec<Option<f64>>,
-}
 
 /// Columns that share a pass over the samples: with more of them, too many numbers for the registers are in hand at once.
 const TOGETHER: usize = 4;

@@ -1,6 +1,6 @@
 //! The speed's residual and its derivatives. The initial speed of each window is estimated and projected out.
 
-use super::response::Gains;
+use super::course::{Course, Run};
 use super::rows::{Rows, of_groups};
 use super::{Channel, Experiment, LANES, seed};
 use crate::dual::Dual;
@@ -10,34 +10,6 @@ use rayon::prelude::*;
 use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::OnceLock;
-
-/// What the rotor does at one point of the parameters.
-#[derive(Debug, Clone)]
-pub struct Course {
-    /// Motor torque per sample, N·m.
-    pub(super) torque: Vec<f64>,
-    /// Initial electrical speed of each window, rad/s.
-    pub(super) starts: Vec<f64>,
-    pub(super) run: Run,
-    /// How the acceleration answers to the torque, once somebody has asked.
-    pub(super) gains: OnceLock<Gains>,
-}
-
-/// The speed in free run.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Run {
-    /// Electrical speed per sample, rad/s.
-    pub(super) shown: Vec<f64>,
-    /// Its derivative with respect to the initial speed of its window.
-    pub(super) slope: Vec<f64>,
-}
-
-impl Run {
-    /// Room for so many samples.
-    pub(super) fn new(samples: usize) -> Self {
-        Self { shown: vec![0.0; samples], slope: vec![0.0; samples] }
-    }
-}
 
 impl<'a> Experiment<'a> {
     /// What the rotor does at `p`, if the speed is compared.
