@@ -111,7 +111,7 @@ impl Answering {
         let mut values = [[0.0; MOST]; 2];
         values[1][0] = 1.0;
         for (pair, out) in self.steps.windows(2).zip(out.chunks_exact_mut(size)) {
-            let [here, next] = pair else { unreachable!("pairs") };
+            let (here, next) = (&pair[0], &pair[1]);
             let Some(v) = here.held else { continue };
             for node in [0.5 - 0.5 / 3f64.sqrt(), 0.5 + 0.5 / 3f64.sqrt()] {
                 let i = [0, 1].map(|x: usize| here.i[x] + node * (next.i[x] - here.i[x]));

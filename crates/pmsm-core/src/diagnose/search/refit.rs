@@ -120,9 +120,10 @@ fn beside(
     let mut alike = false;
     if broken(&best) {
         let again = fit(&prospect.start, &shapes)?;
-        // Two ways that lead to the same place have not led astray.
+        // Two ways that lead to the same place have not led astray, unless nothing of the effect is left there.
         let place = |fitted: &Hypothesis| fitted.own()[first..].to_vec();
-        alike = place(&best).iter().zip(place(&again)).all(|(a, b)| (a - b).abs() <= ALIKE * a.abs());
+        alike = !best.vanishes(prospect.effect)
+            && place(&best).iter().zip(place(&again)).all(|(a, b)| (a - b).abs() <= ALIKE * a.abs());
         best = better(best, again);
     }
     if broken(&best) && !alike {
