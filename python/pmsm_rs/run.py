@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from . import _core
@@ -64,6 +65,7 @@ class Swarm:
                 fix="give it with a schedule that is not constant, and only then",
             )
 
+    @cached_property
     def settings(self) -> str:
         """As the core reads it: JSON text."""
         schedule: Any = self.inertia_schedule
@@ -99,6 +101,7 @@ _SWARM_NAMES = {
     "update": ("inertia", "constriction", "fully_informed"),
     "neighbourhood": ("all", "ring", "von_neumann"),
 }
+ORDINARY = Swarm()
 
 
 def nameplate(machine: Described) -> Machine:
@@ -148,7 +151,7 @@ def identify(
         nameplate(machine),
         fit=fit_bounds(fit),
         method=method,
-        swarm=(swarm or Swarm()).settings(),
+        swarm=(swarm or ORDINARY).settings,
         seed=seed,
         uncertainties=bool(uncertainties),
         threads=threads,

@@ -14,7 +14,7 @@ from . import _core
 from ._core import DataError, UsageError
 from .errors import did_you_mean, expect_whole, refuse
 from .results import Fit
-from .run import METHODS, Progress, Swarm
+from .run import METHODS, ORDINARY, Progress, Swarm
 
 Array = NDArray[np.float64]
 Rhs = Callable[[float, Array, Any, dict[str, Any]], Sequence[Any]]
@@ -107,7 +107,7 @@ def identify_system(
         samples=len(run.t),
         start=None if start is None else [float(start[name]) for name in names],
         method=method,
-        swarm=(swarm or Swarm()).settings(),
+        swarm=(swarm or ORDINARY).settings,
         seed=seed,
         progress=progress,
     )

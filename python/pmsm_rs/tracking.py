@@ -159,7 +159,7 @@ class Tracker:
             fit=fit_bounds(fit),
             window=float(window),
             method=method,
-            swarm=(swarm or PAPER).settings(),
+            swarm=(swarm or PAPER).settings,
             search=float(search),
             seed=seed,
             load=load,

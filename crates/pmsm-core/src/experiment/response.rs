@@ -63,10 +63,8 @@ impl Experiment<'_> {
             match (changes, columns.len()) {
                 (None, _) => self.load_columns(at, &speed.slope, rows),
                 (Some(true), 1) => self.torque_columns::<1>(at, gains(), speed, rows),
-                (Some(true), 2) => self.torque_columns::<2>(at, gains(), speed, rows),
                 (Some(true), _) => self.torque_columns::<TOGETHER>(at, gains(), speed, rows),
                 (Some(false), 1) => self.rotor_columns::<1>(at, torque(), speed, rows),
-                (Some(false), 2) => self.rotor_columns::<2>(at, torque(), speed, rows),
                 (Some(false), _) => self.rotor_columns::<TOGETHER>(at, torque(), speed, rows),
             }
         });
