@@ -187,15 +187,8 @@ impl<const N: usize> Real for Dual<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::real::testing::formula;
     use proptest::prelude::*;
-
-    /// A formula that uses every operation.
-    fn formula<T: Real>(x: T, y: T) -> T {
-        let (s, c) = (x * y).sin_cos();
-        let a = (x.squared() + 1.0).sqrt() / (y.squared() + 2.0);
-        let b = (x - y).tanh() * s - (c * 0.3).exp() + (y.squared() + 1.5).ln();
-        (x - 0.2).if_positive(a, -a) + b + x.abs().pow_nonnegative(y.abs() + 1.0)
-    }
 
     proptest! {
         #[test]

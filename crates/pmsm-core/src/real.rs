@@ -143,3 +143,17 @@ pub trait Abreast<T> {
     /// The task, several at a time. Implementations are `#[inline(always)]`.
     fn run<W: Several<T>>(self) -> Self::Output;
 }
+
+#[cfg(test)]
+pub(crate) mod testing {
+    use super::Real;
+
+    /// A formula that uses every operation.
+    #[inline(always)]
+    pub(crate) fn formula<T: Real>(x: T, y: T) -> T {
+        let (s, c) = (x * y).sin_cos();
+        let a = (x.squared() + 1.0).sqrt() / (y.squared() + 2.0);
+        let b = (x - y).tanh() * s - (c * 0.3).exp() + (y.squared() + 1.5).ln();
+        (x - 0.2).if_positive(a, -a) + b + x.abs().pow_nonnegative(y.abs() + 1.0) - 0.7
+    }
+}

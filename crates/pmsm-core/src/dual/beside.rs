@@ -117,18 +117,10 @@ impl<const N: usize, L: Abreast<Dual<N>>> Job for Numbers<N, L> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::real::Real;
+    use crate::real::{Real, testing::formula};
 
-    /// A formula that uses every operation, of two numbers of each row.
+    /// A formula of two numbers of each row.
     struct Rows<'a>(&'a [[Dual<3>; 2]]);
-
-    #[inline(always)]
-    fn formula<T: Real>(x: T, y: T) -> T {
-        let (s, c) = (x * y).sin_cos();
-        let a = (x.squared() + 1.0).sqrt() / (y.squared() + 2.0);
-        let b = (x - y).tanh() * s - (c * 0.3).exp() + (y.squared() + 1.5).ln();
-        (x - 0.2).if_positive(a, -a) + b + x.abs().pow_nonnegative(y.abs() + 1.0) - 0.7
-    }
 
     impl Abreast<Dual<3>> for Rows<'_> {
         type Output = (Vec<Dual<3>>, f64);

@@ -98,16 +98,10 @@ impl<L: Abreast<f64>> Job for Plain<L> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::real::testing::formula;
 
-    /// A formula that uses every operation, of two numbers of each row.
+    /// A formula of two numbers of each row.
     struct Rows<'a>(&'a [[f64; 2]]);
-
-    fn formula<T: Real>(x: T, y: T) -> T {
-        let (s, c) = (x * y).sin_cos();
-        let a = (x.squared() + 1.0).sqrt() / (y.squared() + 2.0);
-        let b = (x - y).tanh() * s - (c * 0.3).exp() + (y.squared() + 1.5).ln();
-        (x - 0.2).if_positive(a, -a) + b + x.abs().pow_nonnegative(y.abs() + 1.0) - 0.7
-    }
 
     impl Abreast<f64> for Rows<'_> {
         type Output = Vec<f64>;

@@ -121,9 +121,7 @@ fn beside(
     if broken(&best) {
         let again = fit(&prospect.start, &shapes)?;
         // Two ways that lead to the same place have not led astray, unless nothing of the effect is left there.
-        let place = |fitted: &Hypothesis| fitted.own()[first..].to_vec();
-        alike = !best.vanishes(prospect.effect)
-            && place(&best).iter().zip(place(&again)).all(|(a, b)| (a - b).abs() <= ALIKE * a.abs());
+        alike = !best.vanishes(prospect.effect) && agree(&best.own()[first..], &again.own()[first..]);
         best = better(best, again);
     }
     if broken(&best) && !alike {
@@ -132,6 +130,11 @@ fn beside(
         best = better(best, fit(&fainter, &[])?);
     }
     Ok(best)
+}
+
+/// Whether two fits have come to the same place.
+fn agree(one: &[f64], other: &[f64]) -> bool {
+    one.iter().zip(other).all(|(a, b)| (a - b).abs() <= ALIKE * a.abs().max(b.abs()))
 }
 
 #[cfg(test)]
@@ -163,6 +166,15 @@ mod tests {
             let (explained, f) = (explained(&base, &fitted), fitted.own()[fitted.own().len() - 1]);
             assert!(explained > 0.95 * prospect.score && (f / 4.8 - 1.0).abs() < 0.03, "{explained}, {f} Hz");
         }
+    }
+
+    #[test]
+    fn fits_agree_where_each_parameter_does_whatever_its_size() {
+        assert!(agree(&[1e-6, -300.0, 0.0], &[1.009e-6, -298.0, 0.0]));
+        assert!(!agree(&[1e-6, -300.0], &[1.02e-6, -300.0]));
+        assert!(!agree(&[1e-6, -300.0], &[1e-6, 300.0]));
+        assert!(!agree(&[0.0], &[1e-9]) && !agree(&[1e-9], &[0.0]));
+        assert!(!agree(&[1.0], &[f64::NAN]));
     }
 
     #[test]

@@ -208,3 +208,57 @@ impl Joint<'_> {
         (0..self.runs.len()).flat_map(of).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::EffectId;
+    use crate::experiment::testing::{of_speed, reversing};
+    use crate::map::{Equation, Factor, Map, Variable};
+    use crate::model::Model;
+    use crate::simulate::mechanical::{self, Nuisance};
+
+    #[test]
+    fn columns_of_a_map_lie_where_a_run_of_all_recordings_has_them() {
+        let signals =
+            [(1e-4, 0.31..0.32), (2e-4, 0.0..0.0), (1e-3, 0.0..0.0)].map(|(h, gap)| reversing(h, &gap));
+        let windows = signals.each_ref().map(mechanical::windows);
+        let currents = vec![(Channel::ID, 0.05), (Channel::IQ, 0.02)];
+        // The last recording compares the speed alone.
+        let channels = [currents.clone(), currents, vec![(Channel::OmegaE, 0.1)]];
+        let of = |model| {
+            let run = |k: usize| {
+                let known = Nuisance::known(0);
+                let channels = channels[k].clone();
+                Experiment { channels, ..of_speed(model, &signals[k], known, &windows[k]) }
+            };
+            Joint::new((0..3).map(run).collect())
+        };
+        let part = Part {
+            equations: vec![Equation::D, Equation::Q],
+            first: Factor::Harmonics { angle: Variable::ThetaE, order: 1, count: 3 },
+            second: None,
+        };
+        let model = Model::new(signals[0].context, &[EffectId::DeadTime]);
+        let mut p = vec![0.5, 6e-3, 9e-3, 0.1, 2e-3, 1e-3];
+        let dead_time = EffectId::DeadTime.info().parameters.iter();
+        p.extend(dead_time.map(|x| (x.typical)(&signals[0].context)));
+        let columns = of(&model).lost_columns(&p, &of(&model).answering(&p).unwrap(), &part);
+
+        let richer = model.clone().with_map(Map { parts: vec![part.clone()] });
+        let free: Vec<usize> = (p.len()..p.len() + part.count()).collect();
+        p.resize(p.len() + part.count(), 0.0);
+        let run = of(&richer).linearise(&p, &free).jacobian;
+        assert_eq!(columns.shape(), run.shape());
+        let mut first = 0;
+        for channel in 0..3 {
+            for (k, signals) in signals.iter().enumerate() {
+                let n = signals.len();
+                let (own, exact) = (columns.rows(first, n), run.rows(first, n));
+                assert_eq!(exact.norm() > 0.0, channel < 2 && k < 2, "{channel} {k}");
+                assert!((own - exact).norm() <= 0.01 * exact.norm(), "{channel} {k}");
+                first += n;
+            }
+        }
+    }
+}
