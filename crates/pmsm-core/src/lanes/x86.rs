@@ -275,51 +275,44 @@ fn columns<const N: usize>(records: &[f64], begin: &[usize], size: usize, k: usi
     let last = begin.iter().fold(0, |last, begin| last.max(*begin));
     assert!(last.saturating_add(k).saturating_mul(size).saturating_add(8) <= records.len(), "no such record");
     let from = records.as_ptr();
-    // Names in place of places in an array, which the compiler would keep in memory.
-    macro_rules! row {
-        ($lane:literal) => {
-            // SAFETY: (1), and the eight numbers that are read end no later than those of the last record, which are there.
-            unsafe { _mm512_loadu_pd(from.add((begin[$lane] + k) * size)) }
+    // The two numbers that begin with number `n` of four records.
+    macro_rules! pairs {
+        ($n:literal $($lane:literal),+) => {
+            // SAFETY: (1), and the numbers that are read end no later than the eight of the last record, which are there.
+            unsafe { quarters([$(from.add((begin[$lane] + k) * size + $n)),+]) }
         };
     }
-    let (a, b, c, d) = (row!(0), row!(1), row!(2), row!(3));
-    let (e, f, g, h) = (row!(4), row!(5), row!(6), row!(7));
-    // Pairs of rows interleaved, then quarters gathered: a transposition.
-    // SAFETY: (1)
-    let (even, odd) = unsafe {
-        (
-            quarters(_mm512_unpacklo_pd(a, b), _mm512_unpacklo_pd(c, d), _mm512_unpacklo_pd(e, f), _mm512_unpacklo_pd(g, h)),
-            quarters(_mm512_unpackhi_pd(a, b), _mm512_unpackhi_pd(c, d), _mm512_unpackhi_pd(e, f), _mm512_unpackhi_pd(g, h)),
-        )
-    };
     let mut columns = [Self::zero(); N];
-    macro_rules! column {
-        ($($n:literal $x:expr),+) => {$(
+    macro_rules! two {
+        ($($n:literal $next:literal),+) => {$(
             if const { $n < N } {
-                columns[$n] = Self($x);
+                let (even, odd) = (pairs!($n 0, 2, 4, 6), pairs!($n 1, 3, 5, 7));
+                // SAFETY: (1)
+                columns[$n] = Self(unsafe { _mm512_unpacklo_pd(even, odd) });
+                if const { $next < N } {
+                    // SAFETY: (1)
+                    columns[$next] = Self(unsafe { _mm512_unpackhi_pd(even, odd) });
+                }
             }
         )+};
     }
-    column!(0 even.0, 1 odd.0, 2 even.1, 3 odd.1, 4 even.2, 5 odd.2, 6 even.3, 7 odd.3);
+    two!(0 1, 2 3, 4 5, 6 7);
     columns
 });
 
-/// Quarters number 0, 1, 2, 3 of four vectors, each put together in a vector.
+/// A vector whose quarters are read from four places.
 ///
 /// # Safety
-/// The processor has AVX-512F.
+/// The processor has AVX-512F, and two numbers stand at each place.
 #[inline(always)]
-unsafe fn quarters(a: __m512d, b: __m512d, c: __m512d, d: __m512d) -> (__m512d, __m512d, __m512d, __m512d) {
+unsafe fn quarters(from: [*const f64; 4]) -> __m512d {
     // SAFETY: the caller's.
     unsafe {
-        let (e, f) = (_mm512_shuffle_f64x2::<0x88>(a, b), _mm512_shuffle_f64x2::<0x88>(c, d));
-        let (g, h) = (_mm512_shuffle_f64x2::<0xdd>(a, b), _mm512_shuffle_f64x2::<0xdd>(c, d));
-        (
-            _mm512_shuffle_f64x2::<0x88>(e, f),
-            _mm512_shuffle_f64x2::<0x88>(g, h),
-            _mm512_shuffle_f64x2::<0xdd>(e, f),
-            _mm512_shuffle_f64x2::<0xdd>(g, h),
-        )
+        let [a, b, c, d] = from;
+        let one = _mm512_castps128_ps512(_mm_loadu_ps(a.cast()));
+        let two = _mm512_mask_broadcast_f32x4(one, 0x00f0, _mm_loadu_ps(b.cast()));
+        let three = _mm512_mask_broadcast_f32x4(two, 0x0f00, _mm_loadu_ps(c.cast()));
+        _mm512_castps_pd(_mm512_mask_broadcast_f32x4(three, 0xf000, _mm_loadu_ps(d.cast())))
     }
 }
 
