@@ -295,6 +295,10 @@ pub trait Effect {
     /// Whether it has a [`Effect::field`] or [`Effect::shunt`], so that the flux of a current must be iterated for.
     const MAGNETIC: bool = false;
 
+    /// Whether the torque of given currents depends on it. It does not where all that it changes is the voltage of the winding or its
+    /// resistance.
+    const TURNS: bool = true;
+
     /// Points from which the parameters are tried: shapes and whole numbers on a grid. Amplitudes are ignored.
     fn probes(cx: &Context) -> Vec<Vec<f64>> {
         vec![Self::INFO.parameters.iter().map(|p| (p.typical)(cx)).collect()]
@@ -343,7 +347,8 @@ pub trait Effect {
     fn electrical_states<T: Real>(p: &[T], x: &[T], at: &Electrical<T>, cx: &Context, dx: &mut [T]) {
         let _ = (p, x, at, cx, dx);
     }
-    /// Changes what acts on the rotor.
+    /// Changes what acts on the rotor. Without mechanical states of its own an effect adds to the loss, whatever is there already, and changes
+    /// nothing else.
     fn rotor<T: Real>(p: &[T], x: &[T], at: &Mechanical<T>, cx: &Context, out: &mut Rotor<T>) {
         let _ = (p, x, at, cx, out);
     }

@@ -62,6 +62,10 @@ macro_rules! catalogue {
             pub fn is_thermal(self) -> bool {
                 match self { $(Self::$name => <$module::$name as Effect>::THERMAL),+ }
             }
+            /// Whether the torque of given currents depends on it.
+            pub fn turns(self) -> bool {
+                match self { $(Self::$name => <$module::$name as Effect>::TURNS),+ }
+            }
             /// Whether the flux of a current must be iterated for.
             pub fn is_magnetic(self) -> bool {
                 match self { $(Self::$name => <$module::$name as Effect>::MAGNETIC),+ }
@@ -159,7 +163,25 @@ impl EffectId {
 mod tests {
     use super::*;
     use crate::effect::Context;
-    use crate::effects::testing::CX;
+    use crate::effects::testing::{CX, shaft};
+
+    #[test]
+    fn what_has_no_states_of_its_own_adds_to_the_torque_that_the_rotor_loses_and_to_nothing_else() {
+        let at = shaft(0.7, 30.0, -2.0);
+        let mut changing = 0;
+        for effect in ALL.iter().filter(|e| e.mechanical_state_count() == 0) {
+            let p: Vec<f64> = effect.info().parameters.iter().map(|p| (p.typical)(&CX)).collect();
+            let lost = [0.0, 5.0].map(|before| {
+                let mut rotor = Rotor { inverse_inertia: 2.0, loss: before, load: 3.0 };
+                effect.rotor(&p, &[], &at, &CX, &mut rotor);
+                assert_eq!((rotor.inverse_inertia, rotor.load), (2.0, 3.0), "{}", effect.id());
+                rotor.loss - before
+            });
+            assert!((lost[0] - lost[1]).abs() <= 1e-14, "{}", effect.id());
+            changing += usize::from(lost[0] != 0.0);
+        }
+        assert!(changing > 5);
+    }
 
     #[test]
     fn bounds_hold_what_is_typical_on_the_shortest_and_slowest_of_logs_too() {

@@ -37,6 +37,7 @@ pub struct Model {
     has_sensor: bool,
     electrical_count: usize,
     is_magnetic: bool,
+    bypassed: bool,
     map: Option<Map>,
     mapped: Range<usize>,
 }
@@ -76,6 +77,7 @@ impl Model {
             .any(|e| e.info().needs.iter().any(|n| matches!(n, Need::Angle | Need::AngleOrSteady)));
         let has_sensor = effects.iter().any(|e| e.info().site == Site::Sensor);
         let is_magnetic = effects.iter().any(|e| e.is_magnetic());
+        let bypassed = effects.iter().any(|e| e.is_magnetic() && e.electrical_state_count() > 0);
         Self {
             context,
             slots,
@@ -83,6 +85,7 @@ impl Model {
             has_sensor,
             electrical_count: electrical,
             is_magnetic,
+            bypassed,
             map: None,
             mapped: at..at,
         }
@@ -127,6 +130,17 @@ impl Model {
     /// Number of electrical extra states.
     pub fn electrical_states(&self) -> usize {
         self.electrical_count
+    }
+
+    /// Whether current bypasses the winding as states that follow the flux say.
+    pub fn is_bypassed(&self) -> bool {
+        self.bypassed
+    }
+
+    /// Whether the torque of given currents depends on parameter `index` of the winding or of an effect.
+    pub fn turns(&self, index: usize) -> bool {
+        let slot = self.slots.iter().find(|s| s.parameters.contains(&index));
+        self.bypassed || index != BaseParameter::RS.index() && slot.is_none_or(|s| s.effect.turns())
     }
 
     /// Number of mechanical extra states.

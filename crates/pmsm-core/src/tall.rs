@@ -50,6 +50,23 @@ pub fn tr_mul_vector(a: &DMatrix<f64>, y: &DVector<f64>) -> DVector<f64> {
     tr_mul(a, &y).column(0).into_owned()
 }
 
+/// aᵀb.
+///
+/// # Panics
+/// If the lengths differ.
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+    assert_eq!(a.len(), b.len(), "rows of a product");
+    let mut sums = [0.0; SUMS];
+    let (a, b) = (a.chunks_exact(SUMS), b.chunks_exact(SUMS));
+    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in a.zip(b) {
+        for k in 0..SUMS {
+            sums[k] += a[k] * b[k];
+        }
+    }
+    rest + sums.iter().sum::<f64>()
+}
+
 /// AᵀA, symmetric to the bit. Shape: n × p gives p × p.
 pub fn gram(a: &DMatrix<f64>) -> DMatrix<f64> {
     let mut out = DMatrix::zeros(a.ncols(), a.ncols());
@@ -301,6 +318,16 @@ mod tests {
         assert!((gram(&a) - &expected).amax() < 1e-10 && (tr_mul(&a, &a) - expected).amax() < 1e-10);
         a[(700, 1)] = f64::NAN;
         assert!(gram(&a)[(1, 1)].is_nan());
+    }
+
+    #[test]
+    fn a_product_of_two_columns_is_that_of_their_entries() {
+        let (a, b) = (matrix(37, 1, 0.4), matrix(37, 1, 2.2));
+        for count in [0, 5, 8, 37] {
+            let (a, b) = (&a.as_slice()[..count], &b.as_slice()[..count]);
+            let expected: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
+            assert!((dot(a, b) - expected).abs() < 1e-13);
+        }
     }
 
     #[test]

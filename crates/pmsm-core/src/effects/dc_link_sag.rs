@@ -43,6 +43,7 @@ impl Effect for DcLinkSag {
         ],
     };
     const ELECTRICAL_STATES: usize = 1;
+    const TURNS: bool = false;
 
     fn probes(cx: &Context) -> Vec<Vec<f64>> {
         [0.002f64, 0.01, 0.05].map(|tau| vec![0.0, tau.max(2.0 * cx.period)]).to_vec()

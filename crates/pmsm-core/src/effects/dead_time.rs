@@ -49,6 +49,7 @@ impl Effect for DeadTime {
         ],
     };
     const FORM: f64 = 0.02;
+    const TURNS: bool = false;
 
     fn probes(cx: &Context) -> Vec<Vec<f64>> {
         [0.01, 0.05].map(|x| vec![0.0, x * cx.i_max]).to_vec()

@@ -36,6 +36,7 @@ impl Effect for PhaseResistanceImbalance {
             PHASE,
         ],
     };
+    const TURNS: bool = false;
 
     fn probes(_: &Context) -> Vec<Vec<f64>> {
         [0.0, 1.0, 2.0].map(|phase| vec![0.0, phase]).to_vec()

@@ -55,6 +55,7 @@ impl Effect for RsThermalDrift {
     };
     const ELECTRICAL_STATES: usize = 1;
     const THERMAL: bool = true;
+    const TURNS: bool = false;
 
     fn probes(cx: &Context) -> Vec<Vec<f64>> {
         [0.15, 0.6, 3.0].map(|x| vec![0.0, 0.0, x * cx.duration]).to_vec()

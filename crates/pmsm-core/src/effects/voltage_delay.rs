@@ -32,6 +32,7 @@ impl Effect for VoltageDelay {
             typical: |_| 0.2,
         }],
     };
+    const TURNS: bool = false;
 
     #[inline(always)]
     fn command<T: Real>(p: &[T], taps: &[[T; 2]; 3], turn: T, _: &Context, v: &mut [T; 2]) {

@@ -1,5 +1,6 @@
 //! What the rotor does at one point of the parameters, and how that answers to what drives it.
 
+use crate::simulate::mechanical::Stations;
 use std::sync::OnceLock;
 
 /// What the rotor does at one point of the parameters.
@@ -12,6 +13,8 @@ pub struct Course {
     pub(super) run: Run,
     /// How the acceleration answers to the torque, once somebody has asked.
     pub(super) gains: OnceLock<Gains>,
+    /// Where effects take torque from it, once somebody has asked.
+    pub(super) stations: OnceLock<Stations>,
 }
 
 /// The speed in free run.

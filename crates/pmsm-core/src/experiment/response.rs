@@ -11,14 +11,28 @@ use super::{Experiment, seed};
 use crate::dual::Dual;
 use crate::effect::{Role, Site};
 use crate::machine::BaseParameter;
+use crate::model::Slot;
 use crate::real::Real;
-use crate::simulate::mechanical::{self, Rotor, Torque};
+use crate::simulate::mechanical::{self, Losses, Rotor, Stations, Torque};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::OnceLock;
 
 /// Columns that share a pass over the samples: with more of them, too many numbers for the registers are in hand at once.
 const TOGETHER: usize = 4;
+
+/// How a parameter changes the acceleration of a rotor without states of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// Through the motor's torque.
+    Torque,
+    /// Through the torque that an effect takes from the rotor.
+    Loss,
+    /// In another way.
+    Rotor,
+    /// Through the unknown load.
+    Load,
+}
 
 impl Experiment<'_> {
     /// Whether the speed answers to parameter `index` as to a change of itself. It does not where the rotor has states of its own, and not
@@ -44,49 +58,80 @@ impl Experiment<'_> {
         speed: &Run,
         rows: &mut Rows<'_>,
     ) {
-        let count = self.model.parameter_count();
-        let (load, other): (Vec<usize>, Vec<usize>) = answering.iter().partition(|c| free[**c] >= count);
         // What changes the motor's torque takes a pass of its own through the currents.
-        let (through, rotor): (Vec<usize>, Vec<usize>) =
-            other.iter().partition(|c| self.is_electrical(free[**c]));
-        let changing = through.chunks(TOGETHER).map(|columns| (columns, Some(true)));
-        let driven = rotor.chunks(TOGETHER).map(|columns| (columns, Some(false)));
-        let loads = (!load.is_empty()).then_some((&load[..], None));
-        let (groups, changes): (Vec<&[usize]>, Vec<Option<bool>>) =
-            changing.chain(driven).chain(loads).unzip();
-        let own = OnceLock::new();
+        let of = |kind: Kind| answering.iter().copied().filter(move |c| self.kind(free[*c]) == kind);
+        let load: Vec<usize> = of(Kind::Load).collect();
+        let mut groups: Vec<(Kind, &[usize])> = Vec::new();
+        let passes = [Kind::Torque, Kind::Loss, Kind::Rotor].map(|kind| (kind, of(kind).collect::<Vec<_>>()));
+        for (kind, columns) in &passes {
+            groups.extend(columns.chunks(TOGETHER).map(|columns| (*kind, columns)));
+        }
+        groups.extend((!load.is_empty()).then_some((Kind::Load, &load[..])));
+        let (own_gains, own_stations) = (OnceLock::new(), OnceLock::new());
         let gains =
-            || known.map_or(&own, |known| &known.gains).get_or_init(|| self.gains(p, torque(), speed));
-        let jobs: Vec<_> = groups.iter().zip(changes).zip(of_groups(&mut rows.columns, &groups)).collect();
-        jobs.into_par_iter().for_each(|((columns, changes), rows)| {
+            || known.map_or(&own_gains, |known| &known.gains).get_or_init(|| self.gains(p, torque(), speed));
+        let stations = || {
+            let known = known.map_or(&own_stations, |known| &known.stations);
+            known.get_or_init(|| Stations::new(&self.rotor(p, Torque::Fixed(torque()), p, speed)))
+        };
+        let columns: Vec<&[usize]> = groups.iter().map(|(_, columns)| *columns).collect();
+        let jobs: Vec<_> = groups.iter().zip(of_groups(&mut rows.columns, &columns)).collect();
+        jobs.into_par_iter().for_each(|((kind, columns), rows)| {
             let at = (p, free, *columns);
-            match (changes, columns.len()) {
-                (None, _) => self.load_columns(at, &speed.slope, rows),
-                (Some(true), 1) => self.torque_columns::<1>(at, gains(), speed, rows),
-                (Some(true), _) => self.torque_columns::<TOGETHER>(at, gains(), speed, rows),
-                (Some(false), 1) => self.rotor_columns::<1>(at, torque(), speed, rows),
-                (Some(false), _) => self.rotor_columns::<TOGETHER>(at, torque(), speed, rows),
+            match (kind, columns.len()) {
+                (Kind::Load, _) => self.load_columns(at, &speed.slope, rows),
+                (Kind::Torque, 1) => self.torque_columns::<1>(at, gains(), speed, rows),
+                (Kind::Torque, _) => self.torque_columns::<TOGETHER>(at, gains(), speed, rows),
+                (Kind::Loss, 1) => self.loss_columns::<1>(at, stations(), speed, rows),
+                (Kind::Loss, 2) => self.loss_columns::<2>(at, stations(), speed, rows),
+                (Kind::Loss, 3) => self.loss_columns::<3>(at, stations(), speed, rows),
+                (Kind::Loss, _) => self.loss_columns::<TOGETHER>(at, stations(), speed, rows),
+                (Kind::Rotor, 1) => self.rotor_columns::<1>(at, torque(), speed, rows),
+                (Kind::Rotor, _) => self.rotor_columns::<TOGETHER>(at, torque(), speed, rows),
             }
         });
     }
 
-    /// How the acceleration answers to the motor's torque along the `speed`.
-    fn gains(&self, p: &[f64], torque: &[f64], Run { shown, .. }: &Run) -> Gains {
+    /// How parameter `index`, to which the speed answers, changes the acceleration.
+    fn kind(&self, index: usize) -> Kind {
+        if index >= self.model.parameter_count() {
+            Kind::Load
+        } else if self.is_electrical(index) {
+            Kind::Torque
+        } else if self.model.slots().iter().any(|s| s.parameters.contains(&index)) {
+            Kind::Loss
+        } else {
+            Kind::Rotor
+        }
+    }
+
+    /// The rotor along the `speed`, driven and loaded as the parameters `p` say.
+    fn rotor<'a, T>(
+        &'a self,
+        own: &'a [T],
+        tau_e: Torque<'a, T>,
+        p: &'a [f64],
+        speed: &'a Run,
+    ) -> Rotor<'a, T> {
         let count = self.model.parameter_count();
-        let fixed: Vec<Dual<1>> = p[..count].iter().map(|x| Dual::constant(*x)).collect();
+        Rotor {
+            model: self.model,
+            signals: self.signals,
+            p: &own[..count],
+            tau_e,
+            load: (self.nuisance, &p[count..]),
+            windows: self.windows,
+            shown: &speed.shown,
+        }
+    }
+
+    /// How the acceleration answers to the motor's torque along the `speed`.
+    fn gains(&self, p: &[f64], torque: &[f64], speed: &Run) -> Gains {
+        let fixed: Vec<Dual<1>> = p.iter().map(|x| Dual::constant(*x)).collect();
         let torque: Vec<Dual<1>> = torque.iter().map(|x| Dual::variable(*x, 0)).collect();
         let n = self.samples();
         let mut gains = Gains { here: vec![0.0; n], between: vec![None; n] };
-        let rotor = Rotor {
-            model: self.model,
-            signals: self.signals,
-            p: &fixed,
-            tau_e: Torque::Varied(&torque),
-            load: (self.nuisance, &p[count..]),
-            windows: self.windows,
-            shown,
-        };
-        rotor.accelerations(|window, here, between| {
+        self.rotor(&fixed, Torque::Varied(&torque), p, speed).accelerations(|window, here, between| {
             for ((k, here), between) in window.clone().zip(here).zip(between) {
                 gains.here[k] = here.eps[0];
                 gains.between[k] = between.map(|x| x.eps[0]);
@@ -115,31 +160,40 @@ impl Experiment<'_> {
         }
     }
 
+    /// Derivatives with respect to parameters of effects that take torque from the rotor: the other effects need not be asked.
+    fn loss_columns<const N: usize>(
+        &self,
+        (p, free, columns): (&[f64], &[usize], &[usize]),
+        stations: &Stations,
+        Run { slope, .. }: &Run,
+        mut rows: Vec<&mut [f64]>,
+    ) {
+        let seeded = seed::<N>(p, columns, free);
+        let asks = |s: &&Slot| columns.iter().any(|c| s.parameters.contains(&free[*c]));
+        let asked: Vec<&Slot> = self.model.slots().iter().filter(asks).collect();
+        let losses = Losses { model: self.model, asked: &asked, p: &seeded, stations, windows: self.windows };
+        losses.accelerations(|window, first, found| {
+            let here = |k: usize| found[stations.at(k) - first].eps;
+            let between = |k: usize| stations.behind(k).map(|station| found[station - first].eps);
+            self.accumulate(window, slope, (here, between), &mut rows);
+        });
+    }
+
     /// Derivatives with respect to parameters of the rotor, which change the acceleration at the same `torque` of the motor.
     fn rotor_columns<const N: usize>(
         &self,
         (p, free, columns): (&[f64], &[usize], &[usize]),
         torque: &[f64],
-        Run { shown, slope }: &Run,
+        speed: &Run,
         mut rows: Vec<&mut [f64]>,
     ) {
-        let count = self.model.parameter_count();
         let seeded = seed::<N>(p, columns, free);
-        let rotor = Rotor {
-            model: self.model,
-            signals: self.signals,
-            p: &seeded[..count],
-            tau_e: Torque::Fixed(torque),
-            load: (self.nuisance, &p[count..]),
-            windows: self.windows,
-            shown,
-        };
-        rotor.accelerations(|window, here, between| {
+        self.rotor(&seeded, Torque::Fixed(torque), p, speed).accelerations(|window, here, between| {
             let own = (
                 |k: usize| here[k - window.start].eps,
                 |k: usize| between[k - window.start].map(|x: Dual<N>| x.eps),
             );
-            self.accumulate(window, slope, own, &mut rows);
+            self.accumulate(window, &speed.slope, own, &mut rows);
         });
     }
 
@@ -165,17 +219,17 @@ impl Experiment<'_> {
         while k + 1 < window.end {
             let (h, kept) = (t[k + 1] - t[k], kept(slope, k, 1));
             if let Some(middle) = between(k) {
-                let weights = [kept, 4.0 * root(kept), 1.0].map(|x| x * h / 6.0);
+                let h = h / 6.0;
+                let weights = [kept * h, 4.0 * root(kept) * h, h];
                 response = added(&response, kept, weights, [&here(k), &middle, &here(k + 1)]);
                 k += 1;
             } else {
                 let (a, b, c) = (here(k), here(k + 1), here(k + 2));
                 let three = [&a, &b, &c];
-                let half = [5.0, 8.0, -1.0].map(|x| x * root(kept) * h / 12.0);
-                put(k + 1, &added(&response, kept, half, three));
-                let (h, kept) = (t[k + 2] - t[k], self::kept(slope, k, 2));
-                let weights = [kept, 4.0 * root(kept), 1.0].map(|x| x * h / 6.0);
-                response = added(&response, kept, weights, three);
+                let half = root(kept) * h / 12.0;
+                put(k + 1, &added(&response, kept, [5.0 * half, 8.0 * half, -half], three));
+                let (h, kept) = ((t[k + 2] - t[k]) / 6.0, self::kept(slope, k, 2));
+                response = added(&response, kept, [kept * h, 4.0 * root(kept) * h, h], three);
                 k += 2;
             }
             put(k, &response);
@@ -223,25 +277,30 @@ impl Experiment<'_> {
 }
 
 /// Share of a change of the speed at sample `k` of a window that is left some samples later.
+#[inline(always)]
 fn kept(slope: &[f64], k: usize, later: usize) -> f64 {
     if slope[k] == 0.0 { 0.0 } else { slope[k + later] / slope[k] }
 }
 
 /// The share that is left halfway.
+#[inline(always)]
 fn root(kept: f64) -> f64 {
     kept.max(0.0).sqrt()
 }
 
 /// What is left of a response, and what came to it.
+#[inline(always)]
 fn added<const N: usize>(
     response: &[f64; N],
     kept: f64,
-    weights: [f64; 3],
-    accelerations: [&[f64; N]; 3],
+    [a, b, c]: [f64; 3],
+    [x, y, z]: [&[f64; N]; 3],
 ) -> [f64; N] {
-    let [a, b, c] = weights;
-    let [x, y, z] = accelerations;
-    std::array::from_fn(|n| response[n] * kept + a * x[n] + b * y[n] + c * z[n])
+    let mut out = [0.0; N];
+    for n in 0..N {
+        out[n] = response[n] * kept + a * x[n] + b * y[n] + c * z[n];
+    }
+    out
 }
 
 #[cfg(test)]
@@ -338,31 +397,43 @@ mod tests {
                 let (torque, starts) = (experiment.torque_at(&p), experiment.starts.clone().unwrap());
                 let speed = experiment.speed_pass(&p, &torque, &starts);
                 let gains = experiment.gains(&p, &torque, &speed);
+                let stations = Stations::new(&experiment.rotor(&p, Torque::Fixed(&torque), &p, &speed));
                 let n = signals.len();
-                // The flux and what else drives the motor; what slows it down.
+                // The flux and what else drives the motor; what the rotor has itself; what effects take from it.
                 let driving = if effects.is_empty() { 1 } else { last };
-                for (changes, free) in [(true, [3, driving]), (false, [4, last.min(6)])] {
-                    let columns = |wide: bool| {
+                let mut asked = vec![(Kind::Torque, [3, driving]), (Kind::Rotor, [4, 5])];
+                asked.extend((!effects.is_empty()).then_some((Kind::Loss, [6, 9])));
+                for (kind, free) in asked {
+                    let columns = |wide: bool, kind: Kind| {
                         let mut out = vec![vec![0.0; n]; 2];
                         let rows = out.iter_mut().map(|x| &mut x[..]).collect();
                         let at = (&p[..], &free[..], &[0, 1][..]);
                         // More derivatives than a vector holds of several samples.
-                        match (changes, wide) {
-                            (true, true) => experiment.torque_columns::<4>(at, &gains, &speed, rows),
-                            (true, false) => experiment.torque_columns::<5>(at, &gains, &speed, rows),
-                            (false, true) => experiment.rotor_columns::<4>(at, &torque, &speed, rows),
-                            (false, false) => experiment.rotor_columns::<5>(at, &torque, &speed, rows),
+                        match (kind, wide) {
+                            (Kind::Torque, true) => experiment.torque_columns::<4>(at, &gains, &speed, rows),
+                            (Kind::Torque, false) => experiment.torque_columns::<5>(at, &gains, &speed, rows),
+                            (Kind::Loss, true) => experiment.loss_columns::<4>(at, &stations, &speed, rows),
+                            (Kind::Loss, false) => experiment.loss_columns::<5>(at, &stations, &speed, rows),
+                            (_, true) => experiment.rotor_columns::<4>(at, &torque, &speed, rows),
+                            (_, false) => experiment.rotor_columns::<5>(at, &torque, &speed, rows),
                         }
                         out
                     };
-                    let (wide, narrow) = (columns(true), columns(false));
+                    let (wide, narrow) = (columns(true, kind), columns(false, kind));
+                    if kind == Kind::Loss {
+                        // The same as if all effects are asked.
+                        let all = columns(true, Kind::Rotor);
+                        for (one, all) in wide.iter().flatten().zip(all.iter().flatten()) {
+                            assert!((one - all).abs() <= 1e-10 * all.abs(), "{one} {all}");
+                        }
+                    }
                     let worth = narrow.iter().map(|c| c.iter().map(|x| x.abs()).sum::<f64>());
                     let worth: Vec<f64> = worth.collect();
                     assert!(
                         worth.iter().all(|x| *x > 0.0 && x.is_finite()),
-                        "{h} {length} {changes} {worth:?}"
+                        "{h} {length} {kind:?} {worth:?}"
                     );
-                    assert!(wide == narrow, "{h} {length} {changes} {effects:?}");
+                    assert!(wide == narrow, "{h} {length} {kind:?} {effects:?}");
                 }
             }
         }

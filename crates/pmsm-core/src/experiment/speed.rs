@@ -6,6 +6,7 @@ use super::{Channel, Experiment, LANES, seed};
 use crate::dual::Dual;
 use crate::real::Real;
 use crate::simulate::mechanical::{self, Restart, Windows};
+use crate::tall;
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::ops::Range;
@@ -18,7 +19,7 @@ impl<'a> Experiment<'a> {
             let torque = self.torque_at(p).into_owned();
             let starts = self.starts(p, &torque).into_owned();
             let run = self.speed_pass(p, &torque, &starts);
-            Course { torque, starts, run, gains: OnceLock::new() }
+            Course { torque, starts, run, gains: OnceLock::new(), stations: OnceLock::new() }
         })
     }
 
@@ -56,8 +57,9 @@ impl<'a> Experiment<'a> {
             (None, Some(starts)) => Cow::Borrowed(&**starts),
             (None, None) => self.starts(p, torque()),
         };
+        let moving = (0..free.len()).filter(|c| !self.is_electrical(free[*c]) || self.model.turns(free[*c]));
         let (answering, other): (Vec<usize>, Vec<usize>) =
-            (0..free.len()).partition(|c| self.answers_as_speed(free[*c]));
+            moving.partition(|c| self.answers_as_speed(free[*c]));
         let (load, other): (Vec<usize>, Vec<usize>) =
             other.into_iter().partition(|c| self.passes_on(free[*c]));
         // One pass shows the speed, too.
@@ -223,16 +225,18 @@ impl<'a> Experiment<'a> {
         };
         let mut slope = slope.clone();
         self.windows.iter().for_each(|window| whiten(&mut slope[window.clone()]));
+        let own = self.windows.iter().map(|window| &slope[window.clone()]);
+        let directions: Vec<(&[f64], f64)> = own.map(|slope| (slope, tall::dot(slope, slope))).collect();
         columns.push(residual);
         columns.into_par_iter().for_each(|column| {
-            for window in self.windows {
+            for (window, (direction, square)) in self.windows.iter().zip(&directions) {
                 let x = &mut column[window.clone()];
                 // What acts for a while only leaves other windows alone.
                 if x.iter().all(|x| *x == 0.0) {
                     continue;
                 }
                 whiten(x);
-                remove(&slope[window.clone()], x);
+                remove(direction, *square, x);
             }
         });
     }
@@ -258,11 +262,10 @@ impl<const N: usize> Restart<Dual<N>> for FromStarts<'_, N> {
     }
 }
 
-/// Takes the component along `direction` out of `x`.
-fn remove(direction: &[f64], x: &mut [f64]) {
-    let square: f64 = direction.iter().map(|s| s * s).sum();
+/// Takes the component along `direction`, of such a `square`, out of `x`.
+fn remove(direction: &[f64], square: f64, x: &mut [f64]) {
     if square > 0.0 {
-        let share = direction.iter().zip(x.iter()).map(|(s, x)| s * x).sum::<f64>() / square;
+        let share = tall::dot(direction, x) / square;
         for (x, s) in x.iter_mut().zip(direction) {
             *x -= share * s;
         }
@@ -272,16 +275,52 @@ fn remove(direction: &[f64], x: &mut [f64]) {
 #[cfg(test)]
 mod tests {
     use super::Run;
-    use crate::effects::EffectId;
+    use crate::base::BASE;
+    use crate::dual::Dual;
+    use crate::effect::Site;
+    use crate::effects::{ALL, EffectId};
     use crate::experiment::testing::{of_speed, reversing};
     use crate::lanes::Path;
+    use crate::machine::BaseParameter;
     use crate::model::Model;
-    use crate::simulate::mechanical::Nuisance;
+    use crate::real::Real;
+    use crate::simulate::mechanical::{self, Nuisance};
     use std::ops::Range;
 
     /// Keeps what a run hands out: speeds, and their derivatives.
     fn keep(into: &mut (Vec<f64>, Vec<[f64; 4]>)) -> impl FnMut(usize, f64, &[f64; 4]) {
         |k, now, slopes| (into.0[k], into.1[k]) = (now, *slopes)
+    }
+
+    #[test]
+    fn the_torque_of_given_currents_depends_on_what_turns_the_rotor_and_on_nothing_else() {
+        let signals = reversing(2e-3, &(0.3..0.35));
+        let typical = |e: EffectId| e.info().parameters.iter().map(move |x| (x.typical)(&signals.context));
+        let slopes = |effects: &[EffectId], index: usize| -> (f64, bool) {
+            let model = Model::new(signals.context, effects);
+            let mut p = vec![0.5, 6e-3, 9e-3, 0.1, 2e-3, 1e-3];
+            p.extend(effects.iter().flat_map(|e| typical(*e)));
+            let varied = |k: usize| if k == index { Dual::variable(p[k], 0) } else { Dual::constant(p[k]) };
+            let p: Vec<Dual<1>> = (0..p.len()).map(varied).collect();
+            let torque = mechanical::torque(&model, &signals, &p);
+            assert!(torque.iter().all(|x| x.re.is_finite()), "{effects:?}");
+            (torque.iter().map(|x| x.eps[0].abs()).sum(), model.turns(index))
+        };
+        let electrical = || ALL.iter().copied().filter(|e| e.info().site == Site::Electrical);
+        let mut still = 0;
+        for effect in electrical() {
+            let count = effect.info().parameters.len();
+            let all: Vec<(f64, bool)> = (BASE..BASE + count).map(|k| slopes(&[effect], k)).collect();
+            assert_eq!(effect.turns(), all.iter().any(|(slope, _)| *slope > 0.0), "{effect:?} {all:?}");
+            for other in electrical().filter(|e| *e != effect) {
+                for index in (BASE..BASE + count).chain([BaseParameter::RS.index()]) {
+                    let (slope, turns) = slopes(&[effect, other], index);
+                    assert!(turns || slope == 0.0, "{effect:?} {other:?} {index}: {slope}");
+                    still += usize::from(!turns);
+                }
+            }
+        }
+        assert!(still > 50);
     }
 
     #[test]

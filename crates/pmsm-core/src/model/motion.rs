@@ -1,6 +1,6 @@
 //! Equation of motion of the rotor with the effects.
 
-use super::Model;
+use super::{Model, Slot};
 use crate::base::Base;
 use crate::effect::{Env, Mechanical, Rotor};
 use crate::map::Point;
@@ -68,14 +68,15 @@ impl Model {
         map.torque(&p[self.mapped.clone()], &point)
     }
 
-    /// Torque of the effects against positive rotation, N·m, of a model whose effects have no mechanical states.
-    pub fn effects_torque(&self, p: &[f64], at: &Mechanical<f64>) -> f64 {
+    /// Torque of some effects of a model without mechanical states against positive rotation, N·m.
+    #[inline(always)]
+    pub fn torque_lost<T: Real>(&self, effects: &[&Slot], p: &[T], at: &Mechanical<T>) -> T {
         debug_assert_eq!(self.mechanical_states(), 0);
-        let mut rotor = Rotor { inverse_inertia: 1.0 / at.j, loss: 0.0, load: 0.0 };
-        for s in &self.slots {
+        let mut rotor = Rotor { inverse_inertia: T::one(), loss: T::zero(), load: at.tau_load };
+        for s in effects {
             s.effect.rotor(&p[s.parameters.clone()], &[], at, &self.context, &mut rotor);
         }
-        rotor.loss + rotor.load
+        rotor.loss
     }
 
     /// Quasi-static start of the mechanical extra states at mechanical speed `omega_m`.

@@ -35,9 +35,9 @@ impl Model {
         out
     }
 
-    /// Whether an effect has temperatures of its own.
-    pub fn is_thermal(&self) -> bool {
-        self.slots.iter().any(|s| s.effect.is_thermal())
+    /// Whether the torque of given currents depends on temperatures that an effect follows.
+    pub fn warms(&self) -> bool {
+        self.slots.iter().any(|s| s.effect.is_thermal() && (s.effect.turns() || self.bypassed))
     }
 
     /// Lets the temperatures among `state` go on for `h` seconds at the terminal current `i` (d, q).
@@ -101,7 +101,7 @@ impl Model {
                 flux[1] += open * ((a * e_q - b * e_d) / determinant);
                 at = self.magnetic(p, base, psi_m, &magnet, sin_cos, flux);
                 // From so near, a step is exact, in the derivatives as well, unless states follow the flux.
-                if self.electrical_count == 0 {
+                if !self.bypassed {
                     let near = T::constant(NEAR * self.context.i_max) - (e_d.abs() + e_q.abs());
                     open = near.if_positive(T::zero(), open);
                     if open.size() == 0.0 {

@@ -5,6 +5,7 @@ mod beside;
 mod between;
 mod forms;
 mod load;
+mod losses;
 mod torque;
 mod windows;
 
@@ -26,6 +27,7 @@ pub use beside::Windows;
 pub use between::torque_halfway;
 pub use forms::Forms;
 pub use load::Nuisance;
+pub use losses::{Losses, Stations};
 pub use torque::torque;
 pub use windows::{WINDOW, windows};
 

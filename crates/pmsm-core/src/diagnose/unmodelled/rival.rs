@@ -9,6 +9,7 @@ use crate::diagnose::hypothesis::Hypothesis;
 use crate::effect::{Mechanical, Site};
 use crate::error::Result;
 use crate::map::Map;
+use crate::model::Slot;
 use crate::monitor::Monitor;
 use crate::simulate::electrical::measured_env;
 
@@ -47,12 +48,13 @@ fn share(data: &Data, fitted: &Hypothesis) -> f64 {
     let base = Base::new(fitted.own());
     let torque = candidates::torque(data, fitted);
     let samples = data.runs().iter().flat_map(|run| (0..run.signals.len()).map(move |k| (&run.signals, k)));
+    let slots: Vec<&Slot> = fitted.model.slots().iter().collect();
     let (mut map, mut effects) = (0.0, 0.0);
     for ((signals, k), tau_e) in samples.zip(torque) {
         let env = measured_env(signals, k);
         let at = Mechanical { env, omega_m: env.omega_e / signals.n_p, tau_e, tau_load: 0.0, j: base.j };
         map += fitted.model.mapped_torque(fitted.own(), &at).powi(2);
-        effects += fitted.model.effects_torque(fitted.own(), &at).powi(2);
+        effects += fitted.model.torque_lost(&slots, fitted.own(), &at).powi(2);
     }
     if map == 0.0 { 0.0 } else { (map / effects).sqrt() }
 }

@@ -54,7 +54,7 @@ impl<T: Real> Rotor<'_, T> {
     }
 
     /// Fills in what the window's steps are driven by.
-    fn drive(&self, window: &Range<usize>, coarse: bool, level: &mut usize, drive: &mut Drive<T>) {
+    pub(super) fn drive(&self, window: &Range<usize>, coarse: bool, level: &mut usize, drive: &mut Drive<T>) {
         let Self { signals, load: (load, own), .. } = *self;
         let t = &signals.t;
         drive.load.clear();
@@ -79,6 +79,35 @@ impl<T: Real> Rotor<'_, T> {
         }
     }
 
+    /// Hands to `visit` where the acceleration is asked for along a window whose steps are driven so: at each sample, and with `true`
+    /// behind it in the middle of the step to the next, if there is one.
+    #[inline(always)]
+    pub(super) fn visit<W: Carries<T>>(
+        &self,
+        window: &Range<usize>,
+        p: &[W],
+        drive: &Drive<T>,
+        mut visit: impl FnMut(usize, bool, Point<W>),
+    ) {
+        let Self { model, signals, shown, .. } = *self;
+        let mut env = environment(model, signals, p, window.start);
+        for k in window.clone() {
+            let last = k + 1 >= window.end;
+            let next = if last { env } else { environment(model, signals, p, k + 1) };
+            let load = W::constant(drive.load[k - window.start]);
+            let torque = match self.tau_e {
+                Torque::Fixed(tau) => W::constant(tau[k]),
+                Torque::Varied(tau) => W::carry(tau[k]),
+            };
+            visit(k, false, Point { speed: W::constant(shown[k] / signals.n_p), torque, load, env });
+            if let Some((torque, speed)) = drive.middle[k - window.start] {
+                let env = (mix(0.5, (env.1, env.0), (next.1, next.0)).1, env.1);
+                visit(k, true, Point { speed: W::constant(speed), torque: W::carry(torque), load, env });
+            }
+            env = next;
+        }
+    }
+
     #[inline(always)]
     fn acceleration<W: Real>(
         &self,
@@ -93,8 +122,19 @@ impl<T: Real> Rotor<'_, T> {
     }
 }
 
+/// Where the acceleration is asked for.
+pub(super) struct Point<W> {
+    /// Mechanical speed as the log shows it, rad/s.
+    pub(super) speed: W,
+    /// Motor torque and mean load of the step, N·m.
+    pub(super) torque: W,
+    pub(super) load: W,
+    /// The true environment, and the measured over the true speed's share that the sensor leaves.
+    pub(super) env: (Env<W>, W),
+}
+
 /// What drives the steps of one window.
-struct Drive<T> {
+pub(super) struct Drive<T> {
     /// Mean load from each sample to the next, N·m.
     load: Vec<f64>,
     /// Motor torque (N·m) and speed as the log shows it (rad/s, mechanical) halfway to the next sample, where a step has its middle there.
@@ -102,7 +142,7 @@ struct Drive<T> {
 }
 
 impl<T> Drive<T> {
-    fn of(windows: &[Range<usize>]) -> Self {
+    pub(super) fn of(windows: &[Range<usize>]) -> Self {
         let longest = windows.iter().map(Range::len).max().unwrap_or(0);
         Self { load: Vec::with_capacity(longest), middle: Vec::with_capacity(longest) }
     }
@@ -118,34 +158,26 @@ impl<T: Real, S: FnMut(&Range<usize>, &[T], &[Option<T>])> Loop<T> for Along<'_,
     #[inline(always)]
     fn run<W: Carries<T>>(self) {
         let Self { rotor, sink } = self;
-        let Rotor { model, signals, shown, .. } = rotor;
         let p = rotor.p.iter().map(|x| W::carry(*x)).collect::<Vec<W>>();
         let base = Base::new(&p);
         let at = (&p[..], &base);
-        let coarse = steps_are_coarse(signals);
+        let coarse = steps_are_coarse(rotor.signals);
         let (mut drive, mut level) = (Drive::of(rotor.windows), 0);
         let (mut here, mut between) = (Vec::new(), Vec::new());
         for window in rotor.windows {
             rotor.drive(window, coarse, &mut level, &mut drive);
             here.clear();
             between.clear();
-            let mut env = environment(model, signals, &p, window.start);
-            for k in window.clone() {
-                let last = k + 1 >= window.end;
-                let next = if last { env } else { environment(model, signals, &p, k + 1) };
-                let load = W::constant(drive.load[k - window.start]);
-                let torque = match rotor.tau_e {
-                    Torque::Fixed(tau) => W::constant(tau[k]),
-                    Torque::Varied(tau) => W::carry(tau[k]),
-                };
-                let speed = W::constant(shown[k] / signals.n_p);
-                here.push(rotor.acceleration(at, speed, (torque, load), env).give());
-                between.push(drive.middle[k - window.start].map(|(torque, speed)| {
-                    let half = (mix(0.5, (env.1, env.0), (next.1, next.0)).1, env.1);
-                    rotor.acceleration(at, W::constant(speed), (W::carry(torque), load), half).give()
-                }));
-                env = next;
-            }
+            rotor.visit(window, &p, &drive, |_, inside, Point { speed, torque, load, env }| {
+                let acceleration = rotor.acceleration(at, speed, (torque, load), env).give();
+                if inside {
+                    let last: Option<&mut Option<T>> = between.last_mut();
+                    *last.expect("a sample comes before what is behind it") = Some(acceleration);
+                } else {
+                    here.push(acceleration);
+                    between.push(None);
+                }
+            });
             sink(window, &here, &between);
         }
     }

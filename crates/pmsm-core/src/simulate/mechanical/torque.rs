@@ -42,7 +42,7 @@ impl<T: Real> Motor<'_, T> {
     /// Its torque, with `N` electrical states.
     fn torque<const N: usize>(self) -> Vec<T> {
         // Temperatures run on from sample to sample.
-        let apart = !self.model.is_thermal() && self.signals.len() >= LANES;
+        let apart = !self.model.warms() && self.signals.len() >= LANES;
         let together = apart.then(|| T::abreast(Torque::<T, N>(self))).flatten();
         together.unwrap_or_else(|| T::fastest(Torque::<T, N>(self)))
     }
@@ -50,8 +50,12 @@ impl<T: Real> Motor<'_, T> {
     /// Voltage (d, q) around sample `k` of a segment, V, where the torque depends on it: what bypasses the winding follows the voltage, also
     /// while the current changes.
     #[inline(always)]
-    fn voltage<const N: usize>(&self, segment: &Range<usize>, k: usize) -> Option<[f64; 2]> {
-        if N > 2 || self.signals.stator_held { mean_voltage(self.signals, segment, k) } else { None }
+    fn voltage(&self, segment: &Range<usize>, k: usize) -> Option<[f64; 2]> {
+        if self.model.is_bypassed() || self.signals.stator_held {
+            mean_voltage(self.signals, segment, k)
+        } else {
+            None
+        }
     }
 
     /// What a sample says under the `measured` environment.
@@ -78,7 +82,7 @@ impl<T: Real> Motor<'_, T> {
             i = [i[0] + ripple[0], i[1] + ripple[1]];
         }
         let mut emf = None;
-        if let (true, Some(v)) = (N > 2, v) {
+        if let (true, Some(v)) = (model.is_bypassed(), v) {
             emf = Some([v[0] - base.r_s * i[0], v[1] - base.r_s * i[1]]);
         }
         Point { tau_e: model.state_under(p, base, i, emf, warm, &env).1, i, env }
@@ -113,7 +117,7 @@ impl<T: Real, const N: usize> Loop<T> for Torque<'_, T, N> {
         let Motor { model, signals, phases, i, p } = self.0;
         let p: Vec<W> = p.iter().map(|x| W::carry(*x)).collect();
         let base = Base::new(&p);
-        let thermal = model.is_thermal();
+        let warms = model.warms();
         let mut torque = vec![T::zero(); signals.len()];
         let mut warm = [W::zero(); N];
         for segment in &signals.segments {
@@ -121,12 +125,12 @@ impl<T: Real, const N: usize> Loop<T> for Torque<'_, T, N> {
                 let logged = Logged {
                     phases: [0, 1, 2].map(|x: usize| W::constant(phases[x][k])),
                     i: [0, 1].map(|axis: usize| W::constant(i[axis][k])),
-                    v: self.0.voltage::<N>(segment, k).map(|v| v.map(W::constant)),
+                    v: self.0.voltage(segment, k).map(|v| v.map(W::constant)),
                     measured: measured_env(signals, k),
                 };
                 let Point { tau_e, i, env } = self.0.at((&p, &base), logged, &warm);
                 torque[k] = tau_e.give();
-                if thermal && k + 1 < segment.end {
+                if warms && k + 1 < segment.end {
                     model.warm(&p, &base, &mut warm, i, signals.t[k + 1] - signals.t[k], &env);
                 }
             }
@@ -154,7 +158,7 @@ impl<T: Real, const N: usize> Abreast<T> for Torque<'_, T, N> {
                 let mut command = [[0.0; LANES]; 2];
                 let mut v = None;
                 for lane in 0..W::COUNT {
-                    if let Some([d, q]) = self.0.voltage::<N>(segment, from + lane) {
+                    if let Some([d, q]) = self.0.voltage(segment, from + lane) {
                         (command[0][lane], command[1][lane]) = (d, q);
                         v = Some([W::zero(); 2]);
                     }

@@ -1,0 +1,169 @@
+//! Torque that effects take from a rotor along a known course of its speed. Effects without states of their own take it beside one another,
+//! so that one can be asked without the others, and what they are asked at is found once for all of them.
+
+use super::acceleration::{Drive, Point, Rotor};
+use super::between::steps_are_coarse;
+use crate::base::Base;
+use crate::effect::{Env, Mechanical};
+use crate::machine::BaseParameter;
+use crate::model::{Model, Slot};
+use crate::real::{Abreast, Carries, Loop, Real, Several};
+use std::ops::Range;
+
+/// Stations taken together at most.
+const LANES: usize = 8;
+
+/// Where the rotor's acceleration is asked for, in the order of time: at each sample of its windows, and behind it in the middle of the
+/// step to the next, where a step has its middle there.
+#[derive(Debug, Clone, Default)]
+pub struct Stations {
+    t: Vec<f64>,
+    theta_e: Vec<f64>,
+    theta_m: Vec<f64>,
+    omega_m: Vec<f64>,
+    tau_e: Vec<f64>,
+    tau_load: Vec<f64>,
+    /// Acceleration as the log shows it per torque that is lost, rad/s² (electrical) per N·m.
+    gain: Vec<f64>,
+    /// The station of each sample.
+    of_sample: Vec<usize>,
+}
+
+impl Stations {
+    /// Those of a rotor.
+    pub fn new(rotor: &Rotor<'_, f64>) -> Self {
+        let Rotor { signals, windows, p, .. } = *rotor;
+        let (coarse, inverse_j) = (steps_are_coarse(signals), Base::new(p).inverse_j);
+        let (mut drive, mut level) = (Drive::of(windows), 0);
+        let mut own = Self { of_sample: vec![0; signals.len()], ..Self::default() };
+        for window in windows {
+            rotor.drive(window, coarse, &mut level, &mut drive);
+            rotor.visit(window, p, &drive, |k, inside, Point { speed, torque, load, env: (env, scale) }| {
+                if !inside {
+                    own.of_sample[k] = own.t.len();
+                }
+                own.t.push(env.t);
+                own.theta_e.push(env.theta_e);
+                own.theta_m.push(env.theta_m);
+                own.omega_m.push(scale * speed);
+                own.tau_e.push(torque);
+                own.tau_load.push(load);
+                own.gain.push(-inverse_j * signals.n_p / scale);
+            });
+        }
+        own
+    }
+
+    /// The station of a sample.
+    pub fn at(&self, sample: usize) -> usize {
+        self.of_sample[sample]
+    }
+
+    /// That in the middle of the step from a sample to the next of its window, if the step has its middle there.
+    pub fn behind(&self, sample: usize) -> Option<usize> {
+        let at = self.at(sample);
+        (self.at(sample + 1) > at + 1).then_some(at + 1)
+    }
+
+    /// Those of a window.
+    fn within(&self, window: &Range<usize>) -> Range<usize> {
+        self.at(window.start)..self.at(window.end - 1) + 1
+    }
+
+    fn len(&self) -> usize {
+        self.t.len()
+    }
+
+    #[inline(always)]
+    fn point<W: Real>(&self, model: &Model, j: W, plain: impl Fn(&[f64]) -> W) -> Mechanical<W> {
+        let omega_m = plain(&self.omega_m);
+        let env = Env {
+            t: plain(&self.t),
+            omega_e: omega_m * model.context().n_p,
+            theta_e: plain(&self.theta_e),
+            theta_m: plain(&self.theta_m),
+            heating: 0.0,
+            magnet_heating: 0.0,
+        };
+        Mechanical { env, omega_m, tau_e: plain(&self.tau_e), tau_load: plain(&self.tau_load), j }
+    }
+}
+
+/// Some effects of a model beside others, none of which has mechanical states.
+#[derive(Debug, Clone, Copy)]
+pub struct Losses<'a, T> {
+    /// The model.
+    pub model: &'a Model,
+    /// Those that are asked.
+    pub asked: &'a [&'a Slot],
+    /// Parameters of the model.
+    pub p: &'a [T],
+    /// Where they are asked.
+    pub stations: &'a Stations,
+    /// The windows of the stations.
+    pub windows: &'a [Range<usize>],
+}
+
+impl<T: Real> Losses<'_, T> {
+    /// Hands to `sink`, for each of the windows, the number of its first station and what the effects that are asked add at each of its
+    /// stations to the acceleration that the log shows, rad/s² (electrical).
+    pub fn accelerations(self, mut sink: impl FnMut(&Range<usize>, usize, &[T])) {
+        let wide = self.stations.len() >= LANES;
+        if !wide || T::abreast(Asked { losses: self, sink: &mut sink }).is_none() {
+            T::fastest(Asked { losses: self, sink: &mut sink });
+        }
+    }
+}
+
+struct Asked<'a, 's, T, S> {
+    losses: Losses<'a, T>,
+    sink: &'s mut S,
+}
+
+impl<T: Real, S: FnMut(&Range<usize>, usize, &[T])> Loop<T> for Asked<'_, '_, T, S> {
+    type Output = ();
+    #[inline(always)]
+    fn run<W: Carries<T>>(self) {
+        let Losses { model, asked, p, stations, windows } = self.losses;
+        let p = p.iter().map(|x| W::carry(*x)).collect::<Vec<W>>();
+        let (j, mut out) = (p[BaseParameter::J.index()], Vec::new());
+        for window in windows {
+            out.clear();
+            let own = stations.within(window);
+            for station in own.clone() {
+                let at = stations.point(model, j, |x| W::constant(x[station]));
+                let loss = model.torque_lost(asked, &p, &at).give();
+                out.push(loss * stations.gain[station]);
+            }
+            (self.sink)(window, own.start, &out);
+        }
+    }
+}
+
+impl<T: Real, S: FnMut(&Range<usize>, usize, &[T])> Abreast<T> for Asked<'_, '_, T, S> {
+    type Output = ();
+    const FEWEST: usize = 1;
+    #[inline(always)]
+    fn run<W: Several<T>>(self) {
+        let Losses { model, asked, p, stations, windows } = self.losses;
+        let p = p.iter().map(|x| W::all(*x)).collect::<Vec<W>>();
+        let (j, mut out) = (p[BaseParameter::J.index()], Vec::new());
+        let (mut lanes, last) = ([T::zero(); LANES], stations.len() - W::COUNT);
+        for window in windows {
+            out.clear();
+            let own = stations.within(window);
+            let mut station = own.start;
+            while station < own.end {
+                // The last ones reach back, and those of a short window beyond it.
+                let from = station.min(last);
+                let end = own.end.min(from + W::COUNT);
+                let at = stations.point(model, j, |x| W::plain(&x[from..]));
+                model.torque_lost(asked, &p, &at).put(&mut lanes);
+                let found = lanes[station - from..end - from].iter().zip(&stations.gain[station..end]);
+                out.extend(found.map(|(loss, gain)| *loss * *gain));
+                station = end;
+            }
+            (self.sink)(window, own.start, &out);
+        }
+    }
+}
