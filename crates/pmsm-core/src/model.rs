@@ -15,6 +15,8 @@ use crate::map::{Map, Point};
 use crate::real::Real;
 use std::ops::Range;
 
+pub use steady::Known;
+
 /// Where one effect's parameters and states sit.
 #[derive(Debug, Clone)]
 pub struct Slot {
@@ -130,6 +132,11 @@ impl Model {
     /// Number of electrical extra states.
     pub fn electrical_states(&self) -> usize {
         self.electrical_count
+    }
+
+    /// Whether the flux of a current must be iterated for.
+    pub fn is_magnetic(&self) -> bool {
+        self.is_magnetic
     }
 
     /// Whether current bypasses the winding as states that follow the flux say.

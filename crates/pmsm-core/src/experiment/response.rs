@@ -8,6 +8,7 @@ use super::course::{Course, Gains, Run};
 use super::load::Profile;
 use super::rows::{Rows, of_groups};
 use super::{Experiment, seed};
+use crate::base::BASE;
 use crate::dual::Dual;
 use crate::effect::{Role, Site};
 use crate::machine::BaseParameter;
@@ -26,7 +27,7 @@ const TOGETHER: usize = 4;
 enum Kind {
     /// Through the motor's torque.
     Torque,
-    /// Through the torque that an effect takes from the rotor.
+    /// Through the torque that an effect or the map takes from the rotor.
     Loss,
     /// In another way.
     Rotor,
@@ -74,14 +75,20 @@ impl Experiment<'_> {
             let known = known.map_or(&own_stations, |known| &known.stations);
             known.get_or_init(|| Stations::new(&self.rotor(p, Torque::Fixed(torque()), p, speed)))
         };
+        let own_flux = OnceLock::new();
+        let flux = || {
+            let own = &p[..self.model.parameter_count()];
+            let known = known.map_or(&own_flux, |known| &known.flux);
+            known.get_or_init(|| mechanical::flux(self.model, self.signals, own)).as_ref()
+        };
         let columns: Vec<&[usize]> = groups.iter().map(|(_, columns)| *columns).collect();
         let jobs: Vec<_> = groups.iter().zip(of_groups(&mut rows.columns, &columns)).collect();
         jobs.into_par_iter().for_each(|((kind, columns), rows)| {
             let at = (p, free, *columns);
             match (kind, columns.len()) {
                 (Kind::Load, _) => self.load_columns(at, &speed.slope, rows),
-                (Kind::Torque, 1) => self.torque_columns::<1>(at, gains(), speed, rows),
-                (Kind::Torque, _) => self.torque_columns::<TOGETHER>(at, gains(), speed, rows),
+                (Kind::Torque, 1) => self.torque_columns::<1>(at, (gains(), flux()), speed, rows),
+                (Kind::Torque, _) => self.torque_columns::<TOGETHER>(at, (gains(), flux()), speed, rows),
                 (Kind::Loss, 1) => self.loss_columns::<1>(at, stations(), speed, rows),
                 (Kind::Loss, 2) => self.loss_columns::<2>(at, stations(), speed, rows),
                 (Kind::Loss, 3) => self.loss_columns::<3>(at, stations(), speed, rows),
@@ -98,7 +105,7 @@ impl Experiment<'_> {
             Kind::Load
         } else if self.is_electrical(index) {
             Kind::Torque
-        } else if self.model.slots().iter().any(|s| s.parameters.contains(&index)) {
+        } else if index >= BASE {
             Kind::Loss
         } else {
             Kind::Rotor
@@ -144,12 +151,13 @@ impl Experiment<'_> {
     fn torque_columns<const N: usize>(
         &self,
         (p, free, columns): (&[f64], &[usize], &[usize]),
-        gains: &Gains,
+        (gains, flux): (&Gains, Option<&[Vec<f64>; 2]>),
         Run { slope, .. }: &Run,
         mut rows: Vec<&mut [f64]>,
     ) {
         let count = self.model.parameter_count();
-        let torque = mechanical::torque(self.model, self.signals, &seed::<N>(p, columns, free)[..count]);
+        let seeded = seed::<N>(p, columns, free);
+        let torque = mechanical::torque_with(self.model, self.signals, &seeded[..count], flux);
         for window in self.windows {
             let here = |k: usize| torque[k].eps.map(|x| x * gains.here[k]);
             let between = |k: usize| {
@@ -160,7 +168,7 @@ impl Experiment<'_> {
         }
     }
 
-    /// Derivatives with respect to parameters of effects that take torque from the rotor: the other effects need not be asked.
+    /// Derivatives with respect to parameters of what takes torque from the rotor: what else does need not be asked.
     fn loss_columns<const N: usize>(
         &self,
         (p, free, columns): (&[f64], &[usize], &[usize]),
@@ -171,7 +179,9 @@ impl Experiment<'_> {
         let seeded = seed::<N>(p, columns, free);
         let asks = |s: &&Slot| columns.iter().any(|c| s.parameters.contains(&free[*c]));
         let asked: Vec<&Slot> = self.model.slots().iter().filter(asks).collect();
-        let losses = Losses { model: self.model, asked: &asked, p: &seeded, stations, windows: self.windows };
+        let map = columns.iter().any(|c| self.model.map_parameters().contains(&free[*c]));
+        let losses =
+            Losses { model: self.model, asked: &asked, map, p: &seeded, stations, windows: self.windows };
         losses.accelerations(|window, first, found| {
             let here = |k: usize| found[stations.at(k) - first].eps;
             let between = |k: usize| stations.behind(k).map(|station| found[station - first].eps);
@@ -410,8 +420,12 @@ mod tests {
                         let at = (&p[..], &free[..], &[0, 1][..]);
                         // More derivatives than a vector holds of several samples.
                         match (kind, wide) {
-                            (Kind::Torque, true) => experiment.torque_columns::<4>(at, &gains, &speed, rows),
-                            (Kind::Torque, false) => experiment.torque_columns::<5>(at, &gains, &speed, rows),
+                            (Kind::Torque, true) => {
+                                experiment.torque_columns::<4>(at, (&gains, None), &speed, rows)
+                            }
+                            (Kind::Torque, false) => {
+                                experiment.torque_columns::<5>(at, (&gains, None), &speed, rows)
+                            }
                             (Kind::Loss, true) => experiment.loss_columns::<4>(at, &stations, &speed, rows),
                             (Kind::Loss, false) => experiment.loss_columns::<5>(at, &stations, &speed, rows),
                             (_, true) => experiment.rotor_columns::<4>(at, &torque, &speed, rows),
@@ -420,6 +434,19 @@ mod tests {
                         out
                     };
                     let (wide, narrow) = (columns(true, kind), columns(false, kind));
+                    let flux = mechanical::flux(&model, &signals, &p[..=last]);
+                    assert_eq!(flux.is_some(), effects.len() == 4);
+                    if let (Kind::Torque, Some(flux)) = (kind, &flux) {
+                        // The same from a flux that is known.
+                        let mut out = vec![vec![0.0; n]; 2];
+                        let rows = out.iter_mut().map(|x| &mut x[..]).collect();
+                        let at = (&p[..], &free[..], &[0, 1][..]);
+                        experiment.torque_columns::<4>(at, (&gains, Some(flux)), &speed, rows);
+                        let size = wide.iter().flatten().fold(0.0, |most: f64, x| most.max(x.abs()));
+                        for (one, known) in wide.iter().flatten().zip(out.iter().flatten()) {
+                            assert!((one - known).abs() <= 1e-9 * size, "{one} {known}");
+                        }
+                    }
                     if kind == Kind::Loss {
                         // The same as if all effects are asked.
                         let all = columns(true, Kind::Rotor);

@@ -68,15 +68,15 @@ impl Model {
         map.torque(&p[self.mapped.clone()], &point)
     }
 
-    /// Torque of some effects of a model without mechanical states against positive rotation, N·m.
+    /// Torque of some effects of a model without mechanical states, and of its map if that is asked, too, against positive rotation, N·m.
     #[inline(always)]
-    pub fn torque_lost<T: Real>(&self, effects: &[&Slot], p: &[T], at: &Mechanical<T>) -> T {
+    pub fn torque_lost<T: Real>(&self, (effects, map): (&[&Slot], bool), p: &[T], at: &Mechanical<T>) -> T {
         debug_assert_eq!(self.mechanical_states(), 0);
         let mut rotor = Rotor { inverse_inertia: T::one(), loss: T::zero(), load: at.tau_load };
         for s in effects {
             s.effect.rotor(&p[s.parameters.clone()], &[], at, &self.context, &mut rotor);
         }
-        rotor.loss
+        if map { rotor.loss + self.mapped_torque(p, at) } else { rotor.loss }
     }
 
     /// Quasi-static start of the mechanical extra states at mechanical speed `omega_m`.

@@ -11,6 +11,21 @@ const STEPS: usize = 6;
 /// Error (share of the largest current) from which Newton's method needs one more step.
 const NEAR: f64 = 1e-9;
 
+/// What is known of a state beforehand.
+#[derive(Debug, Clone, Copy)]
+pub struct Known<T> {
+    /// Induced voltage (d, q), V, which puts the extra states where they are; else it is that of a flux that stands still in the rotor.
+    pub emf: Option<[T; 2]>,
+    /// Flux linkage (d, q), V s, from which Newton's method begins where it is needed; else it is the bare machine's.
+    pub flux: Option<[T; 2]>,
+}
+
+impl<T> Default for Known<T> {
+    fn default() -> Self {
+        Self { emf: None, flux: None }
+    }
+}
+
 impl Model {
     /// The steady electrical state that belongs to a terminal current, and its torque: flux linkage by Newton's method on the
     /// energy's gradient, extra states at their quasi-static start.
@@ -22,7 +37,7 @@ impl Model {
         i: [T; 2],
         env: &Env<T>,
     ) -> ([T; N], T) {
-        self.state_under(p, base, i, None, &[T::zero(); N], env)
+        self.state_under(p, base, i, Known::default(), &[T::zero(); N], env)
     }
 
     /// What of a state belongs to temperatures; the rest is zero.
@@ -66,28 +81,28 @@ impl Model {
         }
     }
 
-    /// As [`Model::steady_state`], but with the extra states where the induced voltage `emf` (d, q), V, puts them, without one that
-    /// of a flux that stands still in the rotor; and with the temperatures of the state `warm`.
+    /// As [`Model::steady_state`], but with what is `known`, and with the temperatures of the state `warm`.
     #[inline(always)]
     pub fn state_under<T: Real, const N: usize>(
         &self,
         p: &[T],
         base: &Base<T>,
         i: [T; 2],
-        emf: Option<[T; 2]>,
+        known: Known<T>,
         warm: &[T; N],
         env: &Env<T>,
     ) -> ([T; N], T) {
         let mut state = *warm;
         let (r_s, psi_m, magnet) = self.sources(p, base, &state[2..], env);
         let sin_cos = self.sin_cos(env);
-        let mut flux = [magnet.flux[0] + base.l_d * i[0], magnet.flux[1] + base.l_q * i[1]];
+        let unsaturated = [magnet.flux[0] + base.l_d * i[0], magnet.flux[1] + base.l_q * i[1]];
+        let mut flux = known.flux.filter(|_| self.is_magnetic).unwrap_or(unsaturated);
         let mut at = self.magnetic(p, base, psi_m, &magnet, sin_cos, flux);
         if self.is_magnetic {
             // Each of several machines side by side stops by itself.
             let mut open = T::one();
             for _ in 0..STEPS {
-                let emf = emf.unwrap_or([-env.omega_e * flux[1], env.omega_e * flux[0]]);
+                let emf = known.emf.unwrap_or([-env.omega_e * flux[1], env.omega_e * flux[0]]);
                 let winding = Electrical { env: *env, sin_cos, i, r_s, v: [T::zero(); 2], emf };
                 for s in &self.slots {
                     let x = &mut state[2 + s.electrical.start..2 + s.electrical.end];

@@ -3,7 +3,7 @@
 use super::forms::{Each, One, Sink, beside};
 use crate::base::Base;
 use crate::effect::{Env, Sensor};
-use crate::model::Model;
+use crate::model::{Known, Model};
 use crate::real::{Abreast, Carries, Loop, Real, Several};
 use crate::rk4::{self, Slope};
 use crate::signals::Signals;
@@ -191,7 +191,7 @@ pub(super) fn run_sized<W: Real, const N: usize>(
             if k == segment.start {
                 let abc = [0, 1, 2].map(|x: usize| W::constant(phases[x][k]));
                 let i = model.true_current(&sensor, abc, measured.theta_e);
-                state = model.state_under(p, &base, i, None, &model.temperatures(&state), &env).0;
+                state = model.state_under(p, &base, i, Known::default(), &model.temperatures(&state), &env).0;
             }
             along.arrive(&mut state);
             let i = model.state_current(p, &base, &state, &env).i;

@@ -28,7 +28,7 @@ pub use between::torque_halfway;
 pub use forms::Forms;
 pub use load::Nuisance;
 pub use losses::{Losses, Stations};
-pub use torque::torque;
+pub use torque::{flux, torque, torque_with};
 pub use windows::{WINDOW, windows};
 
 /// Largest angle (rad) by which a ringing shaft may turn its phase within one step; longer steps are divided.

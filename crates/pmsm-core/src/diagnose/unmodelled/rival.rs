@@ -54,7 +54,7 @@ fn share(data: &Data, fitted: &Hypothesis) -> f64 {
         let env = measured_env(signals, k);
         let at = Mechanical { env, omega_m: env.omega_e / signals.n_p, tau_e, tau_load: 0.0, j: base.j };
         map += fitted.model.mapped_torque(fitted.own(), &at).powi(2);
-        effects += fitted.model.torque_lost(&slots, fitted.own(), &at).powi(2);
+        effects += fitted.model.torque_lost((&slots, false), fitted.own(), &at).powi(2);
     }
     if map == 0.0 { 0.0 } else { (map / effects).sqrt() }
 }

@@ -1,5 +1,5 @@
-//! Torque that effects take from a rotor along a known course of its speed. Effects without states of their own take it beside one another,
-//! so that one can be asked without the others, and what they are asked at is found once for all of them.
+//! Torque that effects and a map take from a rotor along a known course of its speed. Without states of their own they take it beside one
+//! another, so that one can be asked without the others, and what they are asked at is found once for all of them.
 
 use super::acceleration::{Drive, Point, Rotor};
 use super::between::steps_are_coarse;
@@ -89,13 +89,15 @@ impl Stations {
     }
 }
 
-/// Some effects of a model beside others, none of which has mechanical states.
+/// Some effects of a model and its map beside others; none has mechanical states.
 #[derive(Debug, Clone, Copy)]
 pub struct Losses<'a, T> {
     /// The model.
     pub model: &'a Model,
     /// Those that are asked.
     pub asked: &'a [&'a Slot],
+    /// Whether the model's map is asked, too.
+    pub map: bool,
     /// Parameters of the model.
     pub p: &'a [T],
     /// Where they are asked.
@@ -105,7 +107,7 @@ pub struct Losses<'a, T> {
 }
 
 impl<T: Real> Losses<'_, T> {
-    /// Hands to `sink`, for each of the windows, the number of its first station and what the effects that are asked add at each of its
+    /// Hands to `sink`, for each of the windows, the number of its first station and what those that are asked add at each of its
     /// stations to the acceleration that the log shows, rad/s² (electrical).
     pub fn accelerations(self, mut sink: impl FnMut(&Range<usize>, usize, &[T])) {
         let wide = self.stations.len() >= LANES;
@@ -124,7 +126,7 @@ impl<T: Real, S: FnMut(&Range<usize>, usize, &[T])> Loop<T> for Asked<'_, '_, T,
     type Output = ();
     #[inline(always)]
     fn run<W: Carries<T>>(self) {
-        let Losses { model, asked, p, stations, windows } = self.losses;
+        let Losses { model, asked, map, p, stations, windows } = self.losses;
         let p = p.iter().map(|x| W::carry(*x)).collect::<Vec<W>>();
         let (j, mut out) = (p[BaseParameter::J.index()], Vec::new());
         for window in windows {
@@ -132,7 +134,7 @@ impl<T: Real, S: FnMut(&Range<usize>, usize, &[T])> Loop<T> for Asked<'_, '_, T,
             let own = stations.within(window);
             for station in own.clone() {
                 let at = stations.point(model, j, |x| W::constant(x[station]));
-                let loss = model.torque_lost(asked, &p, &at).give();
+                let loss = model.torque_lost((asked, map), &p, &at).give();
                 out.push(loss * stations.gain[station]);
             }
             (self.sink)(window, own.start, &out);
@@ -145,7 +147,7 @@ impl<T: Real, S: FnMut(&Range<usize>, usize, &[T])> Abreast<T> for Asked<'_, '_,
     const FEWEST: usize = 1;
     #[inline(always)]
     fn run<W: Several<T>>(self) {
-        let Losses { model, asked, p, stations, windows } = self.losses;
+        let Losses { model, asked, map, p, stations, windows } = self.losses;
         let p = p.iter().map(|x| W::all(*x)).collect::<Vec<W>>();
         let (j, mut out) = (p[BaseParameter::J.index()], Vec::new());
         let (mut lanes, last) = ([T::zero(); LANES], stations.len() - W::COUNT);
@@ -158,7 +160,7 @@ impl<T: Real, S: FnMut(&Range<usize>, usize, &[T])> Abreast<T> for Asked<'_, '_,
                 let from = station.min(last);
                 let end = own.end.min(from + W::COUNT);
                 let at = stations.point(model, j, |x| W::plain(&x[from..]));
-                model.torque_lost(asked, &p, &at).put(&mut lanes);
+                model.torque_lost((asked, map), &p, &at).put(&mut lanes);
                 let found = lanes[station - from..end - from].iter().zip(&stations.gain[station..end]);
                 out.extend(found.map(|(loss, gain)| *loss * *gain));
                 station = end;

@@ -3,7 +3,7 @@
 use super::between::measured;
 use crate::base::Base;
 use crate::effect::Env;
-use crate::model::Model;
+use crate::model::{Known, Model};
 use crate::real::{Abreast, Carries, Loop, Real, Several};
 use crate::signals::Signals;
 use crate::simulate::electrical::{measured_env, true_env};
@@ -15,18 +15,36 @@ const LANES: usize = 8;
 
 /// Motor torque at every sample from the measured currents (or as recorded), N·m.
 pub fn torque<T: Real>(model: &Model, signals: &Signals, p: &[T]) -> Vec<T> {
+    torque_with(model, signals, p, None)
+}
+
+/// The same; what the `flux` of these currents is may be known.
+pub fn torque_with<T: Real>(
+    model: &Model,
+    signals: &Signals,
+    p: &[T],
+    flux: Option<&[Vec<f64>; 2]>,
+) -> Vec<T> {
     if let Some(tau) = &signals.tau_e {
         return tau.iter().map(|x| T::constant(*x)).collect();
     }
-    let (Some(phases), Some(i)) = (&signals.phases, &signals.i) else {
-        return vec![T::zero(); signals.len()];
-    };
-    let motor = Motor { model, signals, phases, i, p };
-    match model.electrical_states() {
-        0 => motor.torque::<2>(),
-        1..=2 => motor.torque::<4>(),
-        _ => motor.torque::<12>(),
+    match Motor::new(model, signals, p, flux) {
+        Some(motor) => {
+            let [torque] = motor.follow();
+            torque
+        }
+        None => vec![T::zero(); signals.len()],
     }
+}
+
+/// Flux linkage (d, q) of the measured currents at every sample, V s: where it must be iterated for and follows from the currents alone,
+/// so that it is worth knowing.
+pub fn flux(model: &Model, signals: &Signals, p: &[f64]) -> Option<[Vec<f64>; 2]> {
+    if signals.tau_e.is_some() || !model.is_magnetic() || model.is_bypassed() {
+        return None;
+    }
+    let [_, d, q] = Motor::new(model, signals, p, None)?.follow();
+    Some([d, q])
 }
 
 #[derive(Clone, Copy)]
@@ -36,15 +54,33 @@ struct Motor<'a, T> {
     phases: &'a [Vec<f64>; 3],
     i: &'a [Vec<f64>; 2],
     p: &'a [T],
+    flux: Option<&'a [Vec<f64>; 2]>,
 }
 
-impl<T: Real> Motor<'_, T> {
-    /// Its torque, with `N` electrical states.
-    fn torque<const N: usize>(self) -> Vec<T> {
+impl<'a, T: Real> Motor<'a, T> {
+    fn new(
+        model: &'a Model,
+        signals: &'a Signals,
+        p: &'a [T],
+        flux: Option<&'a [Vec<f64>; 2]>,
+    ) -> Option<Self> {
+        Some(Self { model, signals, phases: signals.phases.as_ref()?, i: signals.i.as_ref()?, p, flux })
+    }
+
+    /// Its torque, and the flux linkage of d and q after it where more is asked for.
+    fn follow<const K: usize>(self) -> [Vec<T>; K] {
+        match self.model.electrical_states() {
+            0 => self.with_states::<K, 2>(),
+            1..=2 => self.with_states::<K, 4>(),
+            _ => self.with_states::<K, 12>(),
+        }
+    }
+
+    fn with_states<const K: usize, const N: usize>(self) -> [Vec<T>; K] {
         // Temperatures run on from sample to sample.
         let apart = !self.model.warms() && self.signals.len() >= LANES;
-        let together = apart.then(|| T::abreast(Torque::<T, N>(self))).flatten();
-        together.unwrap_or_else(|| T::fastest(Torque::<T, N>(self)))
+        let together = apart.then(|| T::abreast(Torque::<T, K, N>(self))).flatten();
+        together.unwrap_or_else(|| T::fastest(Torque::<T, K, N>(self)))
     }
 
     /// Voltage (d, q) around sample `k` of a segment, V, where the torque depends on it: what bypasses the winding follows the voltage, also
@@ -63,7 +99,7 @@ impl<T: Real> Motor<'_, T> {
     fn at<W: Real, const N: usize>(
         &self,
         (p, base): (&[W], &Base<W>),
-        Logged { phases, mut i, mut v, measured }: Logged<W>,
+        Logged { phases, mut i, mut v, flux, measured }: Logged<W>,
         warm: &[W; N],
     ) -> Point<W> {
         let (model, signals) = (self.model, self.signals);
@@ -85,7 +121,8 @@ impl<T: Real> Motor<'_, T> {
         if let (true, Some(v)) = (model.is_bypassed(), v) {
             emf = Some([v[0] - base.r_s * i[0], v[1] - base.r_s * i[1]]);
         }
-        Point { tau_e: model.state_under(p, base, i, emf, warm, &env).1, i, env }
+        let (state, tau_e) = model.state_under(p, base, i, Known { emf, flux }, warm, &env);
+        Point { shown: [tau_e, state[0], state[1]], i, env }
     }
 }
 
@@ -97,28 +134,31 @@ struct Logged<T> {
     i: [T; 2],
     /// Voltage around it (d, q), V, where it matters.
     v: Option<[T; 2]>,
+    /// Flux linkage (d, q), V s, if it is known.
+    flux: Option<[T; 2]>,
     measured: Env<T>,
 }
 
 /// A sample behind the sensors.
 struct Point<T> {
-    tau_e: T,
+    /// Motor torque, N·m, and flux linkage (d, q), V s.
+    shown: [T; 3],
     i: [T; 2],
     env: Env<T>,
 }
 
-/// Motor torque from the measured currents, with `N` electrical states.
-struct Torque<'a, T, const N: usize>(Motor<'a, T>);
+/// The first `K` of what is shown under the measured currents, with `N` electrical states.
+struct Torque<'a, T, const K: usize, const N: usize>(Motor<'a, T>);
 
-impl<T: Real, const N: usize> Loop<T> for Torque<'_, T, N> {
-    type Output = Vec<T>;
+impl<T: Real, const K: usize, const N: usize> Loop<T> for Torque<'_, T, K, N> {
+    type Output = [Vec<T>; K];
     #[inline(always)]
-    fn run<W: Carries<T>>(self) -> Vec<T> {
-        let Motor { model, signals, phases, i, p } = self.0;
+    fn run<W: Carries<T>>(self) -> [Vec<T>; K] {
+        let Motor { model, signals, phases, i, p, flux } = self.0;
         let p: Vec<W> = p.iter().map(|x| W::carry(*x)).collect();
         let base = Base::new(&p);
         let warms = model.warms();
-        let mut torque = vec![T::zero(); signals.len()];
+        let mut out = [(); K].map(|()| vec![T::zero(); signals.len()]);
         let mut warm = [W::zero(); N];
         for segment in &signals.segments {
             for k in segment.clone() {
@@ -126,29 +166,32 @@ impl<T: Real, const N: usize> Loop<T> for Torque<'_, T, N> {
                     phases: [0, 1, 2].map(|x: usize| W::constant(phases[x][k])),
                     i: [0, 1].map(|axis: usize| W::constant(i[axis][k])),
                     v: self.0.voltage(segment, k).map(|v| v.map(W::constant)),
+                    flux: flux.map(|flux| [0, 1].map(|axis: usize| W::constant(flux[axis][k]))),
                     measured: measured_env(signals, k),
                 };
-                let Point { tau_e, i, env } = self.0.at((&p, &base), logged, &warm);
-                torque[k] = tau_e.give();
+                let Point { shown, i, env } = self.0.at((&p, &base), logged, &warm);
+                for (out, shown) in out.iter_mut().zip(shown) {
+                    out[k] = shown.give();
+                }
                 if warms && k + 1 < segment.end {
                     model.warm(&p, &base, &mut warm, i, signals.t[k + 1] - signals.t[k], &env);
                 }
             }
         }
-        torque
+        out
     }
 }
 
-impl<T: Real, const N: usize> Abreast<T> for Torque<'_, T, N> {
-    type Output = Vec<T>;
+impl<T: Real, const K: usize, const N: usize> Abreast<T> for Torque<'_, T, K, N> {
+    type Output = [Vec<T>; K];
     const FEWEST: usize = 0;
     #[inline(always)]
-    fn run<W: Several<T>>(self) -> Vec<T> {
-        let Motor { signals, phases, i, p, .. } = self.0;
+    fn run<W: Several<T>>(self) -> [Vec<T>; K] {
+        let Motor { signals, phases, i, p, flux, .. } = self.0;
         let p: Vec<W> = p.iter().map(|x| W::all(*x)).collect();
         let base = Base::new(&p);
         let n = signals.len();
-        let mut torque = vec![T::zero(); n];
+        let mut out = [(); K].map(|()| vec![T::zero(); n]);
         let (warm, mut lanes) = ([W::zero(); N], [T::zero(); LANES]);
         for segment in &signals.segments {
             let mut k = segment.start;
@@ -174,15 +217,19 @@ impl<T: Real, const N: usize> Abreast<T> for Torque<'_, T, N> {
                     ],
                     i: [W::plain(&i[0][from..]), W::plain(&i[1][from..])],
                     v,
+                    flux: flux.map(|[d, q]| [W::plain(&d[from..]), W::plain(&q[from..])]),
                     measured: measured(signals, from),
                 };
-                self.0.at((&p, &base), logged, &warm).tau_e.put(&mut lanes);
                 let end = segment.end.min(from + W::COUNT);
-                torque[k..end].copy_from_slice(&lanes[k - from..end - from]);
+                let shown = self.0.at((&p, &base), logged, &warm).shown;
+                for (out, shown) in out.iter_mut().zip(shown) {
+                    shown.put(&mut lanes);
+                    out[k..end].copy_from_slice(&lanes[k - from..end - from]);
+                }
                 k = end;
             }
         }
-        torque
+        out
     }
 }
 
