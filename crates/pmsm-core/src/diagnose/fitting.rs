@@ -26,6 +26,23 @@ pub fn rescaled(channels: Channels, factors: impl IntoIterator<Item = f64>) -> C
     channels.into_iter().map(|run| run.into_iter().map(&mut own).collect()).collect()
 }
 
+/// What is known of the electrical parameters with which a fit begins.
+#[derive(Clone, Copy)]
+pub enum Currents<'a> {
+    /// Nothing: they are fitted to the currents before all else.
+    Open,
+    /// The parameters to which [`to_currents`] has led from there.
+    Fitted(&'a [f64]),
+    /// They are the fitted ones.
+    Done,
+}
+
+impl Currents<'_> {
+    fn known(done: bool) -> Self {
+        if done { Self::Done } else { Self::Open }
+    }
+}
+
 /// Fits the effects of `model` to `data`, starting from the model parameters `start`. `electrical_done` says that the
 /// electrical parameters of `start` are already the fitted ones.
 ///
@@ -38,7 +55,8 @@ pub fn fit(
     electrical_done: bool,
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
-    staged(data, model, start, Stage { electrical_done, held: &[], load: None, lost: None }, monitor)
+    let currents = Currents::known(electrical_done);
+    staged(data, model, start, Stage { currents, held: &[], load: None, lost: None }, monitor)
 }
 
 /// Fits as [`fit`] does, but not to the motion where what the currents leave is `lost`, if anything is, which then is all that the answer
@@ -52,16 +70,15 @@ pub fn fit_unless(
     held: &[usize],
     data: &Data,
     model: &Model,
-    start: &[f64],
-    electrical_done: bool,
+    (start, currents): (&[f64], Currents),
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
-    let stage = Stage { electrical_done, held, load: None, lost };
+    let stage = Stage { currents, held, load: None, lost };
     let first = staged(data, model, start, stage, monitor)?;
     if held.is_empty() || lost.is_some_and(|lost| lost(&first)) {
         return Ok(first);
     }
-    on_from(data, &first, electrical_done, monitor)
+    on_from(data, &first, matches!(currents, Currents::Done), monitor)
 }
 
 /// The electrical parameters of a hypothesis fitted to the currents alone, and what these leave; nothing is said of the motion.
@@ -69,7 +86,7 @@ pub fn fit_unless(
 /// # Errors
 /// Those of the least-squares fit.
 pub fn currents_alone(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
-    let stage = Stage { electrical_done: false, held: &[], load: None, lost: Some(&|_| true) };
+    let stage = Stage { currents: Currents::Open, held: &[], load: None, lost: Some(&|_| true) };
     staged(data, &hypothesis.model, hypothesis.own(), stage, monitor)
 }
 
@@ -85,14 +102,42 @@ pub fn on_from(
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
     let load = (&from.nuisances[..], &from.parameters[from.model.parameter_count()..]);
-    let stage = Stage { electrical_done, held: &[], load: Some(load), lost: None };
+    let currents = Currents::known(electrical_done);
+    let stage = Stage { currents, held: &[], load: Some(load), lost: None };
     staged(data, &from.model, from.own(), stage, monitor)
+}
+
+/// The parameters to which a fit of the electrical ones and of sensors to the currents alone leads from `start`, which keeps those `held`.
+///
+/// # Errors
+/// Those of the least-squares fit.
+pub fn to_currents(
+    data: &Data,
+    model: &Model,
+    start: &[f64],
+    held: &[usize],
+    monitor: &dyn Monitor,
+) -> Result<Vec<f64>> {
+    let (electrical, _, sensors) = free_parameters(data, model);
+    let wanted: Vec<usize> = electrical.into_iter().chain(sensors).filter(|k| !held.contains(k)).collect();
+    let nuisances = vec![Nuisance::known(0); data.runs().len()];
+    let experiment = data.experiment(model, &nuisances, data.channels(true, false));
+    let parameters = experiment.fit(start, &wanted, &SETTINGS, monitor)?.parameters;
+    if !data.poor {
+        return Ok(parameters);
+    }
+    // What is missing would drive parameters that nothing pins down far from the nameplate: once more from there.
+    let left = experiment.loudness(&experiment.residual(&parameters));
+    let channels = rescaled(data.channels(true, false), left.into_iter().map(|r| r.max(1.0)));
+    let experiment = data.experiment(model, &nuisances, channels);
+    let start = [&data.start[..], &start[BASE..]].concat();
+    Ok(experiment.fit(&start, &wanted, &SETTINGS, monitor)?.parameters)
 }
 
 /// What a fit leaves as it is, the load from which it begins, if one was found before, and whether it ends where it has come to the
 /// currents.
 struct Stage<'a> {
-    electrical_done: bool,
+    currents: Currents<'a>,
     held: &'a [usize],
     load: Option<(&'a [Nuisance], &'a [f64])>,
     lost: Option<&'a dyn Fn(&Hypothesis) -> bool>,
@@ -102,7 +147,7 @@ fn staged(
     data: &Data,
     model: &Model,
     start: &[f64],
-    Stage { electrical_done, held, load, lost }: Stage,
+    Stage { currents, held, load, lost }: Stage,
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
     let (mut electrical, mut rotor, mut sensors) = free_parameters(data, model);
@@ -113,22 +158,13 @@ fn staged(
     let mut nuisances = vec![Nuisance::known(0); data.runs().len()];
     let mut free: Vec<usize> = reluctance(data).into_iter().collect();
     if data.has(true) {
-        let mut wanted = electrical.clone();
-        wanted.extend(&sensors);
-        if !electrical_done {
-            let experiment = data.experiment(model, &nuisances, data.channels(true, false));
-            parameters = experiment.fit(&parameters, &wanted, &SETTINGS, monitor)?.parameters;
-            if data.poor {
-                // What is missing would drive parameters that nothing pins down far from the nameplate: once more from there.
-                let left = experiment.loudness(&experiment.residual(&parameters));
-                let channels = rescaled(data.channels(true, false), left.into_iter().map(|r| r.max(1.0)));
-                let experiment = data.experiment(model, &nuisances, channels);
-                let start = [&data.start[..], &start[BASE..]].concat();
-                parameters = experiment.fit(&start, &wanted, &SETTINGS, monitor)?.parameters;
-            }
+        match currents {
+            Currents::Open => parameters = to_currents(data, model, start, held, monitor)?,
+            Currents::Fitted(known) => parameters = known.to_vec(),
+            Currents::Done => {}
         }
-        free = wanted;
-        if let Some(lost) = lost.filter(|_| !electrical_done) {
+        free = [electrical, sensors].concat();
+        if let Some(lost) = lost.filter(|_| !matches!(currents, Currents::Done)) {
             let so_far = Hypothesis::of_currents(data, model, &parameters, &free);
             if lost(&so_far) {
                 return Ok(so_far);

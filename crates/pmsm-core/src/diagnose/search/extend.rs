@@ -38,6 +38,9 @@ pub(super) struct Aim<'a> {
     pub(super) thorough: bool,
 }
 
+/// The number of a prospect, and where its first fit to the currents has led.
+type Begun = (usize, Vec<f64>);
+
 /// Numbers of prospects that are worth a refit.
 struct Chosen {
     /// By their score.
@@ -80,17 +83,28 @@ impl Search<'_> {
         let (first, mut second): (Vec<usize>, Vec<usize>) = worth.into_iter().partition(|k| leads(*k));
 
         let mut judged: Vec<Option<Judged>> = vec![None; prospects.len()];
-        let refit = |wave: &[usize], claim: Claim| -> Result<Vec<Option<Judged>>> {
+        let refit = |wave: &[usize], begun: &[Begun], claim: Claim| -> Result<Vec<Option<Judged>>> {
             wave.par_iter()
                 .map(|k| {
                     if self.monitor.cancelled() {
                         return Ok(None);
                     }
-                    self.refit(parent, &prospects[*k], claim)
+                    let begun = begun.iter().find(|(begun, _)| begun == k);
+                    self.refit(parent, &prospects[*k], begun.map(|(_, at)| &at[..]), claim)
                 })
                 .collect()
         };
-        for (k, one) in first.iter().zip(refit(&first, claim)?) {
+        // What is refitted in any case can begin meanwhile.
+        let begin = || -> Result<Vec<Begun>> {
+            let idle = first.is_empty() || self.monitor.cancelled();
+            let ahead: Vec<usize> = if idle { Vec::new() } else { second.clone() };
+            let begun: Result<Vec<Option<Vec<f64>>>> =
+                ahead.par_iter().map(|k| self.begin(parent, &prospects[*k])).collect();
+            Ok(ahead.iter().zip(begun?).filter_map(|(k, at)| Some((*k, at?))).collect())
+        };
+        let (leading, begun) = rayon::join(|| refit(&first, &[], claim), begin);
+        let begun = begun?;
+        for (k, one) in first.iter().zip(leading?) {
             judged[*k] = one;
         }
         let least = |a: &&Judged, b: &&Judged| a.excess().total_cmp(&b.excess());
@@ -116,7 +130,7 @@ impl Search<'_> {
         if moving && (waits || self.rotor_is_lost(parent, claim)?) {
             second.retain(|k| !mechanical(prospects[*k].effect));
         }
-        for (k, one) in second.iter().zip(refit(&second, claim)?) {
+        for (k, one) in second.iter().zip(refit(&second, &begun, claim)?) {
             judged[*k] = one;
         }
         Ok(prospects.into_iter().zip(judged).collect())
@@ -166,7 +180,7 @@ impl Search<'_> {
             let room = effects.len() < self.most && !effects.contains(&plain);
             if room && judged.excess() > UNEXPLAINED.1 && judged.excess() < PROGRESS * parent.excess() {
                 let prospect = Scorer::new(self.data, &judged.fitted).score(plain);
-                out.extend(self.refit(judged, &prospect, Claim::Open)?);
+                out.extend(self.refit(judged, &prospect, None, Claim::Open)?);
             }
         }
         Ok(out)

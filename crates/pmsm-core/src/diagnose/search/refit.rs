@@ -3,12 +3,13 @@
 use super::Search;
 use super::sets::{explained, far_behind, hopeless_currents, moves_as_measured};
 use crate::diagnose::data::Data;
-use crate::diagnose::fitting;
+use crate::diagnose::fitting::{self, Currents};
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::scale;
 use crate::diagnose::shortlist::Prospect;
 use crate::diagnose::verdict::{Judged, MISMATCH};
 use crate::effect::{Parameter, Role, Site};
+use crate::effects::EffectId;
 use crate::error::Result;
 use crate::model::Model;
 use crate::monitor::Monitor;
@@ -70,16 +71,39 @@ impl Search<'_> {
         !both && moves_as_measured(ahead) && far_behind(&parent.fitted, ahead)
     }
 
+    /// The part of a [`Search::refit`] that no claim decides about: where its first fit to the currents leads, if it has one.
+    pub(super) fn begin(&self, parent: &Judged, prospect: &Prospect) -> Result<Option<Vec<f64>>> {
+        if prospect.effect.info().site == Site::Mechanical || !self.data.has(true) {
+            return Ok(None);
+        }
+        let model = with(&parent.fitted, prospect.effect);
+        let start = [parent.fitted.own(), &prospect.start].concat();
+        fitting::to_currents(self.data, &model, &start, &[], self.monitor).map(Some)
+    }
+
     /// The set of `parent` with one effect more, judged on all recordings; nothing where the effect vanishes, or does not come up to
-    /// the `claim`.
-    pub(super) fn refit(&self, parent: &Judged, prospect: &Prospect, claim: Claim) -> Result<Option<Judged>> {
+    /// the `claim`. It may have `begun`.
+    pub(super) fn refit(
+        &self,
+        parent: &Judged,
+        prospect: &Prospect,
+        begun: Option<&[f64]>,
+        claim: Claim,
+    ) -> Result<Option<Judged>> {
         let thorough = parent.excess() > MISMATCH && !matches!(claim, Claim::Outdone(_));
-        let fitted = beside(self.data, &parent.fitted, prospect, (thorough, claim), self.monitor)?;
+        let fitted = beside(self.data, &parent.fitted, prospect, begun, (thorough, claim), self.monitor)?;
         if claim.lost(&fitted, false) || fitted.vanishes(prospect.effect) {
             return Ok(None);
         }
         self.judge(fitted).map(Some)
     }
+}
+
+/// The model of `parent` with one effect more.
+fn with(parent: &Hypothesis, effect: EffectId) -> Model {
+    let mut effects = parent.effects();
+    effects.push(effect);
+    Model::new(*parent.model.context(), &effects)
 }
 
 /// `parent` with one effect more, fitted to `data`; what falls short of its promise is fitted from other starts if `thorough`. What cannot
@@ -91,23 +115,24 @@ fn beside(
     data: &Data,
     parent: &Hypothesis,
     prospect: &Prospect,
+    begun: Option<&[f64]>,
     (thorough, claim): (bool, Claim),
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
-    let mut effects = parent.effects();
-    effects.push(prospect.effect);
-    let model = Model::new(*parent.model.context(), &effects);
+    let model = with(parent, prospect.effect);
     let parameters = prospect.effect.info().parameters;
     let first = model.parameter_count() - parameters.len();
-    let electrical_done = prospect.effect.info().site == Site::Mechanical;
+    let currents =
+        if prospect.effect.info().site == Site::Mechanical { Currents::Done } else { Currents::Open };
     let start = |own: &[f64]| [parent.own(), own].concat();
     let lost = |fitted: &Hypothesis| claim.lost(fitted, true);
     let may_lose: Option<&dyn Fn(&Hypothesis) -> bool> =
         if matches!(claim, Claim::Open) { None } else { Some(&lost) };
-    let fit = |own: &[f64], held: &[usize]| {
-        fitting::fit_unless(may_lose, held, data, &model, &start(own), electrical_done, monitor)
+    let from = |own: &[f64], currents: Currents, held: &[usize]| {
+        fitting::fit_unless(may_lose, held, data, &model, (&start(own), currents), monitor)
     };
-    let mut best = fit(&prospect.start, &[])?;
+    let fit = |own: &[f64], held: &[usize]| from(own, currents, held);
+    let mut best = from(&prospect.start, begun.map_or(currents, Currents::Fitted), &[])?;
 
     let shapes: Vec<usize> =
         (0..parameters.len()).filter(|k| parameters[*k].role == Role::Shape).map(|k| first + k).collect();
@@ -143,7 +168,6 @@ mod tests {
     use crate::diagnose::shortlist::Scorer;
     use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
     use crate::drive::{Choice, Schedule};
-    use crate::effects::EffectId;
     use crate::experiment::Channel;
     use crate::monitor::Silent;
 
@@ -162,7 +186,7 @@ mod tests {
         let mut far = seen.clone();
         (far.start[0], far.start[1]) = (4.0, 4.0);
         for prospect in [seen, far] {
-            let fitted = beside(&data, &base, &prospect, (true, Claim::Open), &Silent).unwrap();
+            let fitted = beside(&data, &base, &prospect, None, (true, Claim::Open), &Silent).unwrap();
             let (explained, f) = (explained(&base, &fitted), fitted.own()[fitted.own().len() - 1]);
             assert!(explained > 0.95 * prospect.score && (f / 4.8 - 1.0).abs() < 0.03, "{explained}, {f} Hz");
         }
@@ -178,6 +202,25 @@ mod tests {
     }
 
     #[test]
+    fn a_refit_that_has_begun_comes_to_the_same() {
+        let manoeuvre = speeds(0.4, &[(0.05, 90.0), (0.2, -80.0), (0.35, 60.0)]);
+        let (data, base) = data(&setup(manoeuvre, vec![choice("dead_time", "v_err", 4.0)]));
+        let search =
+            Search { data: &data, held_out: Vec::new(), refuting: Vec::new(), most: 3, monitor: &Silent };
+        let scorer = Scorer::new(&data, &base);
+        let [dead_time, friction] =
+            [EffectId::DeadTime, EffectId::CoulombFriction].map(|effect| scorer.score(effect));
+        let base = Judged { fitted: base.clone(), held_out: Vec::new(), refuted: false };
+        let begun = search.begin(&base, &dead_time).unwrap().unwrap();
+        let parameters = |begun: Option<&[f64]>| {
+            let judged = search.refit(&base, &dead_time, begun, Claim::Open).unwrap().unwrap();
+            judged.fitted.parameters
+        };
+        assert_eq!(parameters(Some(&begun)), parameters(None));
+        assert!(search.begin(&base, &friction).unwrap().is_none());
+    }
+
+    #[test]
     fn what_the_currents_tell_is_enough_where_they_tell_that_a_set_is_lost() {
         let manoeuvre = speeds(0.4, &[(0.05, 90.0), (0.2, -80.0), (0.35, 60.0)]);
         let (data, base) = data(&setup(manoeuvre, vec![choice("dead_time", "v_err", 4.0)]));
@@ -189,17 +232,17 @@ mod tests {
             Search { data: &data, held_out: Vec::new(), refuting: Vec::new(), most: 3, monitor: &Silent },
         );
         let leaves = |claim| {
-            let fitted = beside(&data, &base.fitted, &prospect, (false, claim), &Silent).unwrap();
+            let fitted = beside(&data, &base.fitted, &prospect, None, (false, claim), &Silent).unwrap();
             [Channel::ID, Channel::IQ, Channel::OmegaE].map(|channel| fitted.square(channel))
         };
         let whole = leaves(Claim::Open);
         assert!(whole[1] > 30.0 && whole[2] > 0.5 && whole[2] != 1.0, "{whole:?}");
-        assert!(search.refit(&base, &prospect, Claim::Open).unwrap().is_some());
+        assert!(search.refit(&base, &prospect, None, Claim::Open).unwrap().is_some());
         assert!(!search.rotor_is_lost(&base, Claim::Open).unwrap());
         assert!(search.rotor_waits(&base, &best) && !search.rotor_waits(&best, &base));
         for claim in [Claim::Behind(&best), Claim::Outdone(&best), Claim::Beside(&best)] {
             assert_eq!(leaves(claim), [whole[0], whole[1], 1.0]);
-            assert!(search.refit(&base, &prospect, claim).unwrap().is_none());
+            assert!(search.refit(&base, &prospect, None, claim).unwrap().is_none());
             assert!(search.rotor_is_lost(&base, claim).unwrap());
             assert!(!search.rotor_is_lost(&best, claim).unwrap());
         }

@@ -212,7 +212,7 @@ impl Search<'_> {
                     continue;
                 }
                 let prospect = Scorer::new(self.data, &fewer.fitted).score(rival);
-                if let Some(judged) = self.refit(&fewer, &prospect, claim)? {
+                if let Some(judged) = self.refit(&fewer, &prospect, None, claim)? {
                     swaps.push(Swap { replaced: found, by: Some(rival), judged });
                 }
             }

@@ -169,3 +169,82 @@ impl<T: Real, S: FnMut(&Range<usize>, usize, &[T])> Abreast<T> for Asked<'_, '_,
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dual::Dual;
+    use crate::effects::EffectId;
+    use crate::machine::Machine;
+    use crate::recording::Recording;
+    use crate::signals::Signals;
+    use crate::simulate::mechanical::{Nuisance, Torque};
+
+    /// Cogging of amplitude one at six periods per turn beside another effect, asked along a speed that is known, sampled every `h` seconds.
+    fn cogging(h: f64, windows: &[Range<usize>]) -> Vec<(usize, f64, f64)> {
+        let t: Vec<f64> = (0..40).map(|k| h * f64::from(k)).collect();
+        let columns = [
+            ("t", t.clone()),
+            ("omega_e", vec![30.0; 40]),
+            ("theta_e", t.iter().map(|t| 30.0 * t).collect()),
+            ("i_d", vec![0.0; 40]),
+            ("i_q", vec![1.0; 40]),
+            ("v_d", vec![0.0; 40]),
+            ("v_q", vec![1.0; 40]),
+        ];
+        let columns = columns.map(|(name, x)| (name.to_owned(), x)).to_vec();
+        let signals =
+            Signals::new(&Recording::new(columns, None).unwrap(), &Machine::new(3).unwrap()).unwrap();
+        let model = Model::new(signals.context, &[EffectId::CoulombFriction, EffectId::CoggingTorque]);
+        let p = [0.5, 6e-3, 9e-3, 0.1, 2e-3, 1e-3, 0.3, 1.0, 0.0, 0.0, 0.0, 0.0, 6.0];
+        let rotor = Rotor {
+            model: &model,
+            signals: &signals,
+            p: &p,
+            tau_e: Torque::Fixed(&[0.45; 40]),
+            load: (Nuisance::known(0), &[]),
+            windows,
+            shown: &[30.0; 40],
+        };
+        let stations = Stations::new(&rotor);
+        let seeded: Vec<Dual<1>> = (0..p.len())
+            .map(|k| if k == 8 { Dual::variable(p[k], 0) } else { Dual::constant(p[k]) })
+            .collect();
+        let asked: Vec<&Slot> =
+            model.slots().iter().filter(|s| s.effect == EffectId::CoggingTorque).collect();
+        let mut found = Vec::new();
+        let losses =
+            Losses { model: &model, asked: &asked, map: false, p: &seeded, stations: &stations, windows };
+        losses.accelerations(|window, first, own| {
+            for k in window.clone() {
+                let mut keep = |t: f64, station: usize| {
+                    let angle = 6.0 * 30.0 * t / 3.0;
+                    let expected = -angle.cos() * signals.n_p / p[BaseParameter::J.index()];
+                    found.push((k, own[station - first].eps[0], expected));
+                };
+                keep(signals.t[k], stations.at(k));
+                if k + 1 < window.end {
+                    if let Some(station) = stations.behind(k) {
+                        keep(0.5 * (signals.t[k] + signals.t[k + 1]), station);
+                    }
+                }
+            }
+        });
+        found
+    }
+
+    #[test]
+    fn an_effect_is_asked_at_each_sample_and_in_the_middle_of_steps_of_one() {
+        // Windows that no vector divides, and one that none fills; steps of two samples, and of one.
+        let windows = [0..13, 13..16, 16..40];
+        for (h, between) in [(1e-3, 0), (3e-3, 37)] {
+            let found = cogging(h, &windows);
+            let last = windows.iter().filter(|w| w.len() % 2 == 0).count();
+            let inside = if between == 0 { last } else { between };
+            assert_eq!(found.len(), 40 + inside, "{h}");
+            for (k, slope, expected) in found {
+                assert!((slope - expected).abs() < 1e-9 * 3000.0, "{h} {k}: {slope} {expected}");
+            }
+        }
+    }
+}
