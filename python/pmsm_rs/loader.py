@@ -16,6 +16,7 @@ from .columns import assemble
 from .config import MachineFile, read_machine
 from .errors import fact, refuse
 from .formats import Source, open_source
+from .formats.ahead import Opening
 from .frames import frame_source
 from .recording import DEFAULT_MAX_BYTES, Recording
 
@@ -26,7 +27,7 @@ def load(
     *,
     max_bytes: int = DEFAULT_MAX_BYTES,
 ) -> Recording:
-    """The recording in a file or a frame in memory.
+    """The recording in a file, in one that is being opened, or in a frame in memory.
 
     Files are CSV, Parquet, Feather, .mat, .npz and JSON, and with the extras of the package MATLAB v7.3,
     HDF5, NI TDMS and ASAM MDF.
@@ -50,7 +51,7 @@ def load(
         raise refuse(
             DataError,
             "there is not enough memory to read it",
-            file=str(data) if isinstance(data, str | os.PathLike) else None,
+            file=_name(data),
             fix="cut the recording, or map fewer columns in [columns]",
         ) from error
 
@@ -58,14 +59,17 @@ def load(
 def _read(
     data: Any, described: MachineFile | Machine | None, known: Machine | None, max_bytes: int
 ) -> Recording:
-    file = isinstance(data, str | os.PathLike)
-    source = open_source(data, max_bytes) if file else frame_source(data, max_bytes)
+    file = _name(data)
+    if isinstance(data, Opening):
+        source = data.source()
+    else:
+        source = frame_source(data, max_bytes) if file is None else open_source(file, max_bytes)
     rules, kind, value = (
         (described.columns, described.load, described.load_value)
         if isinstance(described, MachineFile)
         else (None, None, None)
     )
-    columns = assemble(source, rules, beside=_beside(data, max_bytes) if file else None)
+    columns = assemble(source, rules, beside=None if file is None else _beside(file, max_bytes))
     try:
         recording = Recording(columns, load=kind, load_value=value)
     except DataError as error:
@@ -74,6 +78,13 @@ def _read(
     angle_against_speed(columns, known.n_p if known is not None else None, source.file)
     rotor_frame_against_phases(columns, source.file)
     return recording
+
+
+def _name(data: Any) -> str | None:
+    """The file's name, None for what is no file."""
+    if isinstance(data, Opening):
+        return data.file
+    return os.fspath(data) if isinstance(data, str | os.PathLike) else None
 
 
 def _beside(data: str | os.PathLike[str], max_bytes: int) -> Callable[[str], Source]:

@@ -17,6 +17,7 @@ import scipy.io
 from conftest import ROOT, Columns, csv_text, plausible
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pmsm_rs.formats.ahead import Opening
 
 
 def check(recording: pm.Recording, columns: Columns, rtol: float = 1e-12) -> None:
@@ -400,3 +401,16 @@ def test_real_recordings(name: str, machine_file: Path) -> None:
     machine_file.write_text(f"[machine]\nn_p = 3\n[columns]\n{rules}\n")
     recording = pm.load(RECORDINGS / name, machine_file)
     assert (len(recording), recording.kind) == (rows, kind)
+
+
+def test_a_file_opened_meanwhile_is_the_same_or_refused_alike(columns: Columns, tmp_path: Path) -> None:
+    pyarrow.parquet.write_table(table(columns), tmp_path / "r.parquet")
+    check(pm.load(Opening(tmp_path / "r.parquet", 1 << 30)), columns)
+    for missing, limit in [("nothing.parquet", 1 << 30), ("r.parquet", 100)]:
+        opening = Opening(tmp_path / missing, limit)
+        with pytest.raises(pm.PmsmError) as meanwhile:
+            pm.load(opening)
+        with pytest.raises(pm.PmsmError) as alone:
+            pm.load(tmp_path / missing, max_bytes=limit)
+        assert type(meanwhile.value) is type(alone.value)
+        assert str(meanwhile.value) == str(alone.value)

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import click
 
 from . import options, terminal
+
+AHEAD: Final = 4
+"""Files that are opened side by side at most: each may have a decoder of its own."""
 
 
 @click.command()
@@ -90,15 +95,21 @@ def diagnose(
 
     from .. import _core
     from ..atomic import apart
+    from ..formats.ahead import Opening
+    from ..recording import DEFAULT_MAX_BYTES
+
+    apart([json_file, report_file, trajectories], [*recordings, machine_file, validation])
+    files = [*recordings, *([] if validation is None else [validation])]
+    ahead = [Opening(file, DEFAULT_MAX_BYTES) for file in files[:AHEAD]]
+    # Meanwhile comes what takes long to import.
     from ..config import read_machine
     from ..loader import load
     from ..run import diagnose as run
     from ..run import refused
 
-    apart([json_file, report_file, trajectories], [*recordings, machine_file, validation])
     machine = read_machine(machine_file)
-    runs = [load(recording, machine) for recording in recordings]
-    other = load(validation, machine) if validation is not None else None
+    runs = [load(file, machine) for file in [*ahead, *files[AHEAD:]]]
+    other = None if validation is None else runs.pop()
     try:
         answer = run(runs, machine.machine, other, seed=seed, threads=threads, progress=terminal.progress())
     except _core.NotIdentifiableError as error:

@@ -246,20 +246,36 @@ fn order(data: &Data, residual: &[f64]) -> Option<f64> {
     }
     // What changes slowly by itself must not pass for an order.
     let mean = residual.iter().sum::<f64>() / residual.len() as f64;
-    let lines = orders.iter().map(|order| {
-        let (mut c, mut q, mut cc, mut qq, mut total) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for k in 0..residual.len() {
-            let (sin, cos) = Real::sin_cos(order * s.theta_m[k]);
-            let r = residual[k] - mean;
-            c += r * cos;
-            q += r * sin;
-            cc += cos * cos;
-            qq += sin * sin;
-            total += r * r;
+    let total: f64 = residual.iter().map(|r| (r - mean).powi(2)).sum();
+    // Sums over the samples for each order: r·cos, r·sin, cos², sin².
+    let mut sums = vec![[0.0; 4]; orders.len()];
+    let (electrical, mechanical): (Vec<usize>, Vec<usize>) =
+        (0..orders.len()).partition(|k| (orders[*k] / s.n_p).fract() == 0.0);
+    for (theta, r) in s.theta_m.iter().zip(residual) {
+        for (own, first) in [(&electrical, s.n_p), (&mechanical, 1.0)] {
+            if own.is_empty() {
+                continue;
+            }
+            // The angle of each order is that of the one before turned by the first one's.
+            let (sin, cos) = Real::sin_cos(first * theta);
+            let (mut at, mut turned) = (1.0, (sin, cos));
+            for k in own {
+                while at < orders[*k] / first {
+                    turned = (turned.0 * cos + turned.1 * sin, turned.1 * cos - turned.0 * sin);
+                    at += 1.0;
+                }
+                let (sin, cos) = turned;
+                let r = r - mean;
+                for (sum, x) in sums[*k].iter_mut().zip([r * cos, r * sin, cos * cos, sin * sin]) {
+                    *sum += x;
+                }
+            }
         }
+    }
+    let line = |(order, [c, q, cc, qq]): (&f64, &[f64; 4])| {
         (*order, (c * c / cc.max(1e-9) + q * q / qq.max(1e-9)) / total.max(f64::MIN_POSITIVE))
-    });
-    strongest(lines.collect(), residual)
+    };
+    strongest(orders.iter().zip(&sums).map(line).collect(), residual)
 }
 
 /// Frequency of the strongest line in time, if one stands out, Hz.
@@ -270,15 +286,22 @@ fn frequency(data: &Data, residual: &[f64]) -> Option<f64> {
     let duration = step * coarse.len() as f64;
     let total: f64 = residual.iter().map(|r| r * r).sum::<f64>() / block as f64;
     let most = ((0.25 / step) * duration) as usize;
+    // Whole numbers of periods: the angles come back.
+    let count = coarse.len();
+    let turn = |n: usize| Real::sin_cos(TAU * n as f64 / count as f64);
+    let angles: Vec<(f64, f64)> = (0..count).map(turn).collect();
     let lines = (4..most.min(800)).map(|k| {
-        let f = k as f64 / duration;
-        let (mut c, mut q) = (0.0, 0.0);
-        for (n, r) in coarse.iter().enumerate() {
-            let (sin, cos) = Real::sin_cos(TAU * f * step * n as f64);
+        let (mut c, mut q, mut at) = (0.0, 0.0, 0);
+        for r in &coarse {
+            let (sin, cos) = angles[at];
             c += r * cos;
             q += r * sin;
+            at += k;
+            if at >= count {
+                at -= count;
+            }
         }
-        (f, 2.0 * (c * c + q * q) / coarse.len() as f64 / total.max(f64::MIN_POSITIVE))
+        (k as f64 / duration, 2.0 * (c * c + q * q) / count as f64 / total.max(f64::MIN_POSITIVE))
     });
     strongest(lines.collect(), &coarse)
 }
@@ -349,6 +372,7 @@ pub fn upper_tail(z: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::testing::{data, setup, speeds};
 
     #[test]
     fn the_normal_tail_is_right_where_it_is_known() {
@@ -356,6 +380,31 @@ mod tests {
             assert!((upper_tail(z) - p).abs() < 2e-7, "{z}");
         }
         assert!((upper_tail(6.0) / 9.865_9e-10 - 1.0).abs() < 0.03);
+    }
+
+    #[test]
+    fn a_line_is_found_at_its_order_and_at_its_frequency() {
+        let manoeuvre = speeds(1.0, &[(0.1, 60.0), (0.5, -40.0), (0.8, 90.0)]);
+        let (data, _) = data(&setup(manoeuvre, Vec::new()));
+        let signals = &data.signals;
+        let along = |f: &dyn Fn(usize) -> f64| (0..signals.len()).map(|k| 3.0 + f(k)).collect::<Vec<f64>>();
+        for order in [1.0, 2.0, 6.0 * signals.n_p, 23.0 * signals.n_p] {
+            let residual = along(&|k| (order * signals.theta_m[k] + 0.4).sin());
+            assert_eq!(super::order(&data, &residual), Some(order));
+        }
+        let duration = signals.len() as f64 * signals.period;
+        let residual = along(&|k| (TAU * 37.0 * k as f64 / signals.len() as f64).cos());
+        let found = frequency(&data, &residual).unwrap();
+        assert!((found * duration - 37.0).abs() < 0.1, "{found}");
+        // What neither turns with the rotor nor swings in time is no line.
+        let mut state = 0.37;
+        let noise: Vec<f64> = (0..signals.len())
+            .map(|_| {
+                state = 3.99 * state * (1.0 - state);
+                state
+            })
+            .collect();
+        assert_eq!((super::order(&data, &noise), frequency(&data, &noise)), (None, None));
     }
 
     #[test]
