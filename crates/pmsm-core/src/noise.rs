@@ -3,7 +3,7 @@
 
 use crate::experiment::{Channel, Experiment};
 use crate::input_noise::InputNoise;
-use crate::random::normal_pair;
+use crate::random::normal;
 use crate::real::Real;
 use crate::recording::Kind;
 use crate::signals::Signals;
@@ -166,17 +166,16 @@ fn add_driven(
     input: &InputNoise,
     floors: &mut [Floor],
 ) {
-    let mut random = Gaussian::new();
     let mut squares = vec![Vec::with_capacity(DRAWS); floors.len()];
     let speed = floors.iter().position(|f| f.channel == Channel::OmegaE);
     let mut steps = (0.0, 0);
     // Only the inputs are noisy: the initial currents and speeds come from the clean log.
-    let run = |noisy: Signals| Experiment { signals: &noisy, ..experiment.clone() }.predict(p);
-    let mut two = || {
-        let [first, second] = [(); 2].map(|()| disturbed(experiment.signals, floors, input, &mut random));
-        rayon::join(|| run(first), || run(second))
+    let run = |draw: usize| {
+        let noisy = disturbed(experiment.signals, floors, input, draw);
+        Experiment { signals: &noisy, ..experiment.clone() }.predict(p)
     };
-    let drawn = (0..PAIRS).map(|_| two()).flat_map(|(first, second)| [first, second]);
+    let two = |pair: usize| rayon::join(|| run(2 * pair), || run(2 * pair + 1));
+    let drawn = (0..PAIRS).map(two).flat_map(|(first, second)| [first, second]);
     for again in drawn {
         for (at, square) in squares.iter_mut().enumerate() {
             let difference = clean[at].iter().zip(&again[at]).map(|(a, b)| (a - b).powi(2));
@@ -212,8 +211,10 @@ fn add_driven(
     }
 }
 
-/// The signals with noise added to what drives the models.
-fn disturbed(signals: &Signals, floors: &[Floor], input: &InputNoise, random: &mut Gaussian) -> Signals {
+/// The signals with noise added to what drives the models, that of one draw after the other's.
+fn disturbed(signals: &Signals, floors: &[Floor], input: &InputNoise, draw: usize) -> Signals {
+    let numbers = drawn_numbers(signals, input);
+    let mut random = Gaussian { count: (draw * numbers) as u32 };
     let sensor = |channel: Channel| floors.iter().find(|f| f.channel == channel).map_or(0.0, |f| f.sensor);
     let (sigma_i, sigma_w) = (sensor(Channel::ID), sensor(Channel::OmegaE));
     let mut noisy = signals.clone();
@@ -252,7 +253,18 @@ fn disturbed(signals: &Signals, floors: &[Floor], input: &InputNoise, random: &m
         let sigma = white_noise(torque);
         torque.iter_mut().for_each(|x| *x += sigma * random.next());
     }
+    debug_assert_eq!(random.count as usize, (draw + 1) * numbers, "numbers of a draw");
     noisy
+}
+
+/// How many random numbers one draw takes.
+fn drawn_numbers(signals: &Signals, input: &InputNoise) -> usize {
+    let currents = signals.phases.is_some() && signals.i.is_some();
+    let voltages = signals.v.is_some() && !input.is_none();
+    let torques = [&signals.tau_e, &signals.tau_m].into_iter().flatten().count();
+    let columns =
+        usize::from(signals.speed_known) + 2 * usize::from(currents) + 2 * usize::from(voltages) + torques;
+    columns * signals.len()
 }
 
 /// Noise of operating points, and two standard errors of its square, share of it: what rows differ in although they were taken at nearly
@@ -294,13 +306,9 @@ struct Gaussian {
 }
 
 impl Gaussian {
-    fn new() -> Self {
-        Self { count: 0 }
-    }
-
     fn next(&mut self) -> f64 {
         self.count += 1;
-        normal_pair(SEED, [self.count, 0, 0, 0]).0
+        normal(SEED, [self.count, 0, 0, 0])
     }
 }
 
@@ -310,7 +318,7 @@ mod tests {
 
     #[test]
     fn third_differences_see_the_noise_and_not_the_signal() {
-        let mut random = Gaussian::new();
+        let mut random = Gaussian { count: 0 };
         let x: Vec<f64> = (0..20_000)
             .map(|k| {
                 let t = f64::from(k) * 1e-3;

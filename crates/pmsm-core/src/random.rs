@@ -10,12 +10,18 @@ pub fn uniform_pair(seed: u64, place: [u32; 4]) -> (f64, f64) {
     (unit(word[0], word[1]), unit(word[2], word[3]))
 }
 
+/// Half a step off zero, whose quantile is infinite.
+const INSIDE: f64 = 0.25 * f64::EPSILON;
+
 /// Two independent standard normal numbers belonging to this seed and place.
 pub fn normal_pair(seed: u64, place: [u32; 4]) -> (f64, f64) {
     let (a, b) = uniform_pair(seed, place);
-    // Half a step off zero, whose quantile is infinite.
-    let inside = 0.25 * f64::EPSILON;
-    (normal_quantile(a + inside), normal_quantile(b + inside))
+    (normal_quantile(a + INSIDE), normal_quantile(b + INSIDE))
+}
+
+/// The first of them alone.
+pub fn normal(seed: u64, place: [u32; 4]) -> f64 {
+    normal_quantile(uniform_pair(seed, place).0 + INSIDE)
 }
 
 /// Philox4x32-10: counter-based generator of Salmon, Moraes, Dror & Shaw, "Parallel random numbers: as easy as 1, 2,
@@ -142,6 +148,14 @@ fn logarithm(x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn one_of_a_pair_is_the_first_of_both() {
+        for k in 0..100 {
+            let place = [k, 3, 0, 1];
+            assert_eq!(normal(7, place), normal_pair(7, place).0);
+        }
+    }
 
     #[test]
     fn philox_gives_its_published_answers() {

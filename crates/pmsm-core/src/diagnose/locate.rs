@@ -404,7 +404,7 @@ mod tests {
                 state
             })
             .collect();
-        assert_eq!((super::order(&data, &noise), frequency(&data, &noise)), (None, None));
+        assert_eq!((order(&data, &noise), frequency(&data, &noise)), (None, None));
     }
 
     #[test]

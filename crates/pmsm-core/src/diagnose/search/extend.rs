@@ -5,7 +5,7 @@ use super::sets::{explains, mismatched_by};
 use super::{MOSTLY, Search};
 use crate::diagnose::shortlist::{Prospect, Scorer};
 use crate::diagnose::verdict::{Judged, MISMATCH, PROGRESS, UNEXPLAINED};
-use crate::effect::Site;
+use crate::effect::{Role, Site};
 use crate::effects::{self, EffectId};
 use crate::error::Result;
 use crate::experiment::Channel;
@@ -81,6 +81,7 @@ impl Search<'_> {
         let top = prospects.iter().map(|p| p.score).fold(0.0, f64::max);
         let leads = |k: usize| aim.best.is_none() && prospects[k].score >= LEADING * top;
         let (first, mut second): (Vec<usize>, Vec<usize>) = worth.into_iter().partition(|k| leads(*k));
+        let first = long_ones_first(first, |k| length(prospects[*k].effect));
 
         let mut judged: Vec<Option<Judged>> = vec![None; prospects.len()];
         let refit = |wave: &[usize], begun: &[Begun], claim: Claim| -> Result<Vec<Option<Judged>>> {
@@ -130,6 +131,7 @@ impl Search<'_> {
         if moving && (waits || self.rotor_is_lost(parent, claim)?) {
             second.retain(|k| !mechanical(prospects[*k].effect));
         }
+        let second = long_ones_first(second, |k| length(prospects[*k].effect));
         for (k, one) in second.iter().zip(refit(&second, &begun, claim)?) {
             judged[*k] = one;
         }
@@ -187,6 +189,19 @@ impl Search<'_> {
     }
 }
 
+/// How long a refit may take, beside others: with states of the rotor far longer, and with each shape that may call for a second start.
+fn length(effect: EffectId) -> usize {
+    let shapes = effect.info().parameters.iter().filter(|p| p.role == Role::Shape).count();
+    4 * effect.mechanical_state_count() + shapes
+}
+
+/// Tasks in the order in which two threads that halve the list begin with the longest.
+fn long_ones_first<T: Copy>(mut tasks: Vec<T>, length: impl Fn(&T) -> usize) -> Vec<T> {
+    tasks.sort_by_key(|task| std::cmp::Reverse(length(task)));
+    let every_other = |from: usize| tasks.iter().copied().skip(from).step_by(2);
+    every_other(1).chain(every_other(0)).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -205,6 +220,16 @@ mod tests {
         let aim = Aim { base: &base, best: None, most: effects.len(), thorough: true };
         let singles = search.extend(&base, effects, aim).unwrap();
         singles.iter().filter(|(_, judged)| judged.is_some()).map(|(prospect, _)| prospect.effect).collect()
+    }
+
+    #[test]
+    fn each_half_of_the_tasks_begins_with_its_longest() {
+        let sorted = |tasks: &[usize]| long_ones_first(tasks.to_vec(), |task| *task);
+        assert_eq!(sorted(&[1, 5, 2, 4, 3]), [4, 2, 5, 3, 1]);
+        assert_eq!(sorted(&[1, 2]), [1, 2]);
+        assert_eq!((sorted(&[7]), sorted(&[])), (vec![7], vec![]));
+        assert!(length(EffectId::TwoMassShaft) > length(EffectId::StribeckFriction));
+        assert!(length(EffectId::StribeckFriction) > length(EffectId::QuadraticDrag));
     }
 
     #[test]

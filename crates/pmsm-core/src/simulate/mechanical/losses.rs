@@ -223,10 +223,9 @@ mod tests {
                     found.push((k, own[station - first].eps[0], expected));
                 };
                 keep(signals.t[k], stations.at(k));
-                if k + 1 < window.end {
-                    if let Some(station) = stations.behind(k) {
-                        keep(0.5 * (signals.t[k] + signals.t[k + 1]), station);
-                    }
+                let inside = (k + 1 < window.end).then(|| stations.behind(k)).flatten();
+                if let Some(station) = inside {
+                    keep(0.5 * (signals.t[k] + signals.t[k + 1]), station);
                 }
             }
         });
