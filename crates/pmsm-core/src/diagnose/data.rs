@@ -238,6 +238,6 @@ pub const SETTINGS: Settings = Settings {
     cost_tolerance: 1e-5,
     step_tolerance: 1e-9,
     initial_damping: 1e-3,
-    leaves_rest: true,
+    leaves_rest: false,
     stall_tolerance: 2e-5,
 };
