@@ -9,7 +9,6 @@ use crate::base::BASE;
 use crate::effect::Site;
 use crate::error::Result;
 use crate::experiment::{Channel, Channels};
-use crate::least_squares::Settings;
 use crate::machine::BaseParameter;
 use crate::model::Model;
 use crate::monitor::Monitor;
@@ -19,10 +18,6 @@ use crate::simulate::mechanical::Nuisance;
 /// this share of what they were.
 const ROUNDS: usize = 2;
 const SETTLED: f64 = 0.8;
-
-/// Settings of a fit to the currents: they answer smoothly enough for its last step to need no look at where it leads. Where friction turns
-/// over, the motion does not.
-const CURRENTS: Settings = Settings { leaves_rest: true, ..SETTINGS };
 
 /// Channels with their noise times `factors`, one per channel of each recording in turn.
 pub fn rescaled(channels: Channels, factors: impl IntoIterator<Item = f64>) -> Channels {
@@ -127,7 +122,7 @@ pub fn to_currents(
     let wanted: Vec<usize> = electrical.into_iter().chain(sensors).filter(|k| !held.contains(k)).collect();
     let nuisances = vec![Nuisance::known(0); data.runs().len()];
     let experiment = data.experiment(model, &nuisances, data.channels(true, false));
-    let parameters = experiment.fit(start, &wanted, &CURRENTS, monitor)?.parameters;
+    let parameters = experiment.fit(start, &wanted, &SETTINGS, monitor)?.parameters;
     if !data.poor {
         return Ok(parameters);
     }
@@ -136,7 +131,7 @@ pub fn to_currents(
     let channels = rescaled(data.channels(true, false), left.into_iter().map(|r| r.max(1.0)));
     let experiment = data.experiment(model, &nuisances, channels);
     let start = [&data.start[..], &start[BASE..]].concat();
-    Ok(experiment.fit(&start, &wanted, &CURRENTS, monitor)?.parameters)
+    Ok(experiment.fit(&start, &wanted, &SETTINGS, monitor)?.parameters)
 }
 
 /// What a fit leaves as it is, the load from which it begins, if one was found before, and whether it ends where it has come to the

@@ -372,7 +372,6 @@ pub fn upper_tail(z: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::testing::{data, setup, speeds};
 
     #[test]
     fn the_normal_tail_is_right_where_it_is_known() {
@@ -380,31 +379,6 @@ mod tests {
             assert!((upper_tail(z) - p).abs() < 2e-7, "{z}");
         }
         assert!((upper_tail(6.0) / 9.865_9e-10 - 1.0).abs() < 0.03);
-    }
-
-    #[test]
-    fn a_line_is_found_at_its_order_and_at_its_frequency() {
-        let manoeuvre = speeds(1.0, &[(0.1, 60.0), (0.5, -40.0), (0.8, 90.0)]);
-        let (data, _) = data(&setup(manoeuvre, Vec::new()));
-        let signals = &data.signals;
-        let along = |f: &dyn Fn(usize) -> f64| (0..signals.len()).map(|k| 3.0 + f(k)).collect::<Vec<f64>>();
-        for order in [1.0, 2.0, 6.0 * signals.n_p, 23.0 * signals.n_p] {
-            let residual = along(&|k| (order * signals.theta_m[k] + 0.4).sin());
-            assert_eq!(super::order(&data, &residual), Some(order));
-        }
-        let duration = signals.len() as f64 * signals.period;
-        let residual = along(&|k| (TAU * 37.0 * k as f64 / signals.len() as f64).cos());
-        let found = frequency(&data, &residual).unwrap();
-        assert!((found * duration - 37.0).abs() < 0.1, "{found}");
-        // What neither turns with the rotor nor swings in time is no line.
-        let mut state = 0.37;
-        let noise: Vec<f64> = (0..signals.len())
-            .map(|_| {
-                state = 3.99 * state * (1.0 - state);
-                state
-            })
-            .collect();
-        assert_eq!((order(&data, &noise), frequency(&data, &noise)), (None, None));
     }
 
     #[test]

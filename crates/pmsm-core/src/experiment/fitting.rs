@@ -2,7 +2,7 @@
 
 use super::{Experiment, Joint};
 use crate::error::Result;
-use crate::least_squares::{self, Fit, Normal, Problem, Settings, Status};
+use crate::least_squares::{self, Fit, Normal, Problem, Settings};
 use crate::monitor::Monitor;
 use crate::tall;
 use nalgebra::DVector;
@@ -30,7 +30,7 @@ impl Experiment<'_> {
 }
 
 impl Joint<'_> {
-    /// Fits the parameters `free`, starting from `start` (whole vector). A last step that the `settings` leave is taken.
+    /// Fits the parameters `free`, starting from `start` (whole vector).
     ///
     /// # Errors
     /// Those of [`least_squares::minimise`].
@@ -49,10 +49,7 @@ impl Joint<'_> {
         loop {
             let problem = Fitting { experiment: &seen, start: &start, free, counted };
             let at: Vec<f64> = free.iter().map(|k| start[*k]).collect();
-            let mut fit = least_squares::minimise(&problem, &at, &bounds, settings, monitor)?;
-            if settings.leaves_rest && fit.status == Status::Converged {
-                fit.go_on(&bounds);
-            }
+            let fit = least_squares::minimise(&problem, &at, &bounds, settings, monitor)?;
             let parameters = problem.whole(&fit.parameters);
             let free = free.to_vec();
             round += 1;
