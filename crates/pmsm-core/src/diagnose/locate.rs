@@ -6,6 +6,7 @@ use crate::colour::effective_samples;
 use crate::experiment::Channel;
 use crate::real::Real;
 use crate::recording::Kind;
+use crate::signals::Signals;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -235,7 +236,11 @@ fn narrowest(name: &str, unit: &str, x: &[f64], residual: &[f64]) -> Option<Regi
 
 /// Mechanical order of the strongest line over the angle, if one stands out.
 fn order(data: &Data, residual: &[f64]) -> Option<f64> {
-    let s = &data.signals;
+    strongest(order_lines(&data.signals, residual), residual)
+}
+
+/// Mechanical orders, and the share of the squares that each takes.
+fn order_lines(s: &Signals, residual: &[f64]) -> Vec<(f64, f64)> {
     let turned = (s.theta_m[s.len() - 1] - s.theta_m[0]).abs().max(
         s.theta_m.iter().fold(f64::NEG_INFINITY, |m, x| m.max(*x))
             - s.theta_m.iter().fold(f64::INFINITY, |m, x| m.min(*x)),
@@ -275,14 +280,21 @@ fn order(data: &Data, residual: &[f64]) -> Option<f64> {
     let line = |(order, [c, q, cc, qq]): (&f64, &[f64; 4])| {
         (*order, (c * c / cc.max(1e-9) + q * q / qq.max(1e-9)) / total.max(f64::MIN_POSITIVE))
     };
-    strongest(orders.iter().zip(&sums).map(line).collect(), residual)
+    orders.iter().zip(&sums).map(line).collect()
 }
 
 /// Frequency of the strongest line in time, if one stands out, Hz.
 fn frequency(data: &Data, residual: &[f64]) -> Option<f64> {
+    let (lines, coarse) = frequency_lines(data.signals.period, residual);
+    strongest(lines, &coarse)
+}
+
+/// Frequencies (Hz), and the share of the squares that each takes, of a residual sampled every `period` seconds; and the means over which
+/// they are looked for.
+fn frequency_lines(period: f64, residual: &[f64]) -> (Vec<(f64, f64)>, Vec<f64>) {
     let block = residual.len().div_ceil(SPECTRUM).max(1);
     let coarse: Vec<f64> = residual.chunks(block).map(|c| c.iter().sum::<f64>() / c.len() as f64).collect();
-    let step = data.signals.period * block as f64;
+    let step = period * block as f64;
     let duration = step * coarse.len() as f64;
     let total: f64 = residual.iter().map(|r| r * r).sum::<f64>() / block as f64;
     let most = ((0.25 / step) * duration) as usize;
@@ -290,7 +302,7 @@ fn frequency(data: &Data, residual: &[f64]) -> Option<f64> {
     let count = coarse.len();
     let turn = |n: usize| Real::sin_cos(TAU * n as f64 / count as f64);
     let angles: Vec<(f64, f64)> = (0..count).map(turn).collect();
-    let lines = (4..most.min(800)).map(|k| {
+    let line = |k: usize| {
         let (mut c, mut q, mut at) = (0.0, 0.0, 0);
         for r in &coarse {
             let (sin, cos) = angles[at];
@@ -302,8 +314,8 @@ fn frequency(data: &Data, residual: &[f64]) -> Option<f64> {
             }
         }
         (k as f64 / duration, 2.0 * (c * c + q * q) / count as f64 / total.max(f64::MIN_POSITIVE))
-    });
-    strongest(lines.collect(), &coarse)
+    };
+    ((4..most.min(800)).map(line).collect(), coarse)
 }
 
 /// The strongest of some lines if its share of the squares is large and unlikely by chance (Fisher's test with the
@@ -372,6 +384,7 @@ pub fn upper_tail(z: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::testing::{data, setup, speeds};
 
     #[test]
     fn the_normal_tail_is_right_where_it_is_known() {
@@ -379,6 +392,50 @@ mod tests {
             assert!((upper_tail(z) - p).abs() < 2e-7, "{z}");
         }
         assert!((upper_tail(6.0) / 9.865_9e-10 - 1.0).abs() < 0.03);
+    }
+
+    #[test]
+    fn lines_take_the_share_that_sines_of_each_sample_say() {
+        let manoeuvre = speeds(1.0, &[(0.1, 60.0), (0.5, -40.0), (0.8, 90.0)]);
+        let (data, _) = data(&setup(manoeuvre, Vec::new()));
+        let signals = &data.signals;
+        let (n, n_p) = (signals.len(), signals.n_p);
+        let wave = |k: usize| {
+            let (t, theta) = (k as f64 / n as f64, signals.theta_m[k]);
+            0.3 + (6.0 * n_p * theta + 0.4).sin() + 0.5 * (TAU * 37.0 * t).cos() + t * t
+        };
+        let residual: Vec<f64> = (0..n).map(wave).collect();
+        let share = |angle: &dyn Fn(usize) -> f64, r: &[f64]| {
+            let (mut sums, mut total) = ([0.0; 4], 0.0);
+            for (k, r) in r.iter().enumerate() {
+                let (sin, cos) = angle(k).sin_cos();
+                for (sum, x) in sums.iter_mut().zip([r * cos, r * sin, cos * cos, sin * sin]) {
+                    *sum += x;
+                }
+                total += r * r;
+            }
+            let [c, q, cc, qq] = sums;
+            (c * c / cc + q * q / qq) / total
+        };
+        let mean = residual.iter().sum::<f64>() / n as f64;
+        let moved: Vec<f64> = residual.iter().map(|r| r - mean).collect();
+        let lines = order_lines(signals, &residual);
+        assert!(n_p > 2.0 && lines.len() == 24 + 3, "{}", lines.len());
+        for (order, found) in &lines {
+            let expected = share(&|k| order * signals.theta_m[k], &moved);
+            assert!((found - expected).abs() < 1e-10, "{order}: {found} {expected}");
+        }
+        let most = lines.iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
+        assert_eq!(most.0, 6.0 * n_p);
+
+        // As many samples as are looked at one by one.
+        let residual = &residual[..n.min(SPECTRUM)];
+        let (lines, coarse) = frequency_lines(signals.period, residual);
+        assert_eq!((coarse.len(), lines.len()), (residual.len(), 796));
+        for (f, found) in lines {
+            let expected = share(&|k| TAU * f * signals.period * k as f64, residual);
+            assert!((found - expected).abs() < 1e-9, "{f}: {found} {expected}");
+        }
     }
 
     #[test]
