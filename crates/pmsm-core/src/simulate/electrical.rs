@@ -3,7 +3,7 @@
 use super::forms::{Each, One, Sink, beside};
 use crate::base::Base;
 use crate::effect::{Env, Sensor};
-use crate::model::{Known, Model};
+use crate::model::{Known, Model, Standing};
 use crate::real::{Abreast, Carries, Loop, Real, Several};
 use crate::rk4::{self, Slope};
 use crate::signals::Signals;
@@ -194,7 +194,8 @@ pub(super) fn run_sized<W: Real, const N: usize>(
                 state = model.state_under(p, &base, i, Known::default(), &model.temperatures(&state), &env).0;
             }
             along.arrive(&mut state);
-            let i = model.state_current(p, &base, &state, &env).i;
+            let standing = model.standing(p, &base, &state, &env);
+            let i = standing.i;
             let shown = if sensed { model.measured_current(&sensor, i, measured.theta_e) } else { i };
             along.stand(k, &env, i, shown);
             if k + 1 == segment.end {
@@ -215,8 +216,10 @@ pub(super) fn run_sized<W: Real, const N: usize>(
             let rate = signals.omega_e[k].abs() + signals.context.electrical_rate;
             let pieces = ((h * rate / STEP_LIMIT).ceil() as usize).clamp(1, 64);
             for piece in 0..pieces {
+                let known = (piece == 0).then_some(&standing);
                 let (piece, pieces) = (piece as f64, pieces as f64);
                 let rhs = Rhs {
+                    known,
                     model,
                     p,
                     base: &base,
@@ -238,6 +241,9 @@ struct Rhs<'a, T> {
     p: &'a [T],
     base: &'a Base<T>,
     v: [T; 2],
+    /// What the state at its beginning tells, where that is known.
+    known: Option<&'a Standing<T>>,
+    /// Where the machine is at its beginning, in its middle, and at its end.
     start: Env<T>,
     middle: Env<T>,
     end: Env<T>,
@@ -253,7 +259,11 @@ impl<T: Real, const N: usize> Slope<T, N> for Rhs<'_, T> {
         } else {
             &self.end
         };
-        self.model.electrical_rhs(self.p, self.base, state, self.v, env)
+        let standing = match self.known {
+            Some(known) if c == 0.0 => *known,
+            _ => self.model.standing(self.p, self.base, state, env),
+        };
+        self.model.electrical_slope(self.p, state, &standing, self.v, env)
     }
 }
 
