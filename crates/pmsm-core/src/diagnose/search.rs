@@ -187,7 +187,7 @@ impl Search<'_> {
             let mut larger: Vec<Judged> = Vec::new();
             for (rank, parent) in beam.iter().enumerate() {
                 let done = larger.iter().any(|j| explains(j, &base));
-                if hopeless(parent, &beam[0], done) || widened(parent, &beam[0]) {
+                if hopeless(parent, &beam[0], done) || (done && widened(parent, &beam[0])) {
                     continue;
                 }
                 let tried = |e: &EffectId| {
