@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import NoReturn
 
@@ -53,6 +54,9 @@ def main(arguments: list[str] | None = None) -> NoReturn:
 
     Exits with 0 done, 1 internal fault, 2 usage, 3 data refused, 4 not settled, 130 interrupted.
     """
+    # A command ends soon: until then its allocator, which looks here when the core is loaded, keeps what was
+    # freed; else the system would clear the same memory for every fit anew.
+    os.environ.setdefault("MIMALLOC_PURGE_DELAY", "-1")
     try:
         code = cli.main(arguments, prog_name="pmsm-rs", standalone_mode=False)
         sys.stdout.flush()
