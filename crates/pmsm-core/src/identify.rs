@@ -22,7 +22,6 @@ use crate::objective::{Drive, Objective};
 use crate::pairs;
 use crate::recording::Recording;
 use crate::signals::Signals;
-use crate::simulate::mechanical;
 use crate::swarm::SwarmSettings;
 use crate::uncertainty::{Estimate, NotShown};
 pub use fitness::Fitness;
@@ -224,7 +223,7 @@ pub fn identify(
     if plan.drive != Drive::Coupled {
         signals.complete();
     }
-    let windows = mechanical::windows(&signals);
+    let windows = plan.drive.windows(&signals);
     let model = Model::new(signals.context, &[]);
     let objective = Objective::new(plan.drive, &model, &signals, &windows);
     let found = match request.method {

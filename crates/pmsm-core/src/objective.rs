@@ -17,7 +17,7 @@ use crate::bare::Track;
 use crate::experiment::{Channel, Experiment, Linearisation};
 use crate::model::Model;
 use crate::signals::Signals;
-use crate::simulate::mechanical::Nuisance;
+use crate::simulate::mechanical::{self, Nuisance};
 use nalgebra::DVector;
 use serde::Serialize;
 use std::ops::Range;
@@ -54,14 +54,23 @@ impl Drive {
             Self::OperatingPoints | Self::OpenCircuit => &[Channel::VD, Channel::VQ],
         }
     }
+
+    /// The windows in which the speed is run: none but where the torque drives it.
+    pub fn windows(self, signals: &Signals) -> Vec<Range<usize>> {
+        if self == Self::MeasuredTorque { mechanical::windows(signals) } else { Vec::new() }
+    }
 }
 
 /// w of equation (9), A·s/rad; 1 where the recording has no currents. See the module's documentation.
 pub fn speed_weight(signals: &Signals) -> f64 {
     let Some([d, q]) = &signals.i else { return 1.0 };
     let n = signals.len() as f64;
-    let current = (PHASES * d.iter().zip(q).map(|(d, q)| d * d + q * q).sum::<f64>() / n).sqrt();
-    let speed = (signals.omega_e.iter().map(|w| w * w).sum::<f64>() / n).sqrt();
+    let (mut currents, mut speeds) = (0.0, 0.0);
+    for ((d, q), omega) in d.iter().zip(q).zip(&signals.omega_e) {
+        currents += d * d + q * q;
+        speeds += omega * omega;
+    }
+    let (current, speed) = ((PHASES * currents / n).sqrt(), (speeds / n).sqrt());
     let slowest = 0.01 * signals.context.v_max / signals.context.psi_max;
     current.max(1e-9) / speed.max(slowest).max(1e-6)
 }
@@ -85,7 +94,7 @@ pub struct Prepared {
 }
 
 impl<'a> Objective<'a> {
-    /// Compares `model` with `signals`; `windows` are those of [`crate::simulate::mechanical::windows`].
+    /// Compares `model` with `signals`; `windows` are those of [`Drive::windows`].
     pub fn new(drive: Drive, model: &'a Model, signals: &'a Signals, windows: &'a [Range<usize>]) -> Self {
         let prepared = Prepared { weight: speed_weight(signals), track: None };
         let mut objective = Self::with(drive, model, signals, windows, prepared);

@@ -9,7 +9,6 @@ use crate::monitor::Monitor;
 use crate::objective::{Objective, Prepared};
 use crate::recording::Recording;
 use crate::signals::Signals;
-use crate::simulate::mechanical;
 use std::ops::Range;
 
 /// A recording prepared for evaluating the fitness of many parameter sets.
@@ -39,7 +38,7 @@ impl Fitness {
                 format!("name these in place of {}", names(fit)),
             ));
         }
-        let windows = mechanical::windows(&signals);
+        let windows = plan.drive.windows(&signals);
         let model = Model::new(signals.context, &[]);
         let prepared = Objective::new(plan.drive, &model, &signals, &windows).into_prepared();
         Ok(Self { signals, windows, model, plan, prepared })

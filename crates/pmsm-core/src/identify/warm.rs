@@ -9,7 +9,6 @@ use crate::model::Model;
 use crate::monitor::Monitor;
 use crate::objective::{Drive, Objective};
 use crate::signals::Signals;
-use crate::simulate::mechanical;
 use crate::start;
 
 /// Where an identification goes on from: the last result on another stretch of the same run.
@@ -38,7 +37,7 @@ pub fn identify_warm(
     let mut wide = Plan::new(&mut signals, machine, &request.fit)?;
     wide.begin(warm.values);
     let narrow = wide.narrowed(warm, &signals);
-    let windows = mechanical::windows(&signals);
+    let windows = wide.drive.windows(&signals);
     let model = Model::new(signals.context, &[]);
     if wide.drive == Drive::Coupled && request.method != Method::LeastSquares {
         start::settle(&mut signals, &model, &wide.start);

@@ -60,6 +60,22 @@ impl Batch<'_> {
     }
 }
 
+/// How many values on end, from the first one on, are as `good` says of each and the one before it, which is `last` for the first.
+fn leading(last: f64, values: &[f64], good: impl Fn(f64, f64) -> bool) -> usize {
+    // Without a way out in between a chunk is looked through several values at a time.
+    const CHUNK: usize = 128;
+    let mut count = usize::from(values.first().is_some_and(|first| good(last, *first)));
+    if count == 0 {
+        return 0;
+    }
+    let all_good = |x: &[f64]| x.iter().zip(&x[1..]).fold(true, |all, (last, x)| all & good(*last, *x));
+    while let Some(chunk) = values.get(count - 1..count + CHUNK).filter(|chunk| all_good(chunk)) {
+        count += chunk.len() - 1;
+    }
+    let rest = &values[count - 1..];
+    count + rest.iter().zip(&rest[1..]).take_while(|(last, x)| good(**last, **x)).count()
+}
+
 impl Intake {
     /// An empty one for windows of this length, s.
     pub fn new(window: f64) -> Self {
@@ -128,13 +144,12 @@ impl Intake {
             return 0;
         }
         let (t, room) = (&batch.values[0][row..], MOST_SAMPLES.saturating_sub(self.rows[0].len()));
-        let (end, mut last) = (self.begins(self.index + 1), self.last);
-        let plain = |t: &&f64| {
-            let step = **t - last;
-            last = **t;
-            step > 0.0 && **t < end - 0.5 * step.min(self.window) && sound(**t)
+        let end = self.begins(self.index + 1);
+        let plain = |last: f64, t: f64| {
+            let step = t - last;
+            (step > 0.0) & (t < end - 0.5 * step.min(self.window)) & sound(t)
         };
-        let mut count = t.iter().take(room).take_while(plain).count();
+        let mut count = leading(self.last, &t[..room.min(t.len())], plain);
         for values in &batch.values[1..] {
             let kept = &values[row..row + count];
             count = first_unsound(kept).unwrap_or(count);
@@ -315,3 +330,20 @@ impl Intake {
 }
 
 const SAME: &str = "give every batch of a stream the same columns";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_leads_ends_at_the_first_bad_value_wherever_it_stands() {
+        let rising = |last: f64, x: f64| x > last;
+        for bad in (0..300).chain([511, 512, 513, 514]) {
+            let values: Vec<f64> = (0..515).map(|k| if k == bad { -1.0 } else { f64::from(k) }).collect();
+            assert_eq!(leading(-0.5, &values, rising), bad as usize);
+        }
+        assert_eq!(leading(-0.5, &[], rising), 0);
+        let whole: Vec<f64> = (0..515).map(f64::from).collect();
+        assert_eq!(leading(-0.5, &whole, rising), 515);
+    }
+}
