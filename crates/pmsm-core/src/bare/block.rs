@@ -66,11 +66,11 @@ pub fn run(kernel: Kernel, blocks: &mut [Block], count: usize, stretch: Stretch<
     }
 }
 
-/// Where the differences between the first half of the blocks and the second go: one row per sample and channel (i_d, i_q,
-/// ω_e), one number per column of a half: (error in the first − `counts`·error in the second)·`scale`.
+/// Where the differences between each column and the last one go: one row per sample and channel (i_d, i_q, ω_e), one number per column:
+/// (error of the column − `counts`·error of the last one)·`scale`.
 #[derive(Debug)]
 pub struct Differences<'a> {
-    /// How often the second half counts, per column: once or not at all.
+    /// How often the last column counts, per column: once or not at all.
     pub counts: &'a [f64],
     /// Factor per column.
     pub scale: &'a [f64],
@@ -78,7 +78,7 @@ pub struct Differences<'a> {
     pub rows: &'a mut [f64],
 }
 
-/// Takes all blocks through the stretch and writes the differences between their halves.
+/// Takes all blocks through the stretch and writes the differences to their last column.
 pub fn subtract(kernel: Kernel, blocks: &mut [Block], stretch: Stretch<'_>, to: Differences<'_>) {
     let (path, rounding) = (kernel.path, kernel.rounding);
     match (kernel.increments, stretch.has_load) {
@@ -177,42 +177,65 @@ struct Subtract<'a, const FORM: bool, const LOAD: bool, const N: usize> {
 impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Subtract<'_, FORM, LOAD, N> {
     type Output = ();
     #[inline(always)]
-    fn run<V: Lane>(self) {
-        match self.stretch.pieces {
-            1 => self.advance::<V, true>(),
-            _ => self.advance::<V, false>(),
+    fn run<V: Lane>(mut self) {
+        let vectors = self.blocks.len() * BLOCK / V::WIDTH;
+        let once = self.stretch.pieces == 1;
+        for first in (0..vectors).step_by(2) {
+            match (vectors - first, once) {
+                (1, true) => self.advance::<V, 1, true>(first),
+                (1, false) => self.advance::<V, 1, false>(first),
+                (_, true) => self.advance::<V, 2, true>(first),
+                (_, false) => self.advance::<V, 2, false>(first),
+            }
         }
+        self.compare::<V>();
     }
 }
 
 impl<const FORM: bool, const LOAD: bool, const N: usize> Subtract<'_, FORM, LOAD, N> {
-    /// Takes all vectors through the samples, with `ONCE` in one step per sample.
+    /// Takes `R` vectors, from number `first` on, through the samples, with `ONCE` in one step per sample, and writes their errors.
     #[inline(always)]
-    fn advance<V: Lane, const ONCE: bool>(self) {
+    fn advance<V: Lane, const R: usize, const ONCE: bool>(&mut self, first: usize) {
         let Self { blocks, stretch, to } = self;
-        let half = blocks.len() * BLOCK / 2;
+        let width = blocks.len() * BLOCK;
         let show_w = V::constant(stretch.show_w);
-        for vector in 0..half / V::WIDTH {
-            let at = vector * V::WIDTH;
-            let (scale, counts) = (V::load(&to.scale[at..]), V::load(&to.counts[at..]));
-            let mut first = Columns::<V>::load(blocks, vector);
-            let mut second = Columns::<V>::load(blocks, vector + half / V::WIDTH);
-            for (k, sample) in stretch.samples.as_chunks::<N>().0.iter().enumerate() {
-                let now = spread(sample);
-                let (y, z) = (first.step::<FORM, LOAD>(&now), second.step::<FORM, LOAD>(&now));
-                let e = first.with.errors(y, &now, show_w);
-                let f = second.with.errors(z, &now, show_w);
+        let mut columns = [Columns::<V>::load(blocks, first); R];
+        for r in 1..R {
+            columns[r] = Columns::load(blocks, first + r);
+        }
+        let rows = to.rows.chunks_exact_mut(3 * width);
+        for (sample, rows) in stretch.samples.as_chunks::<N>().0.iter().zip(rows) {
+            let now = spread(sample);
+            for r in 0..R {
+                let before = columns[r].step::<FORM, LOAD>(&now);
+                let errors = columns[r].with.errors(before, &now, show_w);
                 for c in 0..3 {
-                    let difference = f[c].neg_mul_add(counts, e[c]) * scale;
-                    difference.store(&mut to.rows[(3 * k + c) * half + at..]);
-                }
-                for _ in 1..if ONCE { 1 } else { stretch.pieces } {
-                    first.step::<FORM, LOAD>(&now);
-                    second.step::<FORM, LOAD>(&now);
+                    errors[c].store(&mut rows[c * width + (first + r) * V::WIDTH..]);
                 }
             }
-            first.store(blocks, vector);
-            second.store(blocks, vector + half / V::WIDTH);
+            for _ in 1..if ONCE { 1 } else { stretch.pieces } {
+                for r in 0..R {
+                    columns[r].step::<FORM, LOAD>(&now);
+                }
+            }
+        }
+        for r in 0..R {
+            columns[r].store(blocks, first + r);
+        }
+    }
+
+    /// Makes differences of the errors, while they are in the cache. The last column stays as it is.
+    #[inline(always)]
+    fn compare<V: Lane>(self) {
+        let Differences { counts, scale, rows } = self.to;
+        let width = self.blocks.len() * BLOCK;
+        for at in (0..width).step_by(V::WIDTH) {
+            let (counts, scale) = (V::load(&counts[at..]), V::load(&scale[at..]));
+            for row in rows.chunks_exact_mut(width) {
+                let last = V::constant(row[width - 1]);
+                let difference = last.neg_mul_add(counts, V::load(&row[at..])) * scale;
+                difference.store(&mut row[at..]);
+            }
         }
     }
 }

@@ -1,5 +1,5 @@
-//! Errors and their derivatives from perturbed copies: for each parameter one copy a little above and one a little below, all
-//! in one group of vectors beside the point itself, so that derivatives cost hardly more than the run.
+//! Errors and their derivatives from perturbed copies: one for each parameter in a group of vectors beside the point itself, so that
+//! derivatives cost hardly more than the run.
 
 use super::block::{self, BLOCK, Block, Differences, Stretch};
 use super::step::fields;
@@ -7,9 +7,10 @@ use super::track::Track;
 use super::{Kernel, POINT};
 use crate::lanes::{self, Job, Lane};
 
-/// Relative size of a perturbation: truncation, about its square, and the rounding of a run, about 1e-12 over it, both stay
-/// below 1e-7 of a derivative.
-const NUDGE: f64 = 3e-5;
+/// Relative size of a perturbation: truncation, about as large, and the rounding of a run, about 1e-12 over it, both are some millionths
+/// of a derivative, and some hundred-thousandths where a parameter hardly shows. A share δ of a derivative moves the minimum over n samples
+/// by δ·√n standard errors at most.
+const NUDGE: f64 = 1e-6;
 /// Samples simulated before their errors are used, while they are in the cache.
 const STRETCH: usize = 64;
 /// Stretches between two looks at the stop flag, some ten microseconds.
@@ -59,23 +60,22 @@ pub fn rows(
     mut sink: impl FnMut(Rows<'_>),
 ) -> bool {
     let varied = around.free.len() + INITIAL;
-    // The last column of the first half is the point itself.
+    // The last column is the point itself.
     let width = width(around.free.len());
-    let mut blocks = Block::room(2 * width);
-    let mut again = vec![0.0; if all.is_none() { STRETCH * 3 * width } else { 0 }];
+    let mut blocks = Block::room(width);
+    let mut again = vec![0.0; STRETCH * 3 * width];
     let (mut counts, mut scale) = (vec![1.0; width], vec![0.0; width]);
     (counts[width - 1], scale[width - 1]) = (0.0, 1.0);
     for (number, segment) in track.segments.iter().enumerate() {
-        for column in 0..2 * width {
-            let (slot, sign) = (column % width, if column < width { 1.0 } else { -1.0 });
+        for column in 0..width {
             let (mut p, mut start) = (*around.p, around.starts[number]);
-            if let Some(entry) = around.free.get(slot) {
-                p[*entry] += sign * NUDGE * around.sizes[*entry];
-                scale[slot] = 0.5 / (NUDGE * around.sizes[*entry]);
-            } else if slot < varied {
-                let x = slot - around.free.len();
-                start[x] += sign * NUDGE * around.initial_sizes[x];
-                scale[slot] = 0.5 / (NUDGE * around.initial_sizes[x]);
+            if let Some(entry) = around.free.get(column) {
+                p[*entry] += NUDGE * around.sizes[*entry];
+                scale[column] = 1.0 / (p[*entry] - around.p[*entry]);
+            } else if column < varied {
+                let x = column - around.free.len();
+                start[x] += NUDGE * around.initial_sizes[x];
+                scale[column] = 1.0 / (start[x] - around.starts[number][x]);
             }
             block::place(&mut blocks, column, &segment.scale, &p, start);
         }
@@ -86,17 +86,13 @@ pub fn rows(
             let stretch =
                 Stretch { samples, pieces: segment.pieces, show_w: segment.show_w, has_load: track.has_load };
             let count = samples.len() / fields(track.has_load) * 3 * width;
-            let rows = match &mut all {
-                Some(all) => {
-                    let kept = all.len();
-                    all.resize(kept + count, 0.0);
-                    &mut all[kept..]
-                }
-                None => &mut again[..count],
-            };
+            let rows = &mut again[..count];
             let differences = Differences { counts: &counts, scale: &scale, rows };
             block::subtract(kernel, &mut blocks, stretch, differences);
             sink(Rows { segment: number, rows });
+            if let Some(all) = &mut all {
+                all.extend_from_slice(rows);
+            }
         }
     }
     true
