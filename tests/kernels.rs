@@ -193,12 +193,13 @@ proptest! {
         prop_assert!(close(cost[0], reference.fitness(&p, f64::INFINITY), 1e-10));
         let free = [0, 1, 2, 3, 4, 5, 6];
         let (fast, slow) = (objective.linearise(&p, &free, None), reference.linearise(&p, &free, None));
-        prop_assert!((&fast.residual - &slow.residual).norm() <= 3e-6 * slow.residual.norm());
+        prop_assert!((&fast.residual - &slow.residual).norm() <= 1e-6 * slow.residual.norm());
         for k in 0..free.len() {
             let off = (fast.jacobian.column(k) - slow.jacobian.column(k)).norm();
             let size = slow.jacobian.column(k).norm();
-            // Friction hardly shows in so short a run: rounding is some hundred-thousandths of its column.
-            prop_assert!(off <= 1e-4 * size, "{k}: {off} of {size}");
+            // Inertia and friction hardly show in so short a run: rounding is some hundred-thousandths of their columns.
+            let allowed = if k == 4 || k == 5 { 5e-5 } else { 1e-5 };
+            prop_assert!(off <= allowed * size, "{k}: {off} of {size}");
         }
         let starts = objective.measured_starts();
         let first = objective.normal(&p, &free, &starts, false, &|| false).expect("kernels");
