@@ -173,6 +173,7 @@ def make_case(
     duration: float = 2.0,
     degraded: str | None = None,
     stator_hold: bool = False,
+    log_command: bool = False,
     log_v_dc: bool = False,
     simulator: str = "plant",
 ) -> dict[str, Any]:
@@ -184,7 +185,7 @@ def make_case(
     `peers.SIMULATORS`.  Effects outside the package's catalogue begin with x_; "unknown" is then expected.
     Returns what truth.json holds; clean.npz beside it holds the validation run without sensor noise.  Raises
     ValueError if the truth would end up where the tool may see it, and whatever `manoeuvres.make`,
-    `plant.simulate` and `bench.degrade` raise.
+    `plant.simulate` and `bench.degrade` raise.  `stator_hold`, `log_command`: see `plant.simulate`.
     """
     opened, sealed = Path(folder), Path(truth_folder)
     if sealed.resolve() == opened.resolve():
@@ -203,7 +204,15 @@ def make_case(
     for number, name in enumerate(("recording", "validation")):
         m, run_seed = replace(moves[number], log_v_dc=log_v_dc), 1000 * seed + number
         if simulator == "plant":
-            run = simulate(machine, effects, m, seed=run_seed, nameplate=nameplate, stator_hold=stator_hold)
+            run = simulate(
+                machine,
+                effects,
+                m,
+                seed=run_seed,
+                nameplate=nameplate,
+                stator_hold=stator_hold,
+                log_command=log_command,
+            )
         else:
             run = simulate_by(simulator, machine, effects, m, seed=run_seed, nameplate=nameplate)
         runs[name] = account(machine, effects, m, run)
@@ -243,6 +252,7 @@ def make_case(
         "f_sample": machine.f_sample,
         "duration": duration,
         "v_dc": machine.v_dc,
+        "hold": ("stator, command logged" if log_command else "stator") if stator_hold else "rotor",
         "noise": {k: v for k, v in asdict(machine).items() if k.startswith(("noise", "lsb", "encoder"))},
         "runs": runs,
     }

@@ -119,12 +119,14 @@ def run(
     lsb_theta: float,
     gains: np.ndarray,
     stator_hold: bool,
+    log_command: bool,
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Run the drive over all n samples.
 
     start: electrical angle and mechanical speed at t = 0.  References and load (n,), noise_i (n, 3) in A,
     noise_w (n,) in rad/s.  stator_hold freezes the command in the stator for an interval, as a real modulator
-    does.  Returns the log (n, 7) and the truth (n, 12), columns as in LOG and TRUTH, and the number of rows
+    does; log_command then logs it as it is, and not its mean in the rotor's frame.  Returns the log (n, 7)
+    and the truth (n, 12), columns as in LOG and TRUTH, and the number of rows
     up to where the integration broke down or a current ran away.
     """
     n, t_s = len(w_ref), gains[10]
@@ -165,7 +167,7 @@ def run(
             past = log[max(m - 1, 0)]
             hold = past[5] + 1.5 * t_s * past[6]
             half = 0.5 * t_s * past[6]
-            if half != 0.0:
+            if half != 0.0 and not log_command:
                 log[m, 0] *= math.sin(half) / half
                 log[m, 1] *= math.sin(half) / half
         t = m * t_s

@@ -31,6 +31,9 @@ FAST_SHARE = 0.25
 AT_STANDSTILL = {"dead_time", "saturation_d", "saturation_q", "rs_thermal_drift"}
 LOCKED_SHARE = 0.15
 DURATION = (1.7, 2.3)
+# share of full logs of the plant whose voltages stand in the stator, the drive logging its command
+HELD_SHARE = 0.15
+HELD = ("clean", "single", "pair")
 # their equations are stiff: a shorter run tells the strength
 STIFF = {"iron_loss", "inter_turn_short"}
 STIFF_DURATION = 0.5
@@ -119,6 +122,8 @@ def generate(number: int, seed: int, planned: Planned, out: Path) -> dict[str, A
     """
     rng = np.random.default_rng([seed, 2, number])
     case, names = name_of(number), planned.effects
+    held = (planned.log, planned.simulator) == ("full", "plant") and planned.kind in HELD
+    held &= "voltage_delay" not in names and np.random.default_rng([seed, 4, number]).uniform() < HELD_SHARE
     draft = out / f".{case}"
     for where in settings(number, seed, planned):
         if "asymmetric_friction" in names and where.load.startswith("unknown"):
@@ -140,6 +145,8 @@ def generate(number: int, seed: int, planned: Planned, out: Path) -> dict[str, A
                 truth_folder=draft / "sealed",
                 duration=where.duration,
                 degraded=None if planned.log == "full" else planned.log,
+                stator_hold=held,
+                log_command=held,
                 simulator=planned.simulator,
             )
         except TOO_STRONG:

@@ -57,13 +57,15 @@ def simulate(
     nameplate: Machine | None = None,
     noise: bool = True,
     stator_hold: bool = False,
+    log_command: bool = False,
 ) -> Run:
     """Run the drive through a manoeuvre.
 
     effects maps effect names to parameters (`effects.CATALOGUE`); controllers are tuned to the nameplate
     (default: the machine itself).  noise=False leaves sensor noise, ADC and encoder steps out.  stator_hold
-    freezes the command in the stator for each interval; the default holds it in the rotor's frame.  Each
-    noise has a stream of its own, so the same seed gives the same noise whatever is switched on.  Raises
+    freezes the command in the stator for each interval and logs its mean in the rotor's frame, or with
+    log_command the command itself; the default holds it in the rotor's frame.  Each noise has a stream of its
+    own, so the same seed gives the same noise whatever is switched on.  Raises
     KeyError for an unknown effect or parameter, ValueError for a combination that has no equations,
     RuntimeError where the integration breaks down or the currents run away.
     """
@@ -79,7 +81,7 @@ def simulate(
     log, truth, done = run(
         p.packed(), start, manoeuvre.w_ref, manoeuvre.i_d_ref, manoeuvre.i_q_add, manoeuvre.locked,
         manoeuvre.tau_load, noise_i, noise_w, on * machine.lsb_i, on * machine.lsb_theta_e,
-        controller_gains(machine, nameplate or machine), stator_hold,
+        controller_gains(machine, nameplate or machine), stator_hold, log_command,
     )  # fmt: skip
     if done < n:
         sane = np.abs(truth[done, :3]).max() <= RUNAWAY * machine.i_rated

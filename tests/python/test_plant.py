@@ -209,8 +209,13 @@ def test_unknown_names_are_refused():
         make(SERVO, "rich", "locked")
 
 
-@pytest.mark.parametrize("stator_hold", [False, True])
-def test_an_inverter_that_holds_its_voltage_in_the_stator_is_no_mismatch(tmp_path, stator_hold):
+@pytest.mark.parametrize(
+    ("stator_hold", "log_command", "said"),
+    [(False, False, []), (True, False, ["its mean"]), (True, True, ["the vector"])],
+)
+def test_an_inverter_that_holds_its_voltage_in_the_stator_is_no_mismatch(
+    tmp_path, stator_hold, log_command, said
+):
     """At 0.13 rad per period the mean current between two samples is an ampere off, and so the torque."""
     truth = make_case(
         tmp_path / "open",
@@ -221,19 +226,23 @@ def test_an_inverter_that_holds_its_voltage_in_the_stator_is_no_mismatch(tmp_pat
         3,
         truth_folder=tmp_path / "sealed",
         stator_hold=stator_hold,
+        log_command=log_command,
     )
     off = truth["runs"]["recording"]["plain_refit"]["omega_e"]
     assert (off > 1.2) is stator_hold
     answer = diagnose(tmp_path / "open")
     assert answer.verdict == "no_mismatch"
-    said = [f["finding"] for f in answer.data_quality if "stator" in f["finding"]]
-    assert len(said) == int(stator_hold)
+    found = [f["finding"] for f in answer.data_quality if "stator" in f["finding"]]
+    assert len(found) == len(said)
+    assert all(words in finding for words, finding in zip(said, found, strict=True))
 
 
-def test_how_voltages_are_held_is_seen_beside_friction_that_is_missing(tmp_path):
+@pytest.mark.parametrize("log_command", [False, True])
+def test_how_voltages_are_held_is_seen_beside_friction_that_is_missing(tmp_path, log_command):
     """The currents tell of it where the motion has something else to tell."""
     friction = {"coulomb_friction": {"tau_c": 1.0}}
-    answer = diagnosed(tmp_path, TRACTION, friction, "fast", "none", 3, stator_hold=True)
+    held = {"stator_hold": True, "log_command": log_command}
+    answer = diagnosed(tmp_path, TRACTION, friction, "fast", "none", 3, **held)
     assert (answer.verdict, answer.model["effects"]) == ("named", ["coulomb_friction"])
     assert any("stator" in finding["finding"] for finding in answer.data_quality)
 

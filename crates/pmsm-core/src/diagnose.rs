@@ -107,7 +107,8 @@ pub fn diagnose(
     let known = if held_out.len() == others.len() { &held_out[..] } else { &[] };
     let anew = settled_anew(&mut whole, &mut others, &outcome.base, &outcome.best)
         || !found.effects().is_empty()
-            && matches!(hold::settle(&mut whole, &mut others, found, known, monitor)?, Held::InStator(_));
+            && matches!(hold::settle(&mut whole, &mut others, found, known, monitor)?, Held::InStator(_))
+        || hold::in_place_of_one(&mut whole, &mut others, &outcome, monitor)?;
     if anew && !monitor.cancelled() {
         base = fitting::refit(&whole, &base, monitor)?;
         outcome = search(&mut whole, &mut others, &mut base, monitor)?;

@@ -94,17 +94,34 @@ macro_rules! catalogue {
     };
 }
 
-/// One method per hook of [`Effect`], passed on to the effect's own implementation.
+/// One method per hook of [`Effect`], passed on to the effect's own implementation. Numbers that are called and not inlined
+/// share one copy of it, all others take it into the loop that asks.
 macro_rules! dispatch {
     ($list:tt $(fn $hook:ident $generic:tt ($($arg:ident: $type:ty),* $(,)?) -> $ret:ty;)+) => {
-        $(dispatch! { @one $list $hook $generic self (self, $($arg: $type),*) ($($arg),*) $ret })+
+        $(dispatch! { @one $list $hook $generic ($($arg: $type),*) ($($arg),*) $ret })+
     };
-    (@one [$($module:ident :: $name:ident),+] $hook:ident [$($t:ident)?] $this:ident $parameters:tt $call:tt $ret:ty) => {
+    (@one $list:tt $hook:ident [] ($($arg:ident: $type:ty),*) $call:tt $ret:ty) => {
+        #[doc = concat!("[`Effect::", stringify!($hook), "`] of this effect.")]
+        pub fn $hook(self, $($arg: $type),*) -> $ret {
+            dispatch! { @each $list $hook self $call }
+        }
+    };
+    (@one $list:tt $hook:ident [$t:ident] ($($arg:ident: $type:ty),*) $call:tt $ret:ty) => {
         #[doc = concat!("[`Effect::", stringify!($hook), "`] of this effect.")]
         #[inline(always)]
-        pub fn $hook$(<$t: Real>)? $parameters -> $ret {
-            match $this { $(Self::$name => <$module::$name as Effect>::$hook $call),+ }
+        pub fn $hook<$t: Real>(self, $($arg: $type),*) -> $ret {
+            #[inline(never)]
+            fn called<$t: Real>(effect: EffectId, $($arg: $type),*) -> $ret {
+                dispatch! { @each $list $hook effect $call }
+            }
+            if const { $t::CALLED } {
+                return called(self, $($arg),*);
+            }
+            dispatch! { @each $list $hook self $call }
         }
+    };
+    (@each [$($module:ident :: $name:ident),+] $hook:ident $effect:ident $call:tt) => {
+        match $effect { $(EffectId::$name => <$module::$name as Effect>::$hook $call),+ }
     };
 }
 

@@ -130,7 +130,9 @@ impl InputNoise {
                     signals.period / control
                 ),
                 consequence: "what the voltage did between the rows is unknown; transients count less".into(),
-                fix: "log every control period".into(),
+                fix:
+                    "log every control period, or the mean of the voltages commanded from one row to the next"
+                        .into(),
             });
         }
         out

@@ -23,6 +23,8 @@ pub trait Real:
     + Sub<f64, Output = Self>
     + Mul<f64, Output = Self>
 {
+    /// Whether its arithmetic is called and not inlined, so that equations are better called, too.
+    const CALLED: bool = false;
     /// The constant `x`.
     fn constant(x: f64) -> Self;
     /// Zero.

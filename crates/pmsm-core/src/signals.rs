@@ -17,6 +17,7 @@ use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::recording::{Kind, Load, Recording};
 use angle::{check_sense, differentiate, integrate, unwrap};
+pub use held::Logged;
 use mend::mend;
 use phases::Currents;
 pub(crate) use scales::electrical_rate;
@@ -111,7 +112,7 @@ impl Signals {
     ///
     /// # Errors
     /// [`Error::Column`] if angle and speed contradict each other (mechanical taken for electrical, opposite sense), if
-    /// the angle turns too far between samples to be unwrapped, or if all phase currents but one are zero.
+    /// the angle turns too far between samples to be unwrapped, if all phase currents but one are zero, or if two phases are interchanged.
     pub fn in_rotor_frame(recording: &Recording, machine: &Machine) -> Result<Self> {
         let n_p = f64::from(machine.n_p);
         let n = recording.len();
@@ -171,6 +172,9 @@ impl Signals {
         } else {
             phases::currents(recording, &mut findings)
         };
+        if let (Some(abc), true, false) = (&currents.phases, angle_known, operating_points || open) {
+            phases::check_order(abc, &theta_e)?;
+        }
         let i = match (recording.column("i_d"), recording.column("i_q")) {
             (Some(d), Some(q)) => Some([d.to_vec(), q.to_vec()]),
             _ => currents.phases.as_ref().map(|abc| turned::to_rotor([&abc[0], &abc[1], &abc[2]], &theta_e)),

@@ -104,11 +104,21 @@ impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Run<'_, FORM, L
         let rest = self.count % V::WIDTH;
         let half = halves && rest > 0 && rest <= V::Half::WIDTH;
         let vectors = if half { self.count / V::WIDTH } else { self.count.div_ceil(V::WIDTH) };
-        // Four vectors at a time keep the arithmetic busy while each waits for its own results.
         let mut first = 0;
-        while first + 4 <= vectors {
-            self.advance::<V, 4, false, false>(first);
-            first += 4;
+        // Four vectors at a time keep the arithmetic busy while each waits for its own results.
+        if const { FORM == STAGES } {
+            while first + 4 <= vectors {
+                self.advance::<V, 4, false, false>(first);
+                first += 4;
+            }
+        }
+        // Of what need not be fast there is little machine code: the reference of accuracy, and what narrow vectors leave over.
+        if const { FORM == INCREMENTS || V::WIDTH < 4 } {
+            while first * V::WIDTH < self.count {
+                self.advance::<V, 1, false, false>(first);
+                first += 1;
+            }
+            return;
         }
         // Few vectors wait for themselves least where nothing but the step of a sample stands in the loop.
         let once = self.stretch.pieces == 1;
@@ -180,7 +190,12 @@ impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Subtract<'_, FO
     fn run<V: Lane>(mut self) {
         let vectors = self.blocks.len() * BLOCK / V::WIDTH;
         let once = self.stretch.pieces == 1;
-        for first in (0..vectors).step_by(2) {
+        let few = const { FORM == INCREMENTS || V::WIDTH < 4 };
+        for first in (0..vectors).step_by(if few { 1 } else { 2 }) {
+            if const { FORM == INCREMENTS || V::WIDTH < 4 } {
+                self.advance::<V, 1, false>(first);
+                continue;
+            }
             match (vectors - first, once) {
                 (1, true) => self.advance::<V, 1, true>(first),
                 (1, false) => self.advance::<V, 1, false>(first),

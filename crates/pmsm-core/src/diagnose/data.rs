@@ -12,7 +12,7 @@ use crate::machine::{BaseParameter, Machine};
 use crate::model::Model;
 use crate::noise::{self, Floor};
 use crate::recording::Kind;
-use crate::signals::Signals;
+use crate::signals::{Logged, Signals};
 use crate::simulate::mechanical::{self, Nuisance};
 use crate::start;
 use crate::wander::Wander;
@@ -211,9 +211,9 @@ impl Data {
     }
 
     /// Takes the voltages of all recordings as held in the stator's frame; see [`Signals::hold_in_stator`].
-    pub fn hold_in_stator(&mut self) {
-        self.signals.hold_in_stator();
-        self.parts.iter_mut().for_each(Data::hold_in_stator);
+    pub fn hold_in_stator(&mut self, logged: Logged) {
+        self.signals.hold_in_stator(logged);
+        self.parts.iter_mut().for_each(|part| part.hold_in_stator(logged));
     }
 
     /// Number of initial values of a model's mechanical states that this recording leaves open: theirs each time they begin anew.

@@ -3,17 +3,22 @@
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
+use super::search::{Outcome, Swap};
 use super::transfer::transfer;
 use super::verdict::{UNEXPLAINED, beyond_chance};
+use crate::effect::Site;
 use crate::error::Result;
 use crate::monitor::Monitor;
-use crate::signals::Finding;
+use crate::signals::{Finding, Logged};
 
 /// Share of an excess mean square that may be left where voltages held in the stator's frame explain it, and that down to the noise: they
 /// have no free parameter.
 const LEFT: f64 = 0.25;
 /// How much more of what they do not explain may be left, share of the mean square.
 const MORE: f64 = 0.05;
+/// Share of the excess of currents or motion below which the vector that the drive commands must bring it, or its mean is not asked: of the
+/// two readings of a log the wrong one leaves a quarter.
+const PROMISING: f64 = 0.6;
 
 /// What came out of the question.
 pub enum Held {
@@ -42,9 +47,9 @@ pub fn settle(
     if data.signals.stator_held || !driven || monitor.cancelled() {
         return Ok(Held::Unasked);
     }
-    let in_stator = || -> Result<(Data, Hypothesis)> {
+    let in_stator = |logged: Logged| -> Result<(Data, Hypothesis)> {
         let mut tried = data.clone();
-        tried.hold_in_stator();
+        tried.hold_in_stator(logged);
         let held = fitting::refit(&tried, found, monitor)?;
         Ok((tried, held))
     };
@@ -61,35 +66,95 @@ pub fn settle(
         Ok((theirs, before))
     };
     let asks = |hypothesis: &Hypothesis| beyond_chance(hypothesis).any(|excess| excess > UNEXPLAINED.1);
-    let (early, rotor) = rayon::join(|| asks(found).then(in_stator).transpose(), in_rotor);
+    let command = || in_stator(Logged::Command);
+    let (early, rotor) = rayon::join(|| asks(found).then(command).transpose(), in_rotor);
     let (in_rotor, before) = rotor?;
-    let (mut tried, held) = match early? {
+    let (mut tried, mut held) = match early? {
         Some(both) => both,
-        None if before.iter().any(asks) => in_stator()?,
+        None if before.iter().any(asks) => command()?,
         None => return Ok(Held::InRotor(in_rotor)),
     };
+    if !promises(&before, &held) {
+        return Ok(Held::InRotor(in_rotor));
+    }
+    let mut logged = Logged::Command;
+    let (by_mean, mean) = in_stator(Logged::Mean)?;
+    if left_over(&mean) < left_over(&held) {
+        (tried, held, logged) = (by_mean, mean, Logged::Mean);
+    }
     let mut after = vec![held.clone()];
     if !tells(&before[..1], &after) {
         return Ok(Held::InRotor(in_rotor));
     }
     let mut theirs = in_rotor.clone();
     for other in &mut theirs {
-        other.hold_in_stator();
+        other.hold_in_stator(logged);
         after.push(transfer(other, &held, monitor)?);
     }
     if !explained(&before, &after) {
         return Ok(Held::InRotor(in_rotor));
     }
     tried.signals.findings.push(Finding {
-        finding: "the voltages act as if they were held in the stator's frame over each control period"
+        finding: format!(
+            "the voltages act as if they were held in the stator's frame over each control period, the log holding {}",
+            match logged {
+                Logged::Command => "the vector that is held",
+                Logged::Mean => "its mean as the rotor sees it",
+            }
+        ),
+        consequence: "the models turn them back as the rotor turns on, and the torque between two samples is corrected for it"
             .into(),
-        consequence: "the mean current, and so the torque, between two samples is corrected for it".into(),
         fix: "nothing is wrong; log mean currents, or sample faster, to be free of it".into(),
     });
     tried.settle_floors(&held);
     *data = tried;
     others.clone_from_slice(&theirs);
     Ok(Held::InStator(Box::new(fitting::refit(data, &held, monitor)?)))
+}
+
+/// Goes over to voltages held in the stator's frame where they make one of several effects that were found needless: beside the others it
+/// may stand for nothing else. Of a single effect the question was put to the bare machine. Says whether it did.
+///
+/// # Errors
+/// Those of [`settle`].
+pub fn in_place_of_one(
+    data: &mut Data,
+    others: &mut [Data],
+    outcome: &Outcome,
+    monitor: &dyn Monitor,
+) -> Result<bool> {
+    let several = outcome.best.fitted.effects().len() > 1;
+    let electrical = |swap: &&Swap| swap.by.is_none() && swap.replaced.info().site == Site::Electrical;
+    for Swap { judged, .. } in outcome.swaps.iter().filter(|_| several).filter(electrical) {
+        let known = if judged.held_out.len() == others.len() { &judged.held_out[..] } else { &[] };
+        if matches!(settle(data, others, &judged.fitted, known, monitor)?, Held::InStator(_)) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// Whether what was left of the currents, or of the motion, has become so much less `after` on the first recording that one reading of the
+/// log may explain it; what others alone have left may be.
+fn promises(before: &[Hypothesis], after: &Hypothesis) -> bool {
+    let of = |hypothesis: &Hypothesis, electrical: bool| -> Vec<f64> {
+        let channels = beyond_chance(hypothesis).zip(&hypothesis.squares);
+        channels
+            .filter(|(_, (c, _))| c.is_electrical() == electrical)
+            .map(|(excess, _)| excess.max(0.0))
+            .collect()
+    };
+    let asks = |hypothesis: &Hypothesis, side: bool| of(hypothesis, side).iter().any(|x| *x > UNEXPLAINED.1);
+    let sum = |hypothesis: &Hypothesis, side: bool| of(hypothesis, side).iter().sum::<f64>();
+    [true, false].into_iter().any(|side| match asks(&before[0], side) {
+        true => sum(after, side) <= PROMISING * sum(&before[0], side),
+        false => before[1..].iter().any(|other| asks(other, side)),
+    })
+}
+
+/// What a hypothesis leaves in all channels together, however differently much in each.
+fn left_over(hypothesis: &Hypothesis) -> f64 {
+    hypothesis.squares.iter().map(|(_, square)| square.ln()).sum()
 }
 
 /// Whether all that was left of the currents, or of the motion, is gone, and the rest no worse.
@@ -145,6 +210,17 @@ mod tests {
         out.squares = vec![(Channel::ID, d), (Channel::IQ, q), (Channel::OmegaE, speed)];
         out.chance = vec![0.0; 3];
         out
+    }
+
+    #[test]
+    fn the_other_reading_is_asked_where_one_has_done_most_of_it() {
+        assert!(promises(&[left(9.0, 3.0, 50.0)], &left(3.0, 1.5, 50.0)));
+        assert!(!promises(&[left(9.0, 3.0, 50.0)], &left(8.0, 2.5, 49.0)));
+        // Where friction is missing nothing is left of the currents that anything could explain.
+        assert!(!promises(&[left(1.02, 1.0, 50.0)], &left(1.0, 1.0, 50.0)));
+        assert!(promises(&[left(1.02, 1.0, 1.0), left(1.4, 1.0, 1.0)], &left(1.05, 1.0, 1.0)));
+        // Of two readings the one that leaves less of a faint channel is the better, whatever a loud one says.
+        assert!(left_over(&left(1.0, 1.0, 50.1)) < left_over(&left(1.2, 1.1, 50.0)));
     }
 
     #[test]

@@ -18,7 +18,9 @@ use std::array::from_fn;
 /// Electrical states that are followed, and the lost voltages d, q in the slots behind them.
 const STATES: usize = 4;
 const LOST: [usize; 2] = [STATES, STATES + 1];
-const SLOTS: usize = STATES + 2;
+const FOLLOWED: usize = STATES + 2;
+/// Derivatives that the run carries: as many as any other.
+const SLOTS: usize = super::LANES;
 /// Columns side by side in the lanes of a vector.
 const WIDE: usize = 8;
 
@@ -30,7 +32,7 @@ struct Step {
     /// Its number.
     sample: usize,
     /// The states, differentiated by those at the sample before and by the voltage lost since then.
-    states: [[f64; SLOTS]; STATES],
+    states: [[f64; FOLLOWED]; STATES],
     /// The current d, q of the log, differentiated by the states.
     shown: [[f64; STATES]; 2],
     /// Where the machine is.
@@ -136,6 +138,8 @@ struct Follower {
     steps: Vec<Step>,
     /// How the states came to be where they are.
     arrived: [[f64; SLOTS]; STATES],
+    /// Where the machine is, and its current.
+    here: Option<(Env<f64>, [f64; 2])>,
 }
 
 impl Watch<Seeded> for Follower {
@@ -146,7 +150,7 @@ impl Watch<Seeded> for Follower {
         }
     }
 
-    fn stand(&mut self, sample: usize, env: &Env<Seeded>, i: [Seeded; 2], shown: [Seeded; 2]) {
+    fn stand(&mut self, env: &Env<Seeded>, i: [Seeded; 2]) {
         let env = Env {
             t: env.t.re,
             omega_e: env.omega_e.re,
@@ -155,9 +159,14 @@ impl Watch<Seeded> for Follower {
             heating: env.heating,
             magnet_heating: env.magnet_heating,
         };
+        self.here = Some((env, i.map(|x| x.re)));
+    }
+
+    fn show(&mut self, sample: usize, shown: [Seeded; 2]) {
+        let states = self.arrived.map(|by| from_fn(|slot| by[slot]));
         let shown = shown.map(|x| from_fn(|slot| x.eps[slot]));
-        let i = i.map(|x| x.re);
-        self.steps.push(Step { sample, states: self.arrived, shown, env, i, held: None });
+        let (env, i) = self.here.expect("one stands where one is shown");
+        self.steps.push(Step { sample, states, shown, env, i, held: None });
     }
 
     fn leave(&mut self, v: [Seeded; 2]) {

@@ -84,8 +84,7 @@ impl<'a> Experiment<'a> {
             let at = (p, free, *columns);
             match columns.len() {
                 _ if self.passes_on(free[columns[0]]) => self.load_passed_on(at, torque(), &starts, rows),
-                0..=1 => self.mechanical_pass::<2>(at, torque, &starts, speed, rows),
-                2..=3 => self.mechanical_pass::<4>(at, torque, &starts, speed, rows),
+                0..=3 => self.mechanical_pass::<4>(at, torque, &starts, speed, rows),
                 _ => self.mechanical_pass::<LANES>(at, torque, &starts, speed, rows),
             }
         });

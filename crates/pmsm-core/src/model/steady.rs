@@ -97,36 +97,35 @@ impl Model {
         let sin_cos = self.sin_cos(env);
         let unsaturated = [magnet.flux[0] + base.l_d * i[0], magnet.flux[1] + base.l_q * i[1]];
         let mut flux = known.flux.filter(|_| self.is_magnetic).unwrap_or(unsaturated);
-        let mut at = self.magnetic(p, base, psi_m, &magnet, sin_cos, flux);
-        if self.is_magnetic {
-            // Each of several machines side by side stops by itself.
-            let mut open = T::one();
-            for _ in 0..STEPS {
-                let emf = known.emf.unwrap_or([-env.omega_e * flux[1], env.omega_e * flux[0]]);
-                let winding = Electrical { env: *env, sin_cos, i, r_s, v: [T::zero(); 2], emf };
-                for s in &self.slots {
-                    let x = &mut state[2 + s.electrical.start..2 + s.electrical.end];
-                    s.effect.electrical_start(&p[s.parameters.clone()], &winding, &self.context, x);
-                }
-                let bypass = self.shunt(p, &state[2..], sin_cos);
-                let (e_d, e_q) = (i[0] - bypass[0] - at.i[0], i[1] - bypass[1] - at.i[1]);
-                let [a, b, c] = at.inverse;
-                let determinant = a * c - b * b;
-                flux[0] += open * ((c * e_d - b * e_q) / determinant);
-                flux[1] += open * ((a * e_q - b * e_d) / determinant);
-                at = self.magnetic(p, base, psi_m, &magnet, sin_cos, flux);
-                // From so near, a step is exact, in the derivatives as well, unless states follow the flux.
-                if !self.bypassed {
-                    let near = T::constant(NEAR * self.context.i_max) - (e_d.abs() + e_q.abs());
-                    open = near.if_positive(T::zero(), open);
-                    if open.size() == 0.0 {
-                        break;
-                    }
-                }
+        // Each of several machines side by side stops by itself.
+        let (mut open, mut step) = (T::one(), 0);
+        // In one loop with the last look, so that the long equations of the field are compiled once.
+        let tau_e = loop {
+            let at = self.magnetic(p, base, psi_m, &magnet, sin_cos, flux);
+            if !self.is_magnetic || step == STEPS || open.size() == 0.0 {
+                break at.tau_e;
             }
-        }
+            let emf = known.emf.unwrap_or([-env.omega_e * flux[1], env.omega_e * flux[0]]);
+            let winding = Electrical { env: *env, sin_cos, i, r_s, v: [T::zero(); 2], emf };
+            for s in &self.slots {
+                let x = &mut state[2 + s.electrical.start..2 + s.electrical.end];
+                s.effect.electrical_start(&p[s.parameters.clone()], &winding, &self.context, x);
+            }
+            let bypass = self.shunt(p, &state[2..], sin_cos);
+            let (e_d, e_q) = (i[0] - bypass[0] - at.i[0], i[1] - bypass[1] - at.i[1]);
+            let [a, b, c] = at.inverse;
+            let determinant = a * c - b * b;
+            flux[0] += open * ((c * e_d - b * e_q) / determinant);
+            flux[1] += open * ((a * e_q - b * e_d) / determinant);
+            step += 1;
+            // From so near, a step is exact, in the derivatives as well, unless states follow the flux.
+            if !self.bypassed {
+                let near = T::constant(NEAR * self.context.i_max) - (e_d.abs() + e_q.abs());
+                open = near.if_positive(T::zero(), open);
+            }
+        };
         (state[0], state[1]) = (flux[0], flux[1]);
-        (state, at.tau_e)
+        (state, tau_e)
     }
 }
 

@@ -9,22 +9,36 @@ use crate::transforms::rotate;
 const AHEAD: (f64, f64) = (1.5, 0.5);
 /// Samples to either side from which an acceleration is taken.
 const GAINS: usize = 8;
+/// Half the angle (rad) that a rotor turns in a control period at most: beyond it no drive controls a current.
+const FARTHEST: f64 = 1.5;
+
+/// What a log holds of a voltage that stands still in the stator over a control period.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Logged {
+    /// The vector that stands there, seen from where the rotor is in the middle of the period: a drive's own command.
+    Command,
+    /// Its mean in the rotor's frame, which is shorter, as the vector turns back meanwhile.
+    Mean,
+}
 
 impl Signals {
     /// Takes the voltages as held in the stator's frame over each control period h. Seen from the rotor they turn back meanwhile about
-    /// their mean; to second order the currents at the end are those of a voltage that is larger by (ω_e·h)²/12. What it does to
-    /// the currents in between is up to [`crate::simulate::mechanical::torque`].
+    /// their middle, by x = ω_e·h/2 to either side; the flux at the end is that of a voltage held in the rotor's frame which is larger by
+    /// x/sin x than the vector, and by that once more than its mean. What the resistance changes of it is up to
+    /// [`crate::simulate::electrical`], and what the currents do in between to [`crate::simulate::mechanical::torque`].
     ///
     /// A drive turns its command to where the rotor will be in the middle of the period, 1.5 periods after the sample that it is computed
     /// from, at the speed of that sample; a rotor that gains speed meanwhile is farther by (1.5·h)²/2·dω_e/dt, and the voltage lags. Of
     /// phase voltages, which the row's own angle turns, half a period is left of that.
-    pub fn hold_in_stator(&mut self) {
+    pub fn hold_in_stator(&mut self, logged: Logged) {
         let held = self.held_period();
         let gains = slopes(&self.t, &self.omega_e, &self.segments, GAINS);
         let ahead = if self.phase_voltages { AHEAD.1 } else { AHEAD.0 };
         if let (Some([v_d, v_q]), false) = (&mut self.v, self.stator_held) {
             for ((d, q), (omega, gain)) in v_d.iter_mut().zip(v_q).zip(self.omega_e.iter().zip(gains)) {
-                let longer = 1.0 + (omega * held).powi(2) / 12.0;
+                let x = (0.5 * omega * held).abs().min(FARTHEST);
+                let longer = if x > 0.0 { x / x.sin() } else { 1.0 };
+                let longer = if logged == Logged::Mean { longer * longer } else { longer };
                 let (sin, cos) = (-0.5 * (ahead * held).powi(2) * gain).sin_cos();
                 [*d, *q] = rotate([*d, *q], longer * cos, longer * sin);
             }
@@ -40,6 +54,7 @@ impl Signals {
 
 #[cfg(test)]
 mod tests {
+    use super::Logged;
     use crate::machine::Machine;
     use crate::recording::Recording;
     use crate::signals::Signals;
@@ -65,9 +80,12 @@ mod tests {
         let machine = Machine::new(4).unwrap();
         let mut signals = Signals::new(&Recording::new(columns, None).unwrap(), &machine).unwrap();
         let mut by_phases = Signals { phase_voltages: true, ..signals.clone() };
-        signals.hold_in_stator();
-        by_phases.hold_in_stator();
+        let mut vector = signals.clone();
+        signals.hold_in_stator(Logged::Mean);
+        by_phases.hold_in_stator(Logged::Mean);
+        vector.hold_in_stator(Logged::Command);
         let ([d, q], [_, less]) = (signals.v.unwrap(), by_phases.v.unwrap());
+        let [vector_d, vector_q] = vector.v.unwrap();
         for k in 1..39 {
             // Where the drive put it, seen from where the rotor is in the mean over the period.
             let put = angle(t[k - 1]) + 1.5 * h * (200.0 + gain * t[k - 1]);
@@ -79,8 +97,15 @@ mod tests {
                 put - mean
             );
             assert!(less[k] > q[k], "{k}: half a period is less than one and a half");
-            let longer = d[k].hypot(q[k]) / command[0].hypot(command[1]) - 1.0;
-            assert!((longer / (signals.omega_e[k] * h).powi(2) - 1.0 / 12.0).abs() < 1e-6);
+            // Constant in the stator, against the mean of what turns with the rotor.
+            let x = signals.omega_e[k] * h;
+            let turning =
+                (0..1000).map(|n| (x * ((f64::from(n) + 0.5) / 1000.0 - 0.5)).cos()).sum::<f64>() / 1e3;
+            let length = command[0].hypot(command[1]);
+            let of_vector = vector_d[k].hypot(vector_q[k]) / length - 1.0;
+            let of_mean = d[k].hypot(q[k]) / length - 1.0;
+            assert!((of_vector / (1.0 / turning - 1.0) - 1.0).abs() < 1e-4, "{k}: {of_vector} {turning}");
+            assert!((of_mean / (of_vector * (2.0 + of_vector)) - 1.0).abs() < 1e-9, "{k}");
         }
     }
 }

@@ -3,8 +3,13 @@
 use super::Finding;
 use super::open_circuit::Calibration;
 use super::turned::to_rotor;
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::recording::Recording;
+use crate::transforms::park;
+
+/// Pairs of rows in which the order of the phases is looked at, and the share of their squared changes below which another one is right.
+const PAIRS: usize = 128;
+const SMOOTHER: f64 = 0.05;
 
 /// Columns of the phase currents.
 const PHASES: [&str; 3] = ["i_a", "i_b", "i_c"];
@@ -89,6 +94,42 @@ pub fn currents(recording: &Recording, findings: &mut Vec<Finding>) -> Currents 
     let mut phases = logged.map(|x| x.unwrap_or_default().to_vec());
     phases[lost] = rest;
     Currents { phases: Some(phases), three: false, completed: Some(lost) }
+}
+
+/// Refuses phase currents whose b and c are interchanged against the angle `theta` (rad), seen in which they would turn back twice as fast
+/// as the rotor turns: with the two put right they hardly change from one row to the next.
+///
+/// # Errors
+/// [`Error::Column`] for `i_b`.
+pub fn check_order(phases: &[Vec<f64>; 3], theta: &[f64]) -> Result<()> {
+    let pairs = theta.len().saturating_sub(1);
+    let stride = pairs.div_ceil(PAIRS).max(1);
+    let (mut given, mut interchanged) = (0.0, 0.0);
+    for k in (0..pairs).step_by(stride) {
+        let seen = |k: usize, order: [usize; 3]| {
+            let (s, c) = theta[k].sin_cos();
+            park(order.map(|x| phases[x][k]), c, s)
+        };
+        let change = |order: [usize; 3]| {
+            let (now, next) = (seen(k, order), seen(k + 1, order));
+            (next[0] - now[0]).powi(2) + (next[1] - now[1]).powi(2)
+        };
+        given += change([0, 1, 2]);
+        interchanged += change([0, 2, 1]);
+    }
+    if interchanged < SMOOTHER * given {
+        return Err(Error::Column {
+            column: "i_b".into(),
+            problem: format!(
+                "seen from the rotor the phase currents turn back twice as fast as it turns; with i_b and i_c interchanged they change {:.0} \
+                 times less from row to row",
+                (given / interchanged.max(f64::MIN_POSITIVE)).sqrt().min(1e6)
+            ),
+            fix: "interchange i_b and i_c, or the sense of angle and speed; voltages of the phases alike"
+                .into(),
+        });
+    }
+    Ok(())
 }
 
 /// What is wrong with a recording whose phase currents do not make a current vector.
@@ -197,5 +238,30 @@ mod tests {
         assert_eq!(lost(|t| (t - 2.0).sin(), |_| 0.0), Some(2));
         assert_eq!(lost(|t| -t.sin(), |_| 0.0), Some(2));
         assert_eq!(lost(|t| (t - 2.0).sin(), |t| (t + 2.0).sin()), None);
+    }
+
+    #[test]
+    fn interchanged_phases_are_told_where_the_rotor_turns_and_nowhere_else() {
+        let currents = |order: [f64; 3], speed: f64| -> ([Vec<f64>; 3], Vec<f64>) {
+            let theta: Vec<f64> = (0..3000).map(|k| speed * f64::from(k)).collect();
+            let of = |number: u32, shift: f64| -> Vec<f64> {
+                let noise = |k: usize| 0.05 * normal_pair(7, [k as u32, number, 0, 0]).0;
+                theta.iter().enumerate().map(|(k, theta)| 5.0 * (theta + shift).sin() + noise(k)).collect()
+            };
+            ([of(0, order[0]), of(1, order[1]), of(2, order[2])], theta)
+        };
+        let checked = |order, speed| {
+            let (phases, theta) = currents(order, speed);
+            check_order(&phases, &theta)
+        };
+        let (right, wrong) = ([0.0, -THIRD, THIRD], [0.0, THIRD, -THIRD]);
+        for speed in [0.1, -0.1, 1e-9] {
+            assert!(checked(right, speed).is_ok(), "{speed}");
+        }
+        assert!(checked(wrong, 1e-9).is_ok());
+        for speed in [0.1, -0.1] {
+            let said = checked(wrong, speed).unwrap_err().to_string();
+            assert!(said.contains("i_b") && said.contains("interchange"), "{said}");
+        }
     }
 }
