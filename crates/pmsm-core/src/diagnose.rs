@@ -20,6 +20,7 @@ pub mod join;
 pub mod locate;
 mod motion;
 mod outputs;
+mod plausible;
 mod power;
 mod prescribe;
 mod reach;

@@ -1,6 +1,8 @@
 //! The answer: what was found, where, what else it could be, and what it is worth.
 
-use super::answer::{Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, Step, Traces, Verdict};
+use super::answer::{
+    Answer, BeforeAfter, Candidate, Columns, Estimate, FitTable, FoundModel, Step, Traces, Verdict,
+};
 use super::data::Data;
 use super::decide::{self, Ranked};
 use super::fitting;
@@ -10,7 +12,7 @@ use super::outputs::Outputs;
 use super::search::Outcome;
 use super::ties::Tie;
 use super::transfer::transfer;
-use super::{able, agree, each, power, prescribe, reach, unmodelled, verdict};
+use super::{able, agree, each, plausible, power, prescribe, reach, unmodelled, verdict};
 use crate::effect::Site;
 use crate::error::Result;
 use crate::monitor::Monitor;
@@ -78,6 +80,10 @@ pub fn conclude(
         verdict = Verdict::Undetermined;
         ranked.iter_mut().for_each(|r| r.probability = r.probability.min(agree::CEILING));
     }
+    if verdict == Verdict::Named && moves_nothing(data, &best.fitted) {
+        verdict = Verdict::Unknown;
+        ranked.iter_mut().for_each(|r| r.probability = r.probability.min(decide::CEILING_UNKNOWN));
+    }
     let described = match verdict {
         _ if monitor.cancelled() => None,
         Verdict::Unknown => Some(unmodelled::explain(data, judge, &best.fitted, monitor)?),
@@ -113,6 +119,8 @@ pub fn conclude(
     let ranking = ranked.par_iter().map(|r| candidate(data, &outcome, r, &model_outputs)).collect();
     let next_experiment = prescribe::next_experiment(data, &ranked, &outcome, verdict, weak, monitor)?;
     let mut data_quality = quality(data, weak, &ties, refuted);
+    data_quality.extend(plausible::against_nameplate(data, &model_outputs.base()));
+    data_quality.extend(plausible::load_may_be_off(data, &best.fitted));
     data_quality.extend(contradiction.map(|c| c.finding));
     data_quality.extend(monitor.cancelled().then(|| Finding {
         finding: "the diagnosis was interrupted".into(),
@@ -148,6 +156,22 @@ pub fn conclude(
         recordings: each::recordings(data, &traces.recording),
         traces,
     })
+}
+
+/// Whether the model owes its place to a mechanical effect none of whose parameters exceeds its own standard error: what it takes away is
+/// real, and something else.
+fn moves_nothing(data: &Data, hypothesis: &Hypothesis) -> bool {
+    let mechanical: Vec<_> =
+        hypothesis.effects().into_iter().filter(|e| e.info().site == Site::Mechanical).collect();
+    if mechanical.is_empty() {
+        return false;
+    }
+    let outputs = Outputs::new(data, hypothesis);
+    let shown = |x: &Estimate| match (x.value, x.stderr) {
+        (Some(value), Some(stderr)) => value.abs() >= stderr,
+        _ => true,
+    };
+    mechanical.iter().any(|e| hypothesis.vanishes(*e) || !outputs.effect(*e).values().any(shown))
 }
 
 fn step(data: &Data, hypothesis: &Hypothesis) -> Step {

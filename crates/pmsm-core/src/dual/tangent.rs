@@ -61,7 +61,7 @@ pub struct Tangent<V, const R: usize, const APART: bool> {
 }
 
 /// A tangent with the value `re` and the derivatives that an expression of `k` gives. A closure would be compiled without
-/// the path's instructions, and thousands of loops over one or two vectors take the compiler minutes to unroll.
+/// the path's instructions, and thousands of loops over a few vectors take the compiler minutes to unroll.
 macro_rules! each {
     ($re:expr, $k:ident => $eps:expr) => {{
         let mut tangent = Self { re: $re, eps: [V::zero(); R] };
@@ -74,7 +74,15 @@ macro_rules! each {
             tangent.eps[1] = $eps;
         }
         if const { R > 2 } {
-            for $k in 2..R {
+            let $k = 2;
+            tangent.eps[2] = $eps;
+        }
+        if const { R > 3 } {
+            let $k = 3;
+            tangent.eps[3] = $eps;
+        }
+        if const { R > 4 } {
+            for $k in 4..R {
                 tangent.eps[$k] = $eps;
             }
         }

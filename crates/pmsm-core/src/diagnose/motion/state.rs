@@ -88,9 +88,10 @@ pub fn found(nuisances: &[Nuisance], load: &[f64]) -> Vec<State> {
     split(nuisances, load).map(|(nuisance, own)| State::of(own, nuisance)).collect()
 }
 
-/// Mean torque that is neither acceleration nor viscous friction: where the search for the load begins.
+/// Mean torque that is neither acceleration nor viscous friction: where the search for the load begins; none where a model has run away.
 fn start_level(data: &Data, torque: &[f64], own: &[f64]) -> f64 {
     let b = own[BaseParameter::B.index()];
     let friction = data.signals.omega_e.iter().map(|w| b * w / data.signals.n_p);
-    torque.iter().zip(friction).map(|(t, f)| t - f).sum::<f64>() / torque.len() as f64
+    let mean = torque.iter().zip(friction).map(|(t, f)| t - f).sum::<f64>() / torque.len() as f64;
+    if mean.is_finite() { mean } else { 0.0 }
 }

@@ -1,0 +1,108 @@
+//! What an answer contradicts of what the user has written down: the nameplate, and the load in the machine file. Neither is physics
+//! that a model leaves out, and a wrong unit or scale fits as well as the right one.
+
+use super::answer::Estimate;
+use super::data::Data;
+use super::hypothesis::Hypothesis;
+use crate::effects::EffectId;
+use crate::machine::BaseParameter;
+use crate::recording::Load;
+use crate::signals::Finding;
+use std::collections::BTreeMap;
+use std::f64::consts::SQRT_2;
+
+/// Factor by which a nameplate may be off either way; what lies beyond was written or measured in another unit or scale.
+const OFF: f64 = 1.35;
+/// Factor within which parameters are off by one scale, and within which that is one of those that are mistaken for one another.
+const SAME: f64 = 1.25;
+const NEAR: f64 = 1.15;
+const MISTAKEN: [(f64, &str); 4] = [
+    (SQRT_2, "√2, as rms stands to peak values"),
+    (1.732_050_807_568_877_2, "√3, as line-to-line stands to phase voltages"),
+    (10.0, "10, as a probe's ratio may be"),
+    (1000.0, "1000, as a unit's prefix may be"),
+];
+
+/// Base parameters that came out far from the nameplate, and of what scale that may come.
+pub fn against_nameplate(data: &Data, base: &BTreeMap<String, Estimate>) -> Option<Finding> {
+    let ratio = |p: &BaseParameter| {
+        let (_, nameplate, _) = *data.prior.iter().find(|(index, ..)| *index == p.index())?;
+        let found = base.get(p.name()).filter(|e| e.stderr.is_some())?.value?;
+        (nameplate > 0.0 && found > 0.0).then(|| (*p, found / nameplate))
+    };
+    // A bearing's friction is nobody's nameplate.
+    let ratios: Vec<(BaseParameter, f64)> =
+        BaseParameter::ALL.iter().filter(|p| **p != BaseParameter::B).filter_map(ratio).collect();
+    let off: Vec<String> = ratios
+        .iter()
+        .filter(|(_, ratio)| ratio.ln().abs() > OFF.ln())
+        .map(|(p, ratio)| format!("{} at {ratio:.3} times", p.name()))
+        .collect();
+    (!off.is_empty()).then(|| Finding {
+        finding: format!("this comes out far from the nameplate: {} its value there", off.join(", ")),
+        consequence:
+            "a wrong unit, scale or number of pole pairs fits as well as the right one, and nothing else tells of it"
+                .into(),
+        fix: format!("check {}", suspect(&ratios)),
+    })
+}
+
+/// What is to be checked where base parameters come out at these multiples of the nameplate.
+fn suspect(ratios: &[(BaseParameter, f64)]) -> String {
+    let of = |wanted: &[BaseParameter]| -> Vec<f64> {
+        ratios.iter().filter(|(p, _)| wanted.contains(p)).map(|(_, r)| r.ln()).collect()
+    };
+    let winding = of(&[BaseParameter::RS, BaseParameter::LD, BaseParameter::LQ]);
+    let flux = of(&[BaseParameter::PsiM]);
+    let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len() as f64;
+    let alike = |x: &[f64]| x.len() > 1 && x.iter().all(|r| (r - mean(x)).abs() < SAME.ln());
+    let far = |x: &[f64]| alike(x) && mean(x).abs() > OFF.ln();
+    let named = |scale: f64| {
+        let known = MISTAKEN.iter().find(|(known, _)| (scale.abs() - known.ln()).abs() < NEAR.ln());
+        known.map_or(String::new(), |(_, words)| format!(": the factor may be {words}"))
+    };
+    let all = [&winding[..], &flux].concat();
+    if far(&all) && !flux.is_empty() {
+        return format!("the scale of the voltages, or of speed and time{}", named(mean(&all)));
+    }
+    if far(&winding) {
+        return format!("the scale of the currents{}", named(mean(&winding)));
+    }
+    "the nameplate, n_p, and the units of voltages, currents, speed and time".into()
+}
+
+/// A torque that is the same in both directions is what a load that is a little off makes, too, where the file states or measures it.
+pub fn load_may_be_off(data: &Data, hypothesis: &Hypothesis) -> Option<Finding> {
+    let known = |run: &Data| {
+        !matches!(run.signals.load, Load::UnknownConstant | Load::UnknownPiecewise | Load::Locked)
+    };
+    if !data.runs().iter().any(known) {
+        return None;
+    }
+    let asymmetric = hypothesis.model.slots().iter().find(|s| s.effect == EffectId::AsymmetricFriction)?;
+    let at = asymmetric.effect.info().parameters.iter().position(|p| p.name == "tau_a")?;
+    let torque = hypothesis.parameters[asymmetric.parameters.start + at];
+    Some(Finding {
+        finding: format!("a load that is {torque:.3} N·m more than the log or the machine file says would do what tau_a does"),
+        consequence: "friction that differs by direction, and a load, a zero or a scale of the torque that is off, are one and the same in this respect"
+            .into(),
+        fix: "compare it with what the load is known to; give [load] kind = \"unknown_constant\" where it is not, and see what is left"
+            .into(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use BaseParameter as P;
+
+    #[test]
+    fn a_scale_is_recognised_by_what_it_multiplies() {
+        let voltages = suspect(&[(P::RS, 1.5), (P::LD, 1.35), (P::LQ, 1.3), (P::PsiM, 1.45), (P::J, 1.0)]);
+        assert!(voltages.contains("voltages") && voltages.contains("√2"), "{voltages}");
+        let currents = suspect(&[(P::RS, 0.1), (P::LD, 0.09), (P::LQ, 0.11), (P::PsiM, 1.1)]);
+        assert!(currents.contains("currents") && currents.contains("probe"), "{currents}");
+        let turns = suspect(&[(P::RS, 1.1), (P::LD, 0.9), (P::LQ, 1.0), (P::PsiM, 1.0), (P::J, 4.0)]);
+        assert!(turns.contains("n_p"), "{turns}");
+    }
+}
