@@ -13,6 +13,8 @@ use std::f64::consts::SQRT_2;
 
 /// Factor by which a nameplate may be off either way; what lies beyond was written or measured in another unit or scale.
 const OFF: f64 = 1.35;
+/// Standard error, share of the value, up to which a parameter is known well enough to be held against the nameplate.
+const CERTAIN: f64 = 0.1;
 /// Factor within which parameters are off by one scale, and within which that is one of those that are mistaken for one another.
 const SAME: f64 = 1.25;
 const NEAR: f64 = 1.15;
@@ -23,11 +25,14 @@ const MISTAKEN: [(f64, &str); 4] = [
     (1000.0, "1000, as a unit's prefix may be"),
 ];
 
-/// Base parameters that came out far from the nameplate, and of what scale that may come.
+/// Base parameters that came out far from the nameplate, and of what scale that may come. A poor recording does not contradict it.
 pub fn against_nameplate(data: &Data, base: &BTreeMap<String, Estimate>) -> Option<Finding> {
+    if data.poor {
+        return None;
+    }
     let ratio = |p: &BaseParameter| {
         let (_, nameplate, _) = *data.prior.iter().find(|(index, ..)| *index == p.index())?;
-        let found = base.get(p.name()).filter(|e| e.stderr.is_some())?.value?;
+        let found = base.get(p.name()).filter(|e| certain(e))?.value?;
         (nameplate > 0.0 && found > 0.0).then(|| (*p, found / nameplate))
     };
     // A bearing's friction is nobody's nameplate.
@@ -45,6 +50,10 @@ pub fn against_nameplate(data: &Data, base: &BTreeMap<String, Estimate>) -> Opti
                 .into(),
         fix: format!("check {}", suspect(&ratios)),
     })
+}
+
+fn certain(estimate: &Estimate) -> bool {
+    estimate.value.zip(estimate.stderr).is_some_and(|(value, stderr)| stderr <= CERTAIN * value.abs())
 }
 
 /// What is to be checked where base parameters come out at these multiples of the nameplate.
@@ -95,6 +104,13 @@ pub fn load_may_be_off(data: &Data, hypothesis: &Hypothesis) -> Option<Finding> 
 mod tests {
     use super::*;
     use BaseParameter as P;
+
+    #[test]
+    fn what_is_hardly_known_contradicts_nothing() {
+        let known =
+            |stderr| Estimate { value: Some(2.0), stderr, ci95: None, unit: "H".into(), why_none: None };
+        assert!(certain(&known(Some(0.1))) && !certain(&known(Some(0.5))) && !certain(&known(None)));
+    }
 
     #[test]
     fn a_scale_is_recognised_by_what_it_multiplies() {
