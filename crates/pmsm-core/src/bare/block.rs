@@ -190,17 +190,18 @@ impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Subtract<'_, FO
     fn run<V: Lane>(mut self) {
         let vectors = self.blocks.len() * BLOCK / V::WIDTH;
         let once = self.stretch.pieces == 1;
-        let few = const { FORM == INCREMENTS || V::WIDTH < 4 };
-        for first in (0..vectors).step_by(if few { 1 } else { 2 }) {
-            if const { FORM == INCREMENTS || V::WIDTH < 4 } {
+        if const { FORM == INCREMENTS || V::WIDTH < 4 } {
+            for first in 0..vectors {
                 self.advance::<V, 1, false>(first);
-                continue;
             }
-            match (vectors - first, once) {
-                (1, true) => self.advance::<V, 1, true>(first),
-                (1, false) => self.advance::<V, 1, false>(first),
-                (_, true) => self.advance::<V, 2, true>(first),
-                (_, false) => self.advance::<V, 2, false>(first),
+        } else {
+            for first in (0..vectors).step_by(2) {
+                match (vectors - first, once) {
+                    (1, true) => self.advance::<V, 1, true>(first),
+                    (1, false) => self.advance::<V, 1, false>(first),
+                    (_, true) => self.advance::<V, 2, true>(first),
+                    (_, false) => self.advance::<V, 2, false>(first),
+                }
             }
         }
         self.compare::<V>();

@@ -14,6 +14,7 @@ use super::ties::Tie;
 use super::transfer::transfer;
 use super::{able, agree, each, plausible, power, prescribe, reach, unmodelled, verdict};
 use crate::effect::Site;
+use crate::effects::EffectId;
 use crate::error::Result;
 use crate::monitor::Monitor;
 use crate::recording::Kind;
@@ -80,7 +81,8 @@ pub fn conclude(
         verdict = Verdict::Undetermined;
         ranked.iter_mut().for_each(|r| r.probability = r.probability.min(agree::CEILING));
     }
-    if verdict == Verdict::Named && moves_nothing(data, &best.fitted) {
+    let own = Outputs::new(data, &best.fitted);
+    if verdict == Verdict::Named && moves_nothing(&best.fitted, &own) {
         verdict = Verdict::Unknown;
         ranked.iter_mut().for_each(|r| r.probability = r.probability.min(decide::CEILING_UNKNOWN));
     }
@@ -95,7 +97,8 @@ pub fn conclude(
         ranked.iter_mut().for_each(|r| r.probability = r.probability.min(decide::CEILING_UNKNOWN));
     }
     let settled = described.as_ref().map_or(&best.fitted, |(fitted, _)| fitted);
-    let model_outputs = Outputs::new(data, settled);
+    let mapped = described.as_ref().map(|(fitted, _)| Outputs::new(data, fitted));
+    let model_outputs = mapped.as_ref().unwrap_or(&own);
     // Steady points have no dynamics to tell an effect from base parameters that can stand in for all of its strength.
     let steady = data.signals.kind == Kind::OperatingPoints;
     let ties = if steady { model_outputs.ties() } else { Vec::new() };
@@ -116,11 +119,11 @@ pub fn conclude(
         traces.validation = self::traces(judge, before, after);
         fit.validation = table(&traces.validation, judge);
     }
-    let ranking = ranked.par_iter().map(|r| candidate(data, &outcome, r, &model_outputs)).collect();
+    let ranking = ranked.par_iter().map(|r| candidate(data, &outcome, r, model_outputs)).collect();
     let next_experiment = prescribe::next_experiment(data, &ranked, &outcome, verdict, weak, monitor)?;
     let mut data_quality = quality(data, weak, &ties, refuted);
     data_quality.extend(plausible::against_nameplate(data, &model_outputs.base()));
-    data_quality.extend(plausible::load_may_be_off(data, &best.fitted));
+    data_quality.extend(plausible::load_may_be_off(data, &own.effect(EffectId::AsymmetricFriction)));
     data_quality.extend(contradiction.map(|c| c.finding));
     data_quality.extend(monitor.cancelled().then(|| Finding {
         finding: "the diagnosis was interrupted".into(),
@@ -160,18 +163,14 @@ pub fn conclude(
 
 /// Whether the model owes its place to a mechanical effect none of whose parameters exceeds its own standard error: what it takes away is
 /// real, and something else.
-fn moves_nothing(data: &Data, hypothesis: &Hypothesis) -> bool {
-    let mechanical: Vec<_> =
-        hypothesis.effects().into_iter().filter(|e| e.info().site == Site::Mechanical).collect();
-    if mechanical.is_empty() {
-        return false;
-    }
-    let outputs = Outputs::new(data, hypothesis);
+fn moves_nothing(hypothesis: &Hypothesis, outputs: &Outputs) -> bool {
     let shown = |x: &Estimate| match (x.value, x.stderr) {
         (Some(value), Some(stderr)) => value.abs() >= stderr,
         _ => true,
     };
-    mechanical.iter().any(|e| hypothesis.vanishes(*e) || !outputs.effect(*e).values().any(shown))
+    let effects = hypothesis.effects().into_iter();
+    let mut mechanical = effects.filter(|e| e.info().site == Site::Mechanical);
+    mechanical.any(|e| hypothesis.vanishes(e) || !outputs.effect(e).values().any(shown))
 }
 
 fn step(data: &Data, hypothesis: &Hypothesis) -> Step {

@@ -3,11 +3,10 @@
 
 use super::answer::Estimate;
 use super::data::Data;
-use super::hypothesis::Hypothesis;
-use crate::effects::EffectId;
 use crate::machine::BaseParameter;
 use crate::recording::Load;
 use crate::signals::Finding;
+use crate::transforms::SQRT3;
 use std::collections::BTreeMap;
 use std::f64::consts::SQRT_2;
 
@@ -20,7 +19,7 @@ const SAME: f64 = 1.25;
 const NEAR: f64 = 1.15;
 const MISTAKEN: [(f64, &str); 4] = [
     (SQRT_2, "√2, as rms stands to peak values"),
-    (1.732_050_807_568_877_2, "√3, as line-to-line stands to phase voltages"),
+    (SQRT3, "√3, as line-to-line stands to phase voltages"),
     (10.0, "10, as a probe's ratio may be"),
     (1000.0, "1000, as a unit's prefix may be"),
 ];
@@ -81,18 +80,22 @@ fn suspect(ratios: &[(BaseParameter, f64)]) -> String {
 }
 
 /// A torque that is the same in both directions is what a load that is a little off makes, too, where the file states or measures it.
-pub fn load_may_be_off(data: &Data, hypothesis: &Hypothesis) -> Option<Finding> {
+/// `asymmetric` are the estimates of friction that differs by direction, if it was found.
+pub fn load_may_be_off(data: &Data, asymmetric: &BTreeMap<String, Estimate>) -> Option<Finding> {
     let known = |run: &Data| {
         !matches!(run.signals.load, Load::UnknownConstant | Load::UnknownPiecewise | Load::Locked)
     };
     if !data.runs().iter().any(known) {
         return None;
     }
-    let asymmetric = hypothesis.model.slots().iter().find(|s| s.effect == EffectId::AsymmetricFriction)?;
-    let at = asymmetric.effect.info().parameters.iter().position(|p| p.name == "tau_a")?;
-    let torque = hypothesis.parameters[asymmetric.parameters.start + at];
-    Some(Finding {
-        finding: format!("a load that is {torque:.3} N·m more than the log or the machine file says would do what tau_a does"),
+    let torque = asymmetric.get("tau_a")?;
+    let (value, stderr) = torque.value.zip(torque.stderr)?;
+    (value.abs() > stderr).then(|| Finding {
+        finding: format!(
+            "a load that is {:.3} N·m {} than the log or the machine file says would do what tau_a does",
+            value.abs(),
+            if value > 0.0 { "more" } else { "less" }
+        ),
         consequence: "friction that differs by direction, and a load, a zero or a scale of the torque that is off, are one and the same in this respect"
             .into(),
         fix: "compare it with what the load is known to; give [load] kind = \"unknown_constant\" where it is not, and see what is left"
