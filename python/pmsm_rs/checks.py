@@ -19,6 +19,9 @@ _LARGEST_STEP = math.pi / 2
 _LEAST_TURN = 0.05
 # nor does one that moves no more than noise adds up to, per median step of it and root of their number
 _NOISE_WALK = 8.0
+# a turn in degrees, rounded up, and jumps by it that are no fault of a few samples
+_TURN = 360.5
+_WRAPS = 2
 # share of the logged d and q values that may not follow from the phases before nothing is said of them
 _FOREIGN = 0.1
 # logarithm of the size and turn (rad) from which it is another convention and no error of a sensor
@@ -45,6 +48,24 @@ def angle_against_speed(
             ratio = _ratio(columns["t"], columns[angle], columns[speed] * pairs)
             if ratio is not None and not 0.8 < ratio < 1.25:
                 raise _explain(angle, speed, ratio, n_p, file)
+
+
+def angle_in_radians(columns: Mapping[str, NDArray[np.float64]], file: str | None) -> None:
+    """Raises DataError where a logged angle wraps at 360 and not at 2π."""
+    for angle in ("theta_e", "theta_m"):
+        x = columns.get(angle, np.empty(0))
+        x = x[np.isfinite(x)]
+        if not x.size or np.ptp(x) > _TURN:
+            continue
+        jumps = np.abs(np.diff(x))
+        if np.sum((jumps > 0.75 * _TURN) & (jumps <= _TURN)) >= _WRAPS:
+            raise refuse(
+                DataError,
+                f"{angle} wraps at 360, as if it were in degrees",
+                file=file,
+                column=angle,
+                fix=f'give {angle} its unit in [columns]: unit = "deg"',
+            )
 
 
 def rotor_frame_against_phases(columns: Mapping[str, NDArray[np.float64]], file: str | None) -> None:

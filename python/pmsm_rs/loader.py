@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._core import DataError, Machine
-from .checks import angle_against_speed, rotor_frame_against_phases
+from .checks import angle_against_speed, angle_in_radians, rotor_frame_against_phases
 from .columns import assemble
 from .config import MachineFile, read_machine
 from .errors import fact, refuse
@@ -76,6 +76,7 @@ def _read(
         raise _with_place(error, source) from error
     recording.file = source.file
     angle_against_speed(columns, known.n_p if known is not None else None, source.file)
+    angle_in_radians(columns, source.file)
     rotor_frame_against_phases(columns, source.file)
     return recording
 

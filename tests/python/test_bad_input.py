@@ -269,6 +269,17 @@ BAD: dict[str, tuple[str, bytes | Callable[[], bytes], list[str], int | None]] =
         ["theta_e", "times as fast"],
         None,
     ),
+    "angle wrapped in degrees without a speed": (
+        "r.csv",
+        csv_text(
+            {
+                **{name: x for name, x in plausible().items() if name != "omega_e"},
+                "theta_e": np.linspace(0.0, 2000.0, len(plausible()["t"])) % 360.0,
+            }
+        ).encode(),
+        ["theta_e", "wraps at 360", "deg"],
+        None,
+    ),
     "angle against speed": (
         "r.csv",
         changed(theta_e=-plausible()["theta_e"]),

@@ -30,9 +30,38 @@ def test_interchanged_phases_are_refused_and_the_column_named(columns, one, othe
         diagnosed(columns)
 
 
-def test_phases_in_another_place_of_the_turn_are_in_order(columns):
+def told_mistakes(columns: dict[str, np.ndarray]) -> list[str]:
+    answer = diagnosed(columns)
+    told = [f["finding"] for f in answer.data_quality if "reads as if" in f["finding"]]
+    assert not told or answer.verdict == "unknown"
+    return told
+
+
+def test_phases_in_another_place_of_the_turn_are_told(columns):
     columns["i_a"], columns["i_b"], columns["i_c"] = columns["i_b"], columns["i_c"], columns["i_a"]
-    assert diagnosed(columns).verdict != "no_mismatch"
+    [told] = told_mistakes(columns)
+    assert "currents of the phases b, c, a were in the columns of a, b, c" in told
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [(("i_a", "i_b", "i_c"), "all currents had the opposite sign"), (("i_b",), "i_b had the opposite sign")],
+)
+def test_signs_that_explain_what_no_physics_does_are_told(columns, names, said):
+    for name in names:
+        columns[name] = -columns[name]
+    [told] = told_mistakes(columns)
+    assert said in told
+
+
+def test_an_angle_from_another_axis_is_told(columns):
+    columns["theta_e"] = columns["theta_e"] - np.pi / 2
+    [told] = told_mistakes(columns)
+    assert "theta_e was 90° too small" in told
+
+
+def test_a_recording_as_it_is_reads_as_no_mistake(columns):
+    assert not told_mistakes(columns)
 
 
 @pytest.mark.parametrize(

@@ -31,17 +31,19 @@ pub mod shortlist;
 #[cfg(test)]
 mod testing;
 mod ties;
+mod torque_noise;
 mod transfer;
 mod turns;
 pub mod unmodelled;
 pub mod verdict;
+mod wiring;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::monitor::Monitor;
 use crate::recording::Recording;
 use crate::signals::Signals;
-use answer::Answer;
+use answer::{Answer, Verdict};
 use data::Data;
 use hold::Held;
 use hypothesis::Hypothesis;
@@ -58,8 +60,9 @@ const QUIETER: f64 = 0.93;
 /// estimated but initial values and an unknown load.
 ///
 /// # Errors
-/// Those of [`join::prepare`] and [`Signals::new`], [`crate::start::values`] and the least-squares fits. An interruption through `monitor` is no error: the
-/// answer then rests on what had been tried.
+/// [`Error::Unusable`] if the validation run is one of the recordings; those of [`join::prepare`] and [`Signals::new`],
+/// [`crate::start::values`] and the least-squares fits. An interruption through `monitor` is no error: the answer then rests on what had
+/// been tried.
 pub fn diagnose(
     recordings: &[&Recording],
     machine: &Machine,
@@ -67,13 +70,21 @@ pub fn diagnose(
     monitor: &dyn Monitor,
 ) -> Result<Answer> {
     monitor.report("bare machine", 0.0);
+    if validation.is_some_and(|run| recordings.iter().any(|recording| recording.same_samples(run))) {
+        return Err(Error::unusable(
+            "the validation run is the recording itself: it judges nothing",
+            "give another run of the same machine, or none",
+        ));
+    }
     let mut whole = join::prepare(recordings, machine)?;
     if let Some(finding) = bare::silent(&whole) {
         return Ok(conclude::undetermined(&whole, finding, Some(RICH)));
     }
     let mut base = bare::fit(&mut whole, monitor)?;
     if let Some(finding) = bare::diverged(&base) {
-        return Ok(conclude::undetermined(&whole, finding, None));
+        let mut answer = conclude::undetermined(&whole, finding, None);
+        answer.data_quality.extend(wiring::suspected(recordings, machine, &base, monitor)?);
+        return Ok(answer);
     }
     let mut others = Vec::new();
     if let Some(recording) = validation {
@@ -116,7 +127,14 @@ pub fn diagnose(
     }
     monitor.report("answer", 0.97);
     let judge = others.last().filter(|_| validation.is_some());
-    conclude::conclude(&whole, judge, outcome, &weak, monitor)
+    let first = outcome.base.fitted.clone();
+    let mut answer = conclude::conclude(&whole, judge, outcome, &weak, monitor)?;
+    if answer.verdict == Verdict::Unknown
+        && let Some(finding) = wiring::suspected(recordings, machine, &first, monitor)?
+    {
+        answer.data_quality.insert(0, finding);
+    }
+    Ok(answer)
 }
 
 /// Searches for the effects, held against the other recordings or against every other window of this one.
@@ -218,7 +236,6 @@ fn on_whole(data: &Data, found: Outcome, base: &Hypothesis, monitor: &dyn Monito
 
 #[cfg(test)]
 mod tests {
-    use super::answer::Verdict;
     use super::testing::{choice, setup, speeds};
     use super::*;
     use crate::drive::{Choice, Schedule, Shape, simulate};

@@ -18,6 +18,14 @@ macro_rules! catalogue {
             $(#[doc = concat!("See [`", stringify!($module), "`].")] $name),+
         }
 
+        /// Electrical states of a machine with all effects: the flux linkages d and q, and what each effect adds.
+        pub const ELECTRICAL_STATES: usize = 2 $(+ <$module::$name as Effect>::ELECTRICAL_STATES)+;
+        /// Mechanical states of a machine with all effects: the speed, and what each effect adds.
+        pub const MECHANICAL_STATES: usize = 1 $(+ <$module::$name as Effect>::MECHANICAL_STATES)+;
+
+        /// States of such a machine in one piece, with its angle.
+        pub const STATES: usize = ELECTRICAL_STATES + MECHANICAL_STATES + 1;
+
         /// All effects, in the order of the registry.
         pub const ALL: &[EffectId] = &[$(EffectId::$name),+];
 

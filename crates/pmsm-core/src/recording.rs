@@ -150,6 +150,11 @@ impl Recording {
         self.kind
     }
 
+    /// Whether `other` holds the very same columns and samples.
+    pub fn same_samples(&self, other: &Self) -> bool {
+        self.columns == other.columns
+    }
+
     /// True if all of these columns were recorded.
     pub fn has(&self, names: &[&str]) -> bool {
         names.iter().all(|name| self.columns.contains_key(name))

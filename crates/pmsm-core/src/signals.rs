@@ -193,6 +193,9 @@ impl Signals {
                 (v, [true; 2])
             }
         };
+        if v.is_none() {
+            findings.extend(phases::incomplete_voltage(recording));
+        }
         let above = |name: &str| {
             let column = recording.column(name);
             column.map(|x| x.iter().map(|v| v - REFERENCE_TEMPERATURE).collect::<Vec<f64>>())
@@ -333,6 +336,18 @@ mod tests {
         let recording = Recording::new(columns.into_iter().chain(currents).collect(), None).unwrap();
         let error = Signals::new(&recording, &Machine::new(4).unwrap()).unwrap_err().to_string();
         assert!(error.contains("i_b") && error.contains("two phase currents"), "{error}");
+    }
+
+    #[test]
+    fn a_voltage_of_one_axis_is_said_to_be_of_no_use() {
+        let whole = turning(2000, 300.0, 1.0);
+        let columns = ["t", "theta_e", "omega_e", "v_q", "i_d", "i_q"]
+            .map(|name| (name.to_string(), whole.column(name).unwrap().to_vec()));
+        let recording = Recording::new(columns.into(), None).unwrap();
+        let findings = Signals::new(&recording, &Machine::new(4).unwrap()).unwrap().findings;
+        assert!(findings.iter().any(|f| f.finding.starts_with("v_q alone")), "{findings:?}");
+        let whole = Signals::new(&whole, &Machine::new(4).unwrap()).unwrap();
+        assert!(whole.findings.iter().all(|f| !f.finding.contains("alone")));
     }
 
     #[test]

@@ -68,6 +68,12 @@ pub fn regressed(signals: &Signals, p: &[f64], free: &[usize]) -> Vec<f64> {
     out
 }
 
+/// r_s, l_d, l_q and psi_m from a regression of the voltage equations alone, and the share of the squares that it leaves; `None` where the
+/// recording does not show them.
+pub fn voltages(signals: &Signals) -> Option<([f64; 4], f64)> {
+    regression::voltages(signals)
+}
+
 /// Takes over what was found.
 fn take<const N: usize>(out: &mut [f64], found: Option<[f64; N]>) {
     let shown = out.iter_mut().zip(found.into_iter().flatten()).filter(|(_, x)| x.is_finite());

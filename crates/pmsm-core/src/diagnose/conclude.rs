@@ -74,7 +74,7 @@ pub fn conclude(
     let (first, end) = (outcome.path[0].clone(), outcome.path[last].clone());
     (outcome.base, outcome.best) = (first, end);
     let best = &outcome.best;
-    let located = located(data, &outcome, verdict);
+    let located = located(data, judge, &outcome, verdict);
     // What stays unknown is at least described, so that the model predicts.
     let contradiction = agree::contradiction(data, &best.fitted, monitor)?;
     if contradiction.as_ref().is_some_and(|c| c.concerns(&best.fitted.effects())) {
@@ -224,9 +224,17 @@ fn candidate(data: &Data, outcome: &Outcome, ranked: &Ranked, model: &Outputs) -
     }
 }
 
-/// Where it sits. What a named sensor or electrical effect explains of the other equations is its own.
-fn located(data: &Data, outcome: &Outcome, verdict: Verdict) -> Vec<Located> {
+/// Where it sits, on the validation run if that alone shows it. What a named sensor or electrical effect explains of the other equations
+/// is its own.
+fn located(data: &Data, judge: Option<&Data>, outcome: &Outcome, verdict: Verdict) -> Vec<Located> {
     let mut located = locate::locate(data, &outcome.base.fitted);
+    let on_judge = judge.zip(outcome.base.held_out.last());
+    if let Some((judge, base)) = on_judge.filter(|_| located.is_empty() && verdict == Verdict::Unknown) {
+        located = locate::locate(judge, base);
+        for at in &mut located {
+            at.sentence = format!("On the validation run alone: {}", at.sentence);
+        }
+    }
     if !matches!(verdict, Verdict::Named | Verdict::Ambiguous) {
         return located;
     }

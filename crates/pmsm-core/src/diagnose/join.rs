@@ -31,6 +31,7 @@ pub fn prepare(recordings: &[&Recording], machine: &Machine) -> Result<Data> {
     if signals.len() == 1 {
         return Data::new(signals.remove(0), machine);
     }
+    distinct(recordings)?;
     combinable(&signals)?;
     let common = agree_on_temperatures(&mut signals);
     let start = first_values(&signals, machine)?;
@@ -40,6 +41,21 @@ pub fn prepare(recordings: &[&Recording], machine: &Machine) -> Result<Data> {
 
 fn within(error: Error, at: usize, count: usize) -> Error {
     if count == 1 { error } else { Error::InRecording { number: at + 1, source: Box::new(error) } }
+}
+
+/// What is given twice would count twice.
+fn distinct(recordings: &[&Recording]) -> Result<()> {
+    for (at, recording) in recordings.iter().enumerate() {
+        if let Some(first) = recordings[..at].iter().position(|other| recording.same_samples(other)) {
+            let problem = Error::Column {
+                column: "t".into(),
+                problem: format!("and all other columns are those of recording {}", first + 1),
+                fix: "give each recording once: what is given twice would count twice".into(),
+            };
+            return Err(within(problem, at, recordings.len()));
+        }
+    }
+    Ok(())
 }
 
 /// Steady points have other equations than waveforms: the fit of one says nothing of the transients of the other.
@@ -311,6 +327,18 @@ mod tests {
         assert!(
             error.to_string().contains("operating points") && error.to_string().contains("by themselves")
         );
+    }
+
+    #[test]
+    fn a_recording_that_is_given_twice_is_refused_by_number() {
+        let (one, other) = (setup(sweep(60.0, 90.0), Vec::new()), setup(sweep(40.0, 90.0), Vec::new()));
+        let machine = one.nameplate.clone();
+        let [one, other] = [one, other].map(|s| simulate(&s, &Silent).unwrap().recording);
+        let error = prepare(&[&one, &other, &one], &machine).unwrap_err();
+        assert!(matches!(error, Error::InRecording { number: 3, .. }), "{error}");
+        assert!(error.to_string().contains("recording 1"), "{error}");
+        let error = diagnose(&[&one], &machine, Some(&one), &Silent).unwrap_err();
+        assert!(error.to_string().contains("judges nothing"), "{error}");
     }
 
     #[test]

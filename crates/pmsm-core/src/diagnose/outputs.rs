@@ -4,6 +4,7 @@ use super::answer::Estimate;
 use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::ties::{self, Tie};
+use super::torque_noise;
 use crate::base::Base;
 use crate::dual::Dual;
 use crate::effect::Role;
@@ -37,7 +38,7 @@ impl<'a> Outputs<'a> {
     ///
     /// The electrical parameters come from the electrical channels alone, and the mechanical ones from the speed at
     /// those values. Their covariance follows the same way down: C_m = C_m|e + G·C_e·Gᵀ with
-    /// G = −(J_mᵀJ_m)⁻¹·J_mᵀJ_e on the rows of the speed. Where a sensor is suspected all were fitted together.
+    /// G = −(J_mᵀJ_m)⁻¹·J_mᵀJ_e on the rows of the speed, and noise of the torque adds to it. Where a sensor is suspected all were fitted together.
     pub fn new(data: &'a Data, hypothesis: &'a Hypothesis) -> Self {
         let experiment = data.whole(hypothesis);
         let linear = experiment.linearise(&hypothesis.parameters, &hypothesis.free);
@@ -60,6 +61,8 @@ impl<'a> Outputs<'a> {
                 let c_m = uncertainty::covariance(&j_m, &linear.residual.rows(at.start, n).into_owned(), n);
                 let all = vec![true; second.len()];
                 let inverse = least_squares::covariance(&j_m.tr_mul(&j_m), None, &all).map(finite);
+                let shaken = torque_noise::scores(data, hypothesis, &j_m);
+                let c_m = c_m + &inverse * shaken * &inverse;
                 let g = -(inverse * j_m.tr_mul(&j_e));
                 let (a, b) = (first.len(), second.len());
                 let mut whole = DMatrix::zeros(a + b, a + b);

@@ -219,6 +219,10 @@ impl Trial<'_> {
             false if more > 0.0 => ((more - left) / more).clamp(-1.0, 1.0),
             false => 0.0,
         };
+        // What the fit gains and the prediction loses is no model of what is missing.
+        if share <= 0.0 {
+            return Ok(None);
+        }
         let whole = if halves.is_some() { fit(self.data)? } else { after.fitted };
         Ok(Some((fitting::efficient(self.data, &whole, self.monitor)?, share)))
     }

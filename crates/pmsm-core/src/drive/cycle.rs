@@ -10,6 +10,7 @@ use super::sensors::SensorBox;
 use super::settings::{DriveSettings, Hold, Resolved};
 use crate::base::{BASE, Base};
 use crate::effect::Env;
+use crate::effects::{ELECTRICAL_STATES, MECHANICAL_STATES, STATES};
 use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::model::Model;
@@ -89,7 +90,7 @@ pub fn run(
     match (motor.model.electrical_states(), motor.model.mechanical_states()) {
         (0, 0) => cycle.run::<2, 1, 4>(monitor, sink),
         (0..=2, 0..=2) => cycle.run::<4, 3, 8>(monitor, sink),
-        _ => cycle.run::<12, 9, 22>(monitor, sink),
+        _ => cycle.run::<ELECTRICAL_STATES, MECHANICAL_STATES, STATES>(monitor, sink),
     }
 }
 

@@ -4,6 +4,7 @@
 use super::Model;
 use crate::base::Base;
 use crate::effect::{Electrical, Env};
+use crate::effects::ELECTRICAL_STATES;
 use crate::real::Real;
 
 /// Newton's steps at most.
@@ -37,7 +38,9 @@ impl Model {
         i: [T; 2],
         env: &Env<T>,
     ) -> ([T; N], T) {
-        self.state_under(p, base, i, Known::default(), &[T::zero(); N], env)
+        let mut state = [T::zero(); N];
+        let tau_e = self.state_under(p, base, i, Known::default(), &mut state, env);
+        (state, tau_e)
     }
 
     /// What of a state belongs to temperatures; the rest is zero.
@@ -57,21 +60,13 @@ impl Model {
 
     /// Lets the temperatures among `state` go on for `h` seconds at the terminal current `i` (d, q).
     #[inline(always)]
-    pub fn warm<T: Real, const N: usize>(
-        &self,
-        p: &[T],
-        base: &Base<T>,
-        state: &mut [T; N],
-        i: [T; 2],
-        h: f64,
-        env: &Env<T>,
-    ) {
+    pub fn warm<T: Real>(&self, p: &[T], base: &Base<T>, state: &mut [T], i: [T; 2], h: f64, env: &Env<T>) {
         let (r_s, _, _) = self.sources(p, base, &state[2..], env);
         let zero = [T::zero(); 2];
         let at = Electrical { env: *env, sin_cos: (T::zero(), T::one()), i, r_s, v: zero, emf: zero };
         for s in self.slots.iter().filter(|s| s.effect.is_thermal()) {
             let range = 2 + s.electrical.start..2 + s.electrical.end;
-            let mut rate = [T::zero(); N];
+            let mut rate = [T::zero(); ELECTRICAL_STATES];
             let own = &p[s.parameters.clone()];
             let rate = &mut rate[..range.len()];
             s.effect.electrical_states(own, &state[range.clone()], &at, &self.context, rate);
@@ -81,18 +76,18 @@ impl Model {
         }
     }
 
-    /// As [`Model::steady_state`], but with what is `known`, and with the temperatures of the state `warm`.
+    /// As [`Model::steady_state`], but with what is `known`, and with the temperatures of `state`, which becomes the one looked for;
+    /// returns its torque.
     #[inline(always)]
-    pub fn state_under<T: Real, const N: usize>(
+    pub fn state_under<T: Real>(
         &self,
         p: &[T],
         base: &Base<T>,
         i: [T; 2],
         known: Known<T>,
-        warm: &[T; N],
+        state: &mut [T],
         env: &Env<T>,
-    ) -> ([T; N], T) {
-        let mut state = *warm;
+    ) -> T {
         let (r_s, psi_m, magnet) = self.sources(p, base, &state[2..], env);
         let sin_cos = self.sin_cos(env);
         let unsaturated = [magnet.flux[0] + base.l_d * i[0], magnet.flux[1] + base.l_q * i[1]];
@@ -125,7 +120,7 @@ impl Model {
             }
         };
         (state[0], state[1]) = (flux[0], flux[1]);
-        (state, tau_e)
+        tau_e
     }
 }
 

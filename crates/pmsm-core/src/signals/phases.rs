@@ -63,6 +63,17 @@ pub struct Currents {
     pub completed: Option<usize>,
 }
 
+/// A finding where voltages were logged that make no vector.
+pub fn incomplete_voltage(recording: &Recording) -> Option<Finding> {
+    let logged: Vec<&str> =
+        ["v_d", "v_q", "v_a", "v_b", "v_c"].into_iter().filter(|v| recording.has(&[v])).collect();
+    (!logged.is_empty()).then(|| Finding {
+        finding: format!("{} alone: that is no voltage vector that the rotor sees", logged.join(", ")),
+        consequence: "the voltage equations are not tested, and nothing is said of them".into(),
+        fix: "log v_d and v_q, or v_a, v_b and v_c with the angle".into(),
+    })
+}
+
 /// The phase currents as they were measured.
 pub fn currents(recording: &Recording, findings: &mut Vec<Finding>) -> Currents {
     let logged = measured(recording);

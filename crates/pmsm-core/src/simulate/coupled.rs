@@ -7,6 +7,7 @@
 use super::electrical::{measured_env, taps};
 use crate::base::Base;
 use crate::effect::Env;
+use crate::effects::{ELECTRICAL_STATES, MECHANICAL_STATES, STATES};
 use crate::model::Model;
 use crate::real::{Carries, Loop, Real};
 use crate::recording::Load;
@@ -81,7 +82,9 @@ pub fn watch<T: Real>(
     match (model.electrical_states(), model.mechanical_states()) {
         (0, 0) => run_sized::<T, 2, 1, 4>(model, signals, range, p, tau_load, start, sink),
         (0..=2, 0..=2) => run_sized::<T, 4, 3, 8>(model, signals, range, p, tau_load, start, sink),
-        _ => run_sized::<T, 12, 9, 22>(model, signals, range, p, tau_load, start, sink),
+        _ => run_sized::<T, ELECTRICAL_STATES, MECHANICAL_STATES, STATES>(
+            model, signals, range, p, tau_load, start, sink,
+        ),
     }
 }
 

@@ -4,6 +4,7 @@ use super::forms::{Each, Sink, beside};
 use super::watched::{self, Shown};
 use crate::base::Base;
 use crate::effect::{Env, Sensor};
+use crate::effects::ELECTRICAL_STATES;
 use crate::model::{Known, Model, Standing};
 use crate::real::{Abreast, Carries, Loop, Real, Several};
 use crate::rk4::{self, Slope};
@@ -31,7 +32,7 @@ pub fn run_beside<T: Real>(
     let done = match model.electrical_states() {
         0 => T::abreast(Forms::<T, _, 2> { model, signals, forms, sink }),
         1..=2 => T::abreast(Forms::<T, _, 4> { model, signals, forms, sink }),
-        _ => T::abreast(Forms::<T, _, 12> { model, signals, forms, sink }),
+        _ => T::abreast(Forms::<T, _, ELECTRICAL_STATES> { model, signals, forms, sink }),
     };
     done.is_some()
 }
@@ -85,7 +86,7 @@ impl<T: Real> Loop<T> for Incremental<'_, T> {
         for k in (0..signals.len()).step_by(stride) {
             let env = measured_env(signals, k);
             let now = [0, 1].map(|axis: usize| W::constant(i[axis][k]));
-            let state: [W; 12] = model.steady_state(&p, &base, now, &env).0;
+            let state: [W; ELECTRICAL_STATES] = model.steady_state(&p, &base, now, &env).0;
             let [d, _, q] = model.state_current(&p, &base, &state, &env).inverse;
             squares = [squares[0] + d * d, squares[1] + q * q];
             count += 1.0;
@@ -159,7 +160,8 @@ pub(super) fn run_sized<W: Real, const N: usize>(
             if k == segment.start {
                 let abc = [0, 1, 2].map(|x: usize| W::constant(phases[x][k]));
                 let i = model.true_current(&sensor, abc, measured.theta_e);
-                state = model.state_under(p, &base, i, Known::default(), &model.temperatures(&state), &env).0;
+                state = model.temperatures(&state);
+                model.state_under(p, &base, i, Known::default(), &mut state, &env);
             }
             along.arrive(&mut state);
             let standing = model.standing(p, &base, &state, &env);

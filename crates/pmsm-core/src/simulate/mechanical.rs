@@ -11,6 +11,7 @@ mod windows;
 
 use crate::base::Base;
 use crate::effect::Env;
+use crate::effects::MECHANICAL_STATES;
 use crate::model::Model;
 use crate::real::{Carries, Loop, Real};
 use crate::rk4::{self, Slope};
@@ -63,8 +64,16 @@ pub fn run<T: Real>(
 ) {
     match model.mechanical_states() {
         0 => T::fastest(Run::<T, _, _, 1> { model, signals, p, tau_e, load, windows, restart, sink }),
-        1..=2 => T::fastest(Run::<T, _, _, 3> { model, signals, p, tau_e, load, windows, restart, sink }),
-        _ => T::fastest(Run::<T, _, _, 9> { model, signals, p, tau_e, load, windows, restart, sink }),
+        _ => T::fastest(Run::<T, _, _, MECHANICAL_STATES> {
+            model,
+            signals,
+            p,
+            tau_e,
+            load,
+            windows,
+            restart,
+            sink,
+        }),
     }
 }
 

@@ -6,6 +6,7 @@
 
 use super::electrical::{measured_env, true_env};
 use crate::base::Base;
+use crate::effects::ELECTRICAL_STATES;
 use crate::model::Model;
 use crate::real::{Carries, Loop, Real};
 use crate::signals::Signals;
@@ -37,7 +38,7 @@ impl<T: Real> Loop<T> for Run<'_, T> {
             let env = true_env(&sensor, &measured, signals.n_p);
             let abc = [0, 1, 2].map(|x: usize| W::constant(phases[x][k]));
             let i = model.true_current(&sensor, abc, measured.theta_e);
-            let state: [W; 12] = model.steady_state(&p, &base, i, &env).0;
+            let state: [W; ELECTRICAL_STATES] = model.steady_state(&p, &base, i, &env).0;
             let (s, c) = sensor.angle.sin_cos();
             let command = rotate([W::constant(v[0][k]), W::constant(v[1][k])], c, s);
             let rest = model.electrical_rhs(&p, &base, &state, command, &env);

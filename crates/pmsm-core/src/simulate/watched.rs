@@ -2,6 +2,7 @@
 
 use super::electrical::{Along, run_sized};
 use crate::effect::Env;
+use crate::effects::ELECTRICAL_STATES;
 use crate::model::Model;
 use crate::real::{Carries, Loop, Real};
 use crate::signals::Signals;
@@ -40,7 +41,7 @@ pub fn run<T: Real>(model: &Model, signals: &Signals, p: &[T], watch: &mut dyn W
     match model.electrical_states() {
         0 => T::fastest(Watched::<T, 2> { model, signals, p, watch }),
         1..=2 => T::fastest(Watched::<T, 4> { model, signals, p, watch }),
-        _ => T::fastest(Watched::<T, 12> { model, signals, p, watch }),
+        _ => T::fastest(Watched::<T, ELECTRICAL_STATES> { model, signals, p, watch }),
     }
 }
 

@@ -14,6 +14,17 @@ const SHOWN: f64 = 1e-12;
 
 /// r_s, l_d, l_q, psi_m from ∫v dt = r_s∫i dt + ΔΛ + rotation, per stretch; those that are `held` as they are.
 pub fn electrical(signals: &Signals, held: [Option<f64>; 4]) -> Option<[f64; 4]> {
+    of_voltages(signals, held)?.solve()
+}
+
+/// The same with nothing held, and the share of the squares that it leaves.
+pub fn voltages(signals: &Signals) -> Option<([f64; 4], f64)> {
+    let regression = of_voltages(signals, [None; 4])?;
+    let found = regression.solve()?;
+    Some((found, regression.left(&found)))
+}
+
+fn of_voltages(signals: &Signals, held: [Option<f64>; 4]) -> Option<Regression<4>> {
     let (v, i) = (signals.v.as_ref()?, signals.i.as_ref()?);
     let steady = matches!(signals.kind, Kind::OperatingPoints | Kind::OpenCircuit);
     let mut regression = Regression::new(held);
@@ -42,7 +53,7 @@ pub fn electrical(signals: &Signals, held: [Option<f64>; 4]) -> Option<[f64; 4]>
             k += stretch;
         }
     }
-    regression.solve()
+    Some(regression)
 }
 
 /// j, b and a constant torque from ∫τ_e dt = J·Δω_m + b·∫ω_m dt + level, per stretch; those that are `held` as they are. `flux` is that of
@@ -88,6 +99,7 @@ struct Regression<const N: usize> {
     held: [f64; N],
     sums: [[f64; N]; N],
     right: [f64; N],
+    square: f64,
     rows: usize,
 }
 
@@ -95,7 +107,7 @@ impl<const N: usize> Regression<N> {
     fn new(held: [Option<f64>; N]) -> Self {
         let open = (0..N).filter(|c| held[*c].is_none()).collect();
         let held = held.map(|h| h.unwrap_or(0.0));
-        Self { open, held, sums: [[0.0; N]; N], right: [0.0; N], rows: 0 }
+        Self { open, held, sums: [[0.0; N]; N], right: [0.0; N], square: 0.0, rows: 0 }
     }
 
     /// One equation Σ `row`·x = `right`.
@@ -110,7 +122,14 @@ impl<const N: usize> Regression<N> {
                 self.sums[k][other] += row[k] * row[other];
             }
         }
+        self.square += rest * rest;
         self.rows += 1;
+    }
+
+    /// Share of the squares that `found`, its solution, leaves.
+    fn left(&self, found: &[f64; N]) -> f64 {
+        let taken: f64 = self.open.iter().map(|c| found[*c] * self.right[*c]).sum();
+        (1.0 - taken / self.square).max(0.0)
     }
 
     /// All unknowns, NaN where nothing depends on one; `None` without anything to find, or without enough and finite equations. Of what cannot be told

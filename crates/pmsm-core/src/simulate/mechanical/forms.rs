@@ -2,6 +2,7 @@
 
 use super::between::Fixed;
 use super::{Nuisance, Restart, run_sized};
+use crate::effects::MECHANICAL_STATES;
 use crate::model::Model;
 use crate::real::{Abreast, Real, Several};
 use crate::signals::Signals;
@@ -35,8 +36,7 @@ impl<T: Real> Forms<'_, T> {
         let sink = |form, k, [shown]: [T; 1]| sink(form, k, shown);
         let done = match self.model.mechanical_states() {
             0 => None,
-            1..=2 => T::abreast(Sized::<T, _, 3> { run: self, sink }),
-            _ => T::abreast(Sized::<T, _, 9> { run: self, sink }),
+            _ => T::abreast(Sized::<T, _, MECHANICAL_STATES> { run: self, sink }),
         };
         done.is_some()
     }

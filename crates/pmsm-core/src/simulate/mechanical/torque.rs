@@ -3,6 +3,7 @@
 use super::between::measured;
 use crate::base::Base;
 use crate::effect::Env;
+use crate::effects::ELECTRICAL_STATES;
 use crate::model::{Known, Model};
 use crate::real::{Abreast, Carries, Loop, Real, Several};
 use crate::signals::Signals;
@@ -69,18 +70,10 @@ impl<'a, T: Real> Motor<'a, T> {
 
     /// Its torque, and the flux linkage of d and q after it where more is asked for.
     fn follow<const K: usize>(self) -> [Vec<T>; K] {
-        match self.model.electrical_states() {
-            0 => self.with_states::<K, 2>(),
-            1..=2 => self.with_states::<K, 4>(),
-            _ => self.with_states::<K, 12>(),
-        }
-    }
-
-    fn with_states<const K: usize, const N: usize>(self) -> [Vec<T>; K] {
         // Temperatures run on from sample to sample.
         let apart = !self.model.warms() && self.signals.len() >= LANES;
-        let together = apart.then(|| T::abreast(Torque::<T, K, N>(self))).flatten();
-        together.unwrap_or_else(|| T::fastest(Torque::<T, K, N>(self)))
+        let together = apart.then(|| T::abreast(Torque::<T, K>(self))).flatten();
+        together.unwrap_or_else(|| T::fastest(Torque::<T, K>(self)))
     }
 
     /// Voltage (d, q) around sample `k` of a segment, V, where the torque depends on it: what bypasses the winding follows the voltage, also
@@ -94,13 +87,13 @@ impl<'a, T: Real> Motor<'a, T> {
         }
     }
 
-    /// What a sample says under the `measured` environment.
+    /// What a sample says under the `measured` environment, with the temperatures of `state`, which becomes that of the sample.
     #[inline(always)]
-    fn at<W: Real, const N: usize>(
+    fn at<W: Real>(
         &self,
         (p, base): (&[W], &Base<W>),
         Logged { phases, mut i, mut v, flux, measured }: Logged<W>,
-        warm: &[W; N],
+        state: &mut [W],
     ) -> Point<W> {
         let (model, signals) = (self.model, self.signals);
         let mut env = measured;
@@ -121,7 +114,7 @@ impl<'a, T: Real> Motor<'a, T> {
         if let (true, Some(v)) = (model.is_bypassed(), v) {
             emf = Some([v[0] - base.r_s * i[0], v[1] - base.r_s * i[1]]);
         }
-        let (state, tau_e) = model.state_under(p, base, i, Known { emf, flux }, warm, &env);
+        let tau_e = model.state_under(p, base, i, Known { emf, flux }, state, &env);
         Point { shown: [tau_e, state[0], state[1]], i, env }
     }
 }
@@ -147,10 +140,10 @@ struct Point<T> {
     env: Env<T>,
 }
 
-/// The first `K` of what is shown under the measured currents, with `N` electrical states.
-struct Torque<'a, T, const K: usize, const N: usize>(Motor<'a, T>);
+/// The first `K` of what is shown under the measured currents.
+struct Torque<'a, T, const K: usize>(Motor<'a, T>);
 
-impl<T: Real, const K: usize, const N: usize> Loop<T> for Torque<'_, T, K, N> {
+impl<T: Real, const K: usize> Loop<T> for Torque<'_, T, K> {
     type Output = [Vec<T>; K];
     #[inline(always)]
     fn run<W: Carries<T>>(self) -> [Vec<T>; K] {
@@ -159,7 +152,7 @@ impl<T: Real, const K: usize, const N: usize> Loop<T> for Torque<'_, T, K, N> {
         let base = Base::new(&p);
         let warms = model.warms();
         let mut out = [(); K].map(|()| vec![T::zero(); signals.len()]);
-        let mut warm = [W::zero(); N];
+        let mut state = [W::zero(); ELECTRICAL_STATES];
         for segment in &signals.segments {
             for k in segment.clone() {
                 let logged = Logged {
@@ -169,12 +162,12 @@ impl<T: Real, const K: usize, const N: usize> Loop<T> for Torque<'_, T, K, N> {
                     flux: flux.map(|flux| [0, 1].map(|axis: usize| W::constant(flux[axis][k]))),
                     measured: measured_env(signals, k),
                 };
-                let Point { shown, i, env } = self.0.at((&p, &base), logged, &warm);
+                let Point { shown, i, env } = self.0.at((&p, &base), logged, &mut state);
                 for (out, shown) in out.iter_mut().zip(shown) {
                     out[k] = shown.give();
                 }
                 if warms && k + 1 < segment.end {
-                    model.warm(&p, &base, &mut warm, i, signals.t[k + 1] - signals.t[k], &env);
+                    model.warm(&p, &base, &mut state, i, signals.t[k + 1] - signals.t[k], &env);
                 }
             }
         }
@@ -182,7 +175,7 @@ impl<T: Real, const K: usize, const N: usize> Loop<T> for Torque<'_, T, K, N> {
     }
 }
 
-impl<T: Real, const K: usize, const N: usize> Abreast<T> for Torque<'_, T, K, N> {
+impl<T: Real, const K: usize> Abreast<T> for Torque<'_, T, K> {
     type Output = [Vec<T>; K];
     const FEWEST: usize = 0;
     #[inline(always)]
@@ -192,7 +185,7 @@ impl<T: Real, const K: usize, const N: usize> Abreast<T> for Torque<'_, T, K, N>
         let base = Base::new(&p);
         let n = signals.len();
         let mut out = [(); K].map(|()| vec![T::zero(); n]);
-        let (warm, mut lanes) = ([W::zero(); N], [T::zero(); LANES]);
+        let (mut state, mut lanes) = ([W::zero(); ELECTRICAL_STATES], [T::zero(); LANES]);
         for segment in &signals.segments {
             let mut k = segment.start;
             while k < segment.end {
@@ -221,7 +214,7 @@ impl<T: Real, const K: usize, const N: usize> Abreast<T> for Torque<'_, T, K, N>
                     measured: measured(signals, from),
                 };
                 let end = segment.end.min(from + W::COUNT);
-                let shown = self.0.at((&p, &base), logged, &warm).shown;
+                let shown = self.0.at((&p, &base), logged, &mut state).shown;
                 for (out, shown) in out.iter_mut().zip(shown) {
                     shown.put(&mut lanes);
                     out[k..end].copy_from_slice(&lanes[k - from..end - from]);

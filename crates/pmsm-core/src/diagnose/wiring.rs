@@ -1,0 +1,173 @@
+//! Mistakes of wiring, sign and order that make a sound machine's log one that no physics explains: each is undone in turn, and told
+//! where the bare machine then fits as no missing effect would let it.
+
+mod mistakes;
+
+use super::hypothesis::Hypothesis;
+use super::{bare, join, verdict};
+use crate::error::Result;
+use crate::machine::Machine;
+use crate::monitor::Monitor;
+use crate::recording::Recording;
+use crate::signals::{Finding, Signals};
+use crate::start;
+use mistakes::mistakes;
+use rayon::prelude::*;
+
+/// Excess mean square of the bare machine from which a mistake is looked for: weaker misfits are physics.
+const FAR: f64 = 100.0;
+/// What may be left of the excess where a mistake is undone.
+const LEFT: f64 = 0.04;
+/// Share of the regression's squares below which what is left there with a mistake undone must lie, and of what is left without.
+const FITS: f64 = 0.05;
+const BETTER: f64 = 0.3;
+/// Mistakes that are tried by simulation at most, the likeliest first, and the factor within which what they leave is the same.
+const TRIED: usize = 4;
+const ALIKE: f64 = 1.05;
+
+/// A mistake that explains what the `base` machine, fitted to the `recordings`, leaves, if one does.
+///
+/// # Errors
+/// Those of the least-squares fits. A log that cannot be read with a mistake undone was not made by it.
+pub fn suspected(
+    recordings: &[&Recording],
+    machine: &Machine,
+    base: &Hypothesis,
+    monitor: &dyn Monitor,
+) -> Result<Option<Finding>> {
+    let finite = base.squares.iter().all(|(_, square)| square.is_finite());
+    let before = if finite { verdict::largest_excess(base) } else { f64::INFINITY };
+    if before <= FAR || monitor.cancelled() {
+        return Ok(None);
+    }
+    let logged = misfit(recordings[0], machine);
+    let limit = logged.map_or(FITS, |left| left.min(FITS / BETTER) * BETTER);
+    let mistakes = mistakes();
+    let undone = |at: usize, recording| mistakes[at].undone(recording, f64::from(machine.n_p));
+    let promise = |at| {
+        let left = misfit(&undone(at, recordings[0])?, machine)?;
+        (left < limit).then_some((left, at))
+    };
+    let mut likely: Vec<(f64, usize)> = (0..mistakes.len()).into_par_iter().filter_map(promise).collect();
+    likely.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let mut explaining: Vec<(f64, usize)> = Vec::new();
+    for (_, at) in likely.iter().take(TRIED) {
+        let Some(undone) = recordings.iter().map(|r| undone(*at, r)).collect::<Option<Vec<_>>>() else {
+            continue;
+        };
+        let undone: Vec<&Recording> = undone.iter().collect();
+        let Ok(mut data) = join::prepare(&undone, machine) else { continue };
+        let left = verdict::largest_excess(&bare::fit(&mut data, monitor)?);
+        if left < LEFT * before && left < FAR {
+            explaining.push((left, *at));
+        }
+    }
+    let Some(least) = explaining.iter().map(|(left, _)| 1.0 + left.max(0.0)).reduce(f64::min) else {
+        return Ok(None);
+    };
+    // What is the same to this log is told together.
+    explaining.retain(|(left, _)| 1.0 + left < ALIKE * least);
+    let words: Vec<&str> = explaining.iter().map(|(_, at)| mistakes[*at].words.as_str()).collect();
+    Ok(Some(Finding {
+        finding: format!(
+            "the log reads as if {}: with that undone the bare machine leaves {:.2} times the noise",
+            words.join(", or "),
+            least.sqrt()
+        ),
+        consequence: "no physics that is missing does that; what is said of this log as it is does not hold for the motor"
+            .into(),
+        fix: "check wiring, signs and the order of columns, put it right, and diagnose again".into(),
+    }))
+}
+
+/// Share of the squares that a regression of the voltage equations leaves; `None` where it cannot be read, or where a resistance, an
+/// inductance or the flux would be negative.
+fn misfit(recording: &Recording, machine: &Machine) -> Option<f64> {
+    let signals = Signals::new(recording, machine).ok()?;
+    let (found, left) = start::voltages(&signals)?;
+    found.iter().all(|x| *x > 0.0).then_some(left)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::mistakes::{Columns, interchange, negate, turn_angle, turn_frame};
+    use super::*;
+    use crate::diagnose::testing::{choice, setup, speeds};
+    use crate::drive::{Choice, Schedule, Shape, simulate};
+    use crate::monitor::Silent;
+    use crate::transforms::park;
+    use std::f64::consts::TAU;
+
+    /// A recording with its nameplate, in which `make` has made a mistake.
+    fn recorded(effects: Vec<Choice>, make: impl Fn(&mut Columns)) -> (Recording, Machine) {
+        let mut manoeuvre = speeds(0.8, &[(0.1, 80.0), (0.3, -60.0), (0.5, 90.0), (0.7, -80.0)]);
+        let steps = (0..8).map(|k| (0.1 * f64::from(k), [-4.0, 3.0][k as usize % 2])).collect();
+        manoeuvre.i_d = Some(Schedule::new(steps, Shape::Steps).unwrap());
+        let setup = setup(manoeuvre, effects);
+        let whole = simulate(&setup, &Silent).unwrap().recording;
+        let names = ["t", "v_d", "v_q", "i_a", "i_b", "i_c", "theta_e", "omega_e"];
+        let mut columns: Columns =
+            names.into_iter().filter_map(|name| Some((name, whole.column(name)?.to_vec()))).collect();
+        make(&mut columns);
+        let columns = columns.into_iter().map(|(name, x)| (name.to_string(), x)).collect();
+        (Recording::new(columns, Some(whole.load())).unwrap(), setup.nameplate)
+    }
+
+    /// Currents by axis and not by phase.
+    fn by_axis(c: &mut Columns) {
+        let (theta, phases) =
+            (c["theta_e"].clone(), ["i_a", "i_b", "i_c"].map(|name| c.remove(name).unwrap()));
+        let seen: Vec<[f64; 2]> = (0..theta.len())
+            .map(|k| park([0, 1, 2].map(|x| phases[x][k]), theta[k].cos(), theta[k].sin()))
+            .collect();
+        c.insert("i_d", seen.iter().map(|x| x[0]).collect());
+        c.insert("i_q", seen.iter().map(|x| x[1]).collect());
+    }
+
+    fn said(recording: &Recording, machine: &Machine) -> Option<String> {
+        let mut data = join::prepare(&[recording], machine).unwrap();
+        let base = bare::fit(&mut data, &Silent).unwrap();
+        suspected(&[recording], machine, &base, &Silent).unwrap().map(|finding| finding.finding)
+    }
+
+    #[test]
+    fn mistakes_are_told_from_each_other() {
+        type Made = fn(&mut Columns);
+        let made: [(&str, Made); 7] = [
+            ("all currents had the opposite sign", |c| assert!(negate(c, &["i_a", "i_b", "i_c"]))),
+            ("theta_e was 90° too large", |c| assert!(turn_angle(c, -0.25 * TAU, 4.0))),
+            ("theta_e was 180° too large", |c| assert!(turn_angle(c, 0.5 * TAU, 4.0))),
+            ("i_b had the opposite sign", |c| assert!(negate(c, &["i_b"]))),
+            ("i_d and i_q were interchanged", |c| {
+                by_axis(c);
+                assert!(interchange(c, "i_d", "i_q"));
+            }),
+            ("i_q had the opposite sign", |c| {
+                by_axis(c);
+                assert!(negate(c, &["i_q"]));
+            }),
+            ("d and q were those of an axis 90° ahead of the magnet", |c| {
+                by_axis(c);
+                assert!(turn_frame(c, -0.25 * TAU));
+            }),
+        ];
+        for (words, make) in made {
+            let (recording, machine) = recorded(Vec::new(), make);
+            let told = said(&recording, &machine);
+            assert!(told.as_ref().is_some_and(|told| told.contains(words)), "{words}: {told:?}");
+        }
+    }
+
+    #[test]
+    fn physics_and_a_sound_log_are_no_mistake() {
+        for effects in [
+            Vec::new(),
+            vec![choice("dead_time", "v_err", 6.0)],
+            vec![choice("encoder_angle_offset", "offset_el_rad", 0.3)],
+            vec![choice("current_gain_imbalance", "g_beta", 0.15)],
+        ] {
+            let (recording, machine) = recorded(effects, |_| ());
+            assert_eq!(said(&recording, &machine), None);
+        }
+    }
+}
