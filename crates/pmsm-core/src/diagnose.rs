@@ -129,7 +129,7 @@ pub fn diagnose(
     let judge = others.last().filter(|_| validation.is_some());
     let first = outcome.base.fitted.clone();
     let mut answer = conclude::conclude(&whole, judge, outcome, &weak, monitor)?;
-    if answer.verdict == Verdict::Unknown
+    if answer.verdict != Verdict::Named
         && let Some(finding) = wiring::suspected(recordings, machine, &first, monitor)?
     {
         answer.data_quality.insert(0, finding);

@@ -20,7 +20,7 @@ const FAR: f64 = 100.0;
 const LEFT: f64 = 0.04;
 /// Share of the regression's squares below which what is left there with a mistake undone must lie, and of what is left without.
 const FITS: f64 = 0.05;
-const BETTER: f64 = 0.3;
+const BETTER: f64 = 0.9;
 /// Mistakes that are tried by simulation at most, the likeliest first, and the factor within which what they leave is the same.
 const TRIED: usize = 4;
 const ALIKE: f64 = 1.05;
@@ -41,7 +41,7 @@ pub fn suspected(
         return Ok(None);
     }
     let logged = misfit(recordings[0], machine);
-    let limit = logged.map_or(FITS, |left| left.min(FITS / BETTER) * BETTER);
+    let limit = logged.map_or(FITS, |left| FITS.min(BETTER * left));
     let mistakes = mistakes();
     let undone = |at: usize, recording| mistakes[at].undone(recording, f64::from(machine.n_p));
     let promise = |at| {
