@@ -135,7 +135,9 @@ mod tests {
         assert!(text.contains("omega_e") && text.contains("alone j is"), "{text}");
         assert_eq!(different.verdict, Verdict::Undetermined);
         assert!(different.ranking.iter().all(|c| c.probability <= super::CEILING), "{:?}", different.ranking);
-        let same = ask([&runs[0], &runs[0]]);
+        let again =
+            simulate(&crate::drive::Setup { seed: one.seed + 1, ..one.clone() }, &Silent).unwrap().recording;
+        let same = ask([&runs[0], &again]);
         assert_eq!((said(&same), same.verdict), (None, Verdict::NoMismatch));
     }
 }

@@ -46,24 +46,42 @@ pub fn scores(data: &Data, hypothesis: &Hypothesis, slopes: &DMatrix<f64>) -> DM
 
 #[cfg(test)]
 mod tests {
-    use crate::diagnose::outputs::Outputs;
+    use super::*;
     use crate::diagnose::testing::{data, setup, speeds};
-    use crate::machine::BaseParameter;
+    use crate::random::normal_pair;
 
     #[test]
-    fn the_error_of_the_inertia_knows_of_the_noise_of_the_currents() {
-        let mut sum = 0.0;
-        const SEEDS: u64 = 12;
-        for seed in 0..SEEDS {
-            let mut setup = setup(speeds(1.0, &[(0.1, 90.0), (0.4, -80.0), (0.7, 90.0)]), Vec::new());
-            setup.seed = seed;
-            let (data, base) = data(&setup);
-            assert!(data.floors.iter().all(|f| f.wander.is_none()), "{:?}", data.floors);
-            let found = &Outputs::new(&data, &base).base()["j"];
-            let error = found.value.unwrap() - setup.machine.get(BaseParameter::J).unwrap();
-            sum += (error / found.stderr.unwrap()).powi(2);
+    fn noise_of_the_torque_moves_the_scores_as_far_as_it_does_in_simulation() {
+        let mut setup = setup(speeds(1.0, &[(0.1, 90.0), (0.4, -80.0), (0.7, 90.0)]), Vec::new());
+        setup.drive.sensors.noise_i = 0.02;
+        let (data, base) = data(&setup);
+        assert!(data.floors.iter().all(|f| f.wander.is_none()), "{:?}", data.floors);
+        let torque = data.torque(&base.model, base.own());
+        let moving = [BaseParameter::J.index(), BaseParameter::B.index()];
+        let known = data.motion(&base.model, &base.nuisances, &torque);
+        let slopes = known.linearise(&base.parameters, &moving).jacobian;
+        let told = scores(&data, &base, &slopes);
+        // Without saliency all of it comes by way of i_q.
+        let noise = data.floors.iter().find(|f| f.channel == Channel::IQ).unwrap().sensor;
+        let size = 1.5 * data.signals.n_p * base.parameters[BaseParameter::PsiM.index()] * noise;
+        let still = known.residual(&base.parameters);
+        let mut squares = [0.0; 2];
+        const DRAWS: u32 = 60;
+        for draw in 0..DRAWS {
+            let shaken: Vec<f64> = torque
+                .iter()
+                .enumerate()
+                .map(|(k, x)| x + size * normal_pair(1, [k as u32, draw, 0, 0]).0)
+                .collect();
+            let moved =
+                data.motion(&base.model, &base.nuisances, &shaken).residual(&base.parameters) - &still;
+            for (square, slope) in squares.iter_mut().zip(slopes.column_iter()) {
+                *square += slope.dot(&moved).powi(2) / f64::from(DRAWS);
+            }
         }
-        let pull = (sum / SEEDS as f64).sqrt();
-        assert!((0.5..1.5).contains(&pull), "{pull}");
+        for c in 0..2 {
+            let ratio = told[(c, c)] / squares[c];
+            assert!((0.6..1.7).contains(&ratio), "{c}: {ratio}");
+        }
     }
 }
