@@ -45,6 +45,10 @@ pub fn suspected(
     let mistakes = mistakes();
     let undone = |at: usize, recording| mistakes[at].undone(recording, f64::from(machine.n_p));
     let promise = |at| {
+        // Reading a long log so many times takes longer than an interruption may.
+        if monitor.cancelled() {
+            return None;
+        }
         let left = misfit(&undone(at, recordings[0])?, machine)?;
         (left < limit).then_some((left, at))
     };
