@@ -47,7 +47,7 @@ pub struct Model {
 }
 
 impl Model {
-    /// The machine with these effects, at the scales of one recording.
+    /// The machine with these effects, each of them once, at the scales of one recording.
     pub fn new(context: Context, effects: &[EffectId]) -> Self {
         let (mut at, mut electrical, mut mechanical) = (BASE, 0, 0);
         let mut slots = Vec::with_capacity(effects.len());
