@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from . import figures, plot, words
 from .registry import effects
-from .results import Candidate, DiagnosisValues, Estimate
+from .results import Candidate, DiagnosisValues, Estimate, Location
 from .summary import headline, recording_name
 
 if TYPE_CHECKING:
@@ -79,10 +80,8 @@ def render(answer: DiagnosisValues, title: str | None = None) -> str:
         maps=figures.unmodelled(answer),
         before_after=figures.before_after(answer),
         shown=answer.shown,
-        places=[
-            (place, words.EQUATIONS.get(place.equation, place.equation), _where(place.where))
-            for place in answer.located
-        ],
+        places=_places(answer.located),
+        left=_places(answer.left),
         blind=[(item, words.title(item["effect"])) for item in answer.cannot_see],
         colours={"before": plot.BEFORE, "after": plot.AFTER, "measured": plot.MEASURED, "noise": plot.NOISE},
     )
@@ -97,6 +96,11 @@ MEANINGS = {
     "b": "viscous friction",
     "tau_load": "load torque",
 }
+
+
+def _places(located: Iterable[Location]) -> list[tuple[Location, str, str]]:
+    """Places with the words for their equation and operating points."""
+    return [(at, words.EQUATIONS.get(at.equation, at.equation), _where(at.where)) for at in located]
 
 
 def _meaning(name: str) -> str:

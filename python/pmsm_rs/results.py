@@ -143,6 +143,7 @@ class DiagnosisValues:
     verdict: str
     data_quality: tuple[Mapping[str, str], ...]
     located: tuple[Location, ...]
+    left: tuple[Location, ...]
     ranking: tuple[Candidate, ...]
     effects: tuple[str, ...]
     base: Mapping[str, Estimate]
@@ -166,6 +167,7 @@ class DiagnosisValues:
             verdict=data["verdict"],
             data_quality=tuple(data["data_quality"]),
             located=tuple(_location(entry) for entry in data["located"]),
+            left=tuple(_location(entry) for entry in data.get("left", ())),
             ranking=tuple(_candidate(entry) for entry in data["ranking"]),
             effects=tuple(data["model"]["effects"]),
             base=estimates(data["model"]["base"]),

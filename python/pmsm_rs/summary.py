@@ -55,8 +55,8 @@ def hung(head: str, text: str) -> str:
 
 
 def diagnosis(answer: DiagnosisValues) -> str:
-    """A diagnosis as text: the finding, where it sits, candidates, parameters, fit, what is not seen, what
-    next.
+    """A diagnosis as text: the finding, where it sits, candidates, parameters, fit, what is left, what is
+    not seen, what next.
     """
     lines = [headline(answer)]
     if answer.interrupted:
@@ -85,6 +85,9 @@ def diagnosis(answer: DiagnosisValues) -> str:
     run = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
     lines += _fit(answer, run)
     lines += _each(answer)
+    if answer.left:
+        lines += ["", "What the model leaves"]
+        lines += [hung("  ", place.sentence) for place in answer.left]
     if answer.cannot_see:
         what = "these recordings" if answer.recordings else "this recording"
         lines += ["", f"What {what} cannot see"]

@@ -183,12 +183,28 @@ def test_the_report_has_the_same_bytes_every_time(tmp_path: Path) -> None:
     assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
 
 
+def test_what_a_named_model_leaves_is_told_wherever_the_answer_is_shown(tmp_path: Path) -> None:
+    left = {**ANSWER["located"][0], "sentence": "The q-axis equation leaves 3.1 times the noise in i_q."}
+    for answer, shown in [(diagnosis(left=[left]), 1), (diagnosis(), 0)]:
+        answer.report(tmp_path / "r.html")
+        page = (tmp_path / "r.html").read_text(encoding="utf-8")
+        for text in [str(answer), page]:
+            assert text.count("What the model leaves") == shown
+            assert text.count("3.1 times the noise") == shown
+        assert len(answer.left) == shown
+        tags = Tags()
+        tags.feed(page)
+        assert tags.problems == []
+
+
 def test_text_of_an_answer_cannot_become_markup(tmp_path: Path) -> None:
     evil = "<script>alert(1)</script>"
     located = [{**ANSWER["located"][0], "sentence": evil, "trend": evil}]
     ranking = [{**ANSWER["ranking"][0], "sentence": evil, "equation": evil, "equivalent_to": [evil]}]
     quality = [{"finding": evil, "consequence": evil, "fix": evil}]
-    answer = diagnosis(located=located, ranking=ranking, data_quality=quality, next_experiment=evil)
+    answer = diagnosis(
+        located=located, left=located, ranking=ranking, data_quality=quality, next_experiment=evil
+    )
     answer.report(tmp_path / "r.html", title=evil)
     assert "<script" not in (tmp_path / "r.html").read_text()
     assert "<script" not in answer._repr_html_()

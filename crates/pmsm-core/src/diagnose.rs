@@ -180,24 +180,37 @@ fn open<'a>(data: &'a Data, others: &'a [Data], monitor: &'a dyn Monitor) -> Sea
     Search { data, held_out, refuting: Vec::new(), most: search::MOST, monitor }
 }
 
-/// Measures noise on the voltages once more with the help of what was found, and says whether part of it was physics, or hidden by it.
+/// Measures the noise once more with the help of what was found, and says whether part of that on the voltages was physics, or hidden by
+/// it, or whether the bare machine was too far from a speed that wanders for it to be judged as such.
 fn settled_anew(whole: &mut Data, others: &mut [Data], base: &Judged, best: &Judged) -> bool {
     let noisy = whole.input.voltage > 0.0;
     // What is explained down to the floors hides no noise, and what is found on a poor recording that the bare machine explains is none.
-    let hides = noisy || best.excess() > verdict::MISMATCH;
+    let far = others.iter().chain([&*whole]).any(|data| data.runs().iter().any(Data::wanders_unfiltered));
+    let hides = noisy || best.excess() > verdict::MISMATCH || far;
     let real = !whole.poor || base.excess() > verdict::MISMATCH;
     if best.fitted.effects().is_empty() || !hides || !real {
         return false;
     }
-    let mut again = whole.clone();
-    again.settle_floors(&best.fitted);
+    let settled = |data: &Data, found: &Hypothesis| {
+        let mut again = data.clone();
+        again.settle_floors(found);
+        again
+    };
+    let again = settled(whole, &best.fitted);
     let (before, now) = (whole.input.voltage, again.input.voltage);
-    if now == 0.0 && !noisy || noisy && now > QUIETER * before {
+    let physics = if noisy { now <= QUIETER * before } else { now > 0.0 };
+    if !physics && !far {
+        return false;
+    }
+    let theirs: Vec<Data> = others.iter().zip(&best.held_out).map(|(d, found)| settled(d, found)).collect();
+    let unfiltered = |data: &Data| data.runs().iter().filter(|run| run.wanders_unfiltered()).count();
+    let filtered = |before: &Data, now: &Data| unfiltered(now) < unfiltered(before);
+    if !physics && !filtered(whole, &again) && !others.iter().zip(&theirs).any(|(a, b)| filtered(a, b)) {
         return false;
     }
     *whole = again;
-    for (data, found) in others.iter_mut().zip(&best.held_out) {
-        data.settle_floors(found);
+    for (data, again) in others.iter_mut().zip(theirs) {
+        *data = again;
     }
     true
 }
@@ -239,6 +252,7 @@ mod tests {
     use super::testing::{choice, setup, speeds};
     use super::*;
     use crate::drive::{Choice, Schedule, Shape, simulate};
+    use crate::effects;
     use crate::monitor::Silent;
 
     #[test]
@@ -306,6 +320,19 @@ mod tests {
     }
 
     #[test]
+    fn a_speed_that_wanders_is_judged_as_such_once_what_hid_it_is_found() {
+        let path: Vec<(f64, f64)> =
+            (0..8).map(|k| (0.1 + 0.25 * f64::from(k), [90.0, -70.0][k as usize % 2])).collect();
+        let mut setup = setup(speeds(2.0, &path), vec![choice("coulomb_friction", "tau_c", 1.0)]);
+        setup.drive.sensors.noise_i = 0.3;
+        let ((mut data, mut base), (other, _)) = (testing::data(&setup), testing::data(&setup));
+        assert!(data.wanders_unfiltered() && verdict::largest_excess(&base) > 30.0);
+        let outcome = search(&mut data, &mut [other], &mut base, &Silent).unwrap();
+        assert_eq!(outcome.best.fitted.effects(), [effects::EffectId::CoulombFriction]);
+        assert!(data.wander().is_some() && !data.wanders_unfiltered());
+    }
+
+    #[test]
     fn a_load_that_steps_is_not_taken_for_friction() {
         let answer = stepping(Vec::new());
         assert_eq!(answer.verdict, Verdict::NoMismatch, "{:?}", answer.model);
@@ -332,6 +359,6 @@ mod tests {
         assert_eq!(answer.verdict, Verdict::Undetermined, "{:?}", answer.model);
         let said = answer.data_quality.last().unwrap();
         assert!(said.finding.contains("stays finite"), "{}", said.finding);
-        assert_eq!(answer.cannot_see.len(), crate::effects::ALL.len());
+        assert_eq!(answer.cannot_see.len(), effects::ALL.len());
     }
 }

@@ -63,6 +63,11 @@ impl Floor {
         self.unsure + if speed { self.share() } else { self.swing }
     }
 
+    /// Whether it is that of a speed which wanders, but is judged as it is.
+    pub fn unfiltered(&self) -> bool {
+        self.channel == Channel::OmegaE && self.wander.is_none() && self.share() > WANDERS
+    }
+
     /// Share of the driven noise in the square of both parts.
     fn share(&self) -> f64 {
         (self.driven / self.total()).powi(2)

@@ -139,6 +139,9 @@ pub struct Answer {
     pub data_quality: Vec<Finding>,
     /// Where the bare machine fails.
     pub located: Vec<Located>,
+    /// Where a model that was named, or what several names explain, still leaves a mismatch; empty where it reaches the noise.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub left: Vec<Located>,
     /// Candidate effects, those of the model first, then by probability.
     pub ranking: Vec<Candidate>,
     /// The model that was found.
@@ -178,6 +181,7 @@ impl Answer {
             cannot_see: effects::ALL.iter().map(unseen).collect(),
             data_quality: vec![why],
             located: Vec::new(),
+            left: Vec::new(),
             ranking: Vec::new(),
             model: FoundModel { effects: Vec::new(), base: BTreeMap::new(), unmodelled: None },
             path: Vec::new(),

@@ -113,13 +113,20 @@ pub fn conclude(
         }
         None => None,
     };
+    let left = match verdict {
+        Verdict::Named | Verdict::Ambiguous => locate::left(data, settled),
+        _ => Vec::new(),
+    };
     let mut traces = Traces { recording: traces(data, &outcome.base.fitted, settled), ..Traces::default() };
     let mut fit = FitTable { recording: table(&traces.recording, data), ..FitTable::default() };
     if let Some((judge, before, after)) = &validation {
         traces.validation = self::traces(judge, before, after);
         fit.validation = table(&traces.validation, judge);
     }
-    let ranking = ranked.par_iter().map(|r| candidate(data, &outcome, r, model_outputs)).collect();
+    // Of the model as it is told: the search may have compared it as fitted to both runs.
+    let predicted = validation.as_ref().filter(|_| described.is_none() && !outcome.base.held_out.is_empty());
+    let predicted = predicted.map(|(_, before, after)| (verdict::excess(before), verdict::excess(after)));
+    let ranking = ranked.par_iter().map(|r| candidate(data, &outcome, r, model_outputs, predicted)).collect();
     let next_experiment = prescribe::next_experiment(data, &ranked, &outcome, verdict, weak, monitor)?;
     let mut data_quality = quality(data, weak, &ties, refuted);
     data_quality.extend(plausible::against_nameplate(data, &model_outputs.base()));
@@ -144,6 +151,7 @@ pub fn conclude(
         verdict,
         data_quality,
         located,
+        left,
         ranking,
         model: FoundModel {
             effects: outcome.order().iter().map(|e| e.id().to_string()).collect(),
@@ -204,7 +212,13 @@ fn residual_rms(data: &Data, hypothesis: &Hypothesis) -> BTreeMap<String, f64> {
     sums.into_iter().map(|(name, parts)| (name, root(parts))).collect()
 }
 
-fn candidate(data: &Data, outcome: &Outcome, ranked: &Ranked, model: &Outputs) -> Candidate {
+fn candidate(
+    data: &Data,
+    outcome: &Outcome,
+    ranked: &Ranked,
+    model: &Outputs,
+    predicted: Option<(f64, f64)>,
+) -> Candidate {
     let info = ranked.effect.info();
     let in_model = outcome.best.fitted.effects().contains(&ranked.effect);
     let parameters = if in_model {
@@ -212,7 +226,8 @@ fn candidate(data: &Data, outcome: &Outcome, ranked: &Ranked, model: &Outputs) -
     } else {
         Outputs::new(data, &ranked.judged.fitted).effect(ranked.effect)
     };
-    let (before, after) = (outcome.base.held_out_squares(), ranked.judged.held_out_squares());
+    let judged = || (outcome.base.held_out_squares(), ranked.judged.held_out_squares());
+    let (before, after) = predicted.filter(|_| in_model).unwrap_or_else(judged);
     Candidate {
         effect: info.id.into(),
         probability: ranked.probability,

@@ -181,6 +181,11 @@ impl Data {
         )
     }
 
+    /// Whether its speed wanders but is judged as it is.
+    pub fn wanders_unfiltered(&self) -> bool {
+        self.floors.iter().any(Floor::unfiltered)
+    }
+
     /// How noise makes the speed wander, where it does, and the floor of the speed, rad/s.
     pub fn wander(&self) -> Option<(Wander, f64)> {
         self.floors.iter().find_map(|f| Some((f.wander?, f.total())))

@@ -24,7 +24,9 @@ use crate::effects::EffectId;
 use crate::error::Result;
 use crate::monitor::Monitor;
 use extend::Aim;
-use sets::{explains, foothold, hopeless, mismatched_by, path, progress, same, sorted, steps, widened};
+use sets::{
+    explains, explains_more, foothold, hopeless, mismatched_by, path, progress, same, sorted, steps, widened,
+};
 
 pub use variants::Swap;
 use variants::preferred;
@@ -209,6 +211,8 @@ impl Search<'_> {
                 Some(first) if scale.beats(&first, &best) && progress(&first, &best) => best = first,
                 // What was found together may still be a part of something larger.
                 _ if best.fitted.effects().len() >= size => {}
+                // A part of what is missing may do worse than nothing on other recordings.
+                Some(first) if explains_more(&first, &best) => {}
                 _ => break,
             }
         }
@@ -220,7 +224,7 @@ impl Search<'_> {
             best = self.pruned(better, &scale, &mut seen)?;
             swaps = self.swaps(&best, &base, &able, (&mut seen, &mut grown))?;
         }
-        let best = self.under_wider_load(best, &swaps, &scale)?;
+        let best = self.as_wider(best, &swaps, &scale)?;
         self.monitor.report("alternatives", 0.92);
         let absent = self.rest(&able, &best);
         let poor = self.most < MOST;

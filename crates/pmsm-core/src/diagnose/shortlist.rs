@@ -87,7 +87,8 @@ impl<'a> Scorer<'a> {
         let context = self.hypothesis.model.context();
         let parameters: Vec<&Parameter> = amplitudes.iter().map(|k| &effect.info().parameters[*k]).collect();
         let projector = self.projector(effect);
-        let columns = self.columns(effect, shapes, amplitudes, projector);
+        let columns = self.columns(effect, shapes, amplitudes, projector, true);
+        let each = columns.ncols() / shapes.len();
         // Products of the columns freed of the basis, in which nothing of the residual lies.
         let along = tall::tr_mul(&projector.basis, &columns);
         let whole = tall::gram(&columns);
@@ -95,14 +96,28 @@ impl<'a> Scorer<'a> {
         let gram = &whole - along.tr_mul(&along);
         let right = tall::tr_mul_vector(&columns, &projector.residual);
         for (at, shape) in shapes.iter().enumerate() {
-            let own = at * amplitudes.len()..(at + 1) * amplitudes.len();
+            let own = at * each..(at + 1) * each;
             let length: Vec<f64> = own.clone().map(|k| square(k).sqrt()).collect();
             let gram = gram.view_range(own.clone(), own.clone()).into_owned();
             let right = right.rows_range(own).into_owned();
             let Some(step) = solve(&gram, &right, &length) else { continue };
-            let bounded: DVector<f64> = DVector::from_fn(amplitudes.len(), |k, _| {
-                (-step[k]).clamp((parameters[k].low)(context), (parameters[k].high)(context))
-            });
+            let mut bounded: DVector<f64> = -step;
+            for (x, parameter) in bounded.iter_mut().zip(&parameters) {
+                *x = x.clamp((parameter.low)(context), (parameter.high)(context));
+            }
+            let count = amplitudes.len();
+            if bounded.rows(0, count).iter().all(|x| *x == 0.0) {
+                continue;
+            }
+            if each > count {
+                // The initial values follow the bounded strength.
+                let begun = count..each;
+                let left = right.rows_range(begun.clone())
+                    + gram.view_range(begun.clone(), 0..count) * bounded.rows(0, count);
+                let among = gram.view_range(begun.clone(), begun.clone()).into_owned();
+                let Some(step) = solve(&among, &left, &length[begun.clone()]) else { continue };
+                bounded.rows_range_mut(begun).copy_from(&-step);
+            }
             // ‖r‖² − ‖r + F·b‖², with the free columns F and the bounded step b.
             let gain = -(bounded.dot(&right) * 2.0 + bounded.dot(&(&gram * &bounded)));
             let score = gain / self.data.counted() as f64;
@@ -130,7 +145,7 @@ impl<'a> Scorer<'a> {
     /// strength: those of the first of these `shapes`, those of the second, …
     pub fn sensitivity(&self, effect: EffectId, shapes: &[Vec<f64>]) -> Sensitivity<'_> {
         let projector = self.projector(effect);
-        let columns = self.columns(effect, shapes, &self.amplitudes(effect), projector);
+        let columns = self.columns(effect, shapes, &self.amplitudes(effect), projector, false);
         Sensitivity { columns, samples: self.data.signals.len(), order: &projector.order }
     }
 
@@ -155,20 +170,23 @@ impl<'a> Scorer<'a> {
         }
     }
 
-    /// Derivatives of the residual with respect to the effect's amplitudes at zero strength, shape by shape.
+    /// Derivatives of the residual with respect to the effect's amplitudes at zero strength, shape by shape; each time followed by those
+    /// with respect to what its states have where each recording begins, if that is `begun`.
     fn columns(
         &self,
         effect: EffectId,
         shapes: &[Vec<f64>],
         amplitudes: &[usize],
         projector: &Projector,
+        begun: bool,
     ) -> DMatrix<f64> {
         let hypothesis = self.hypothesis;
         let mut effects = hypothesis.effects();
         effects.push(effect);
         let model = Model::new(*hypothesis.model.context(), &effects);
         let own = hypothesis.own();
-        let free: Vec<usize> = amplitudes.iter().map(|k| own.len() + k).collect();
+        let count = model.parameter_count();
+        let mut free: Vec<usize> = amplitudes.iter().map(|k| own.len() + k).collect();
         let weak = |(k, x): (usize, &f64)| if amplitudes.contains(&k) { 0.0 } else { *x };
         let mut nuisances = Vec::with_capacity(hypothesis.nuisances.len());
         let mut open = Vec::new();
@@ -177,6 +195,8 @@ impl<'a> Scorer<'a> {
             let run = &self.data.runs()[nuisances.len()];
             let initial = if run.has(false) { run.initial_states(&model) } else { 0 };
             open.extend(left_open);
+            let new = if begun && nuisance.initial == 0 { model.mechanical_states().min(initial) } else { 0 };
+            free.extend((0..new).map(|k| count + open.len() + k));
             open.extend(std::iter::repeat_n(0.0, initial - nuisance.initial));
             nuisances.push(Nuisance { initial, ..nuisance });
         }
@@ -275,7 +295,7 @@ pub fn solve(gram: &DMatrix<f64>, right: &DVector<f64>, length: &[f64]) -> Optio
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::testing::{setup, speeds};
+    use crate::diagnose::testing::{choice, narrow, setup, speeds};
     use crate::diagnose::{bare, join};
     use crate::drive::simulate;
     use crate::monitor::Silent;
@@ -328,5 +348,24 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_shaft_is_seen_by_the_ringing_with_which_a_recording_begins() {
+        // A small mass that was struck before the recording begins and is hardly moved later.
+        let mut shaft = choice("two_mass_shaft", "inertia_ratio", 0.04);
+        shaft.parameters.extend([("f_antires".into(), 37.0), ("zeta".into(), 0.02)]);
+        let mut manoeuvre = speeds(1.2, &[(0.0, 0.0), (0.02, 80.0), (0.6, 84.0), (1.0, 78.0)]);
+        manoeuvre.settle = 0.0;
+        let whole = simulate(&setup(manoeuvre, vec![shaft]), &Silent).unwrap();
+        let nameplate = setup(narrow(), Vec::new()).nameplate;
+        let cut: Vec<(String, Vec<f64>)> = ["t", "v_d", "v_q", "i_a", "i_b", "i_c", "theta_e", "omega_e"]
+            .map(|name| (name.to_string(), whole.recording.column(name).unwrap()[150..].to_vec()))
+            .to_vec();
+        let mut data = join::prepare(&[&Recording::new(cut, None).unwrap()], &nameplate).unwrap();
+        let base = bare::fit(&mut data, &Silent).unwrap();
+        let prospect = Scorer::new(&data, &base).score(EffectId::TwoMassShaft);
+        let off = (prospect.start[1] / 37.0).ln().abs();
+        assert!(off < 0.1 && prospect.score > 0.2, "{prospect:?}");
     }
 }

@@ -85,7 +85,8 @@ pub fn largest_excess(hypothesis: &Hypothesis) -> f64 {
     beyond_chance(hypothesis).fold(0.0, f64::max)
 }
 
-fn excess(hypothesis: &Hypothesis) -> f64 {
+/// Excess mean squares, summed over channels.
+pub fn excess(hypothesis: &Hypothesis) -> f64 {
     hypothesis.squares.iter().map(|(_, s)| (s - 1.0).max(0.0)).sum()
 }
 

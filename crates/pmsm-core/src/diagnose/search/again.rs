@@ -108,16 +108,21 @@ impl Search<'_> {
         Ok(better(same, fewer, scale, seen))
     }
 
-    /// The best set, or the same under the load that was found with what contains one of its effects, if that is better: a step found in
-    /// the wrong place must not speak for the wider form of an effect.
-    pub(super) fn under_wider_load(&self, mut best: Judged, swaps: &[Swap], scale: &Scale) -> Result<Judged> {
+    /// The best set, or the same under the load that was found with what contains one of its effects, if that is better, or, where no load
+    /// steps, as fitted to both runs: a step found in the wrong place, or what the recording hardly shows, must not speak for the wider
+    /// form of an effect.
+    pub(super) fn as_wider(&self, mut best: Judged, swaps: &[Swap], scale: &Scale) -> Result<Judged> {
         for swap in swaps {
             let wider = swap.by.is_some_and(|by| by.contains(swap.replaced));
-            let ahead = scale.loss(&swap.judged) < scale.loss(&best);
-            if wider && ahead && steps(&swap.judged) && !self.monitor.cancelled() {
-                let same = self.under_load_of(&swap.judged, &best.fitted, best.refuted)?;
-                best = better(same, best, scale, &mut []);
+            if !wider || scale.loss(&swap.judged) >= scale.loss(&best) || self.monitor.cancelled() {
+                continue;
             }
+            best = if steps(&swap.judged) {
+                let same = self.under_load_of(&swap.judged, &best.fitted, best.refuted)?;
+                better(same, best, scale, &mut [])
+            } else {
+                self.eased(&swap.judged, best, scale)?
+            };
         }
         Ok(best)
     }
@@ -182,7 +187,7 @@ mod tests {
         let scale = Scale::new([&narrow, &wide, &astray].into_iter());
         let replaced = EffectId::CoulombFriction;
         let by = |rival| Swap { replaced, by: Some(rival), judged: wide.clone() };
-        let under = |swap| search(&data).under_wider_load(astray.clone(), &[swap], &scale).unwrap();
+        let under = |swap| search(&data).as_wider(astray.clone(), &[swap], &scale).unwrap();
         let found = under(by(EffectId::StribeckFriction));
         assert_eq!(found.fitted.effects(), [replaced]);
         assert!(found.excess() < 0.1 && scale.loss(&found) < scale.loss(&wide) + LEAST_GAIN);

@@ -9,6 +9,7 @@ use crate::diagnose::data::Data;
 use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::scale::{INDISTINGUISHABLE, Scale};
+use crate::diagnose::transfer::transfer;
 use crate::diagnose::verdict::{Judged, MISMATCH, UNEXPLAINED};
 use crate::effects::EffectId;
 use crate::error::Result;
@@ -28,16 +29,13 @@ impl Search<'_> {
     ) -> Result<Vec<(EffectId, EffectId)>> {
         let [other] = self.held_out[..] else { return Ok(Vec::new()) };
         let asked = best.excess() < MISMATCH && best.held_out_excess() > UNEXPLAINED.1;
-        // Runs may begin in different electrical turns of the revolution, unless both are parts of one.
-        let one_turn = self.data.signals.turn_known || self.data.held_out.is_some();
-        let fits_both = |j: &Judged| one_turn || j.fitted.model.turned(j.fitted.own(), 1.0).is_none();
-        if !asked || !alike(self.data, other) || !fits_both(best) || self.monitor.cancelled() {
+        if !asked || !alike(self.data, other) || !self.fits_both(best) || self.monitor.cancelled() {
             return Ok(Vec::new());
         }
         let here = scale.fitted_misfit(best);
         let astray = |swap: &&Swap| {
             swap.by.is_some_and(|by| !by.contains(swap.replaced))
-                && fits_both(&swap.judged)
+                && self.fits_both(&swap.judged)
                 && swap.judged.excess() < MISMATCH
                 && scale.fitted_misfit(&swap.judged) < here + INDISTINGUISHABLE
                 && scale.loss(&swap.judged) >= scale.loss(best) + INDISTINGUISHABLE
@@ -63,6 +61,38 @@ impl Search<'_> {
             }
         }
         Ok(open)
+    }
+
+    /// The set `simpler`, in which a special case stands in place of an effect of `wide`, as it does on the other run where it is fitted to
+    /// both: if it is as good on the recording and as good on both, what it leaves there tells how little the recording pins it down, and
+    /// nothing of what is missing.
+    pub(super) fn eased(&self, wide: &Judged, simpler: Judged, scale: &Scale) -> Result<Judged> {
+        let [other] = self.held_out[..] else { return Ok(simpler) };
+        let as_good = scale.fitted_misfit(&simpler) < scale.fitted_misfit(wide) + INDISTINGUISHABLE;
+        let asked = as_good
+            && simpler.excess() < MISMATCH
+            && scale.held_out_misfit(wide) < scale.held_out_misfit(&simpler);
+        let comparable = alike(self.data, other) && self.fits_both(wide) && self.fits_both(&simpler);
+        if !asked || !comparable || self.monitor.cancelled() {
+            return Ok(simpler);
+        }
+        let all = Data::joined(vec![self.data.clone(), other.clone()], Vec::new());
+        let (wide, narrow) = (self.together(&all, wide)?, self.together(&all, &simpler)?);
+        if self.monitor.cancelled() || Scale::new([&wide, &narrow].into_iter()).widens(&wide, &narrow) {
+            return Ok(simpler);
+        }
+        let mut fitted = simpler.fitted.clone();
+        let own = narrow.fitted.own();
+        fitted.parameters[..own.len()].copy_from_slice(own);
+        let held_out = vec![transfer(other, &fitted, self.monitor)?];
+        Ok(Judged { held_out, ..simpler })
+    }
+
+    /// Whether the parameters of a set mean the same on both runs, which may begin in different electrical turns of the revolution unless
+    /// both are parts of one.
+    fn fits_both(&self, judged: &Judged) -> bool {
+        let one_turn = self.data.signals.turn_known || self.data.held_out.is_some();
+        one_turn || judged.fitted.model.turned(judged.fitted.own(), 1.0).is_none()
     }
 
     /// A set fitted to both runs, or as it stands on them if that is better: loads and a fit of everything at once may not be found again.
@@ -96,6 +126,7 @@ fn alike(a: &Data, b: &Data) -> bool {
 mod tests {
     use super::*;
     use crate::diagnose::testing::{choice, data, fitted, narrow, setup, speeds};
+    use crate::drive::Choice;
     use crate::monitor::Silent;
 
     #[test]
@@ -128,5 +159,33 @@ mod tests {
         assert_eq!(open((drag, 1.5), (dry, 3.0)), []);
         // A best set that explains the other run is not asked about.
         assert_eq!(open((dry, 1.05), (drag, 3.0)), []);
+    }
+
+    #[test]
+    fn a_special_case_that_fits_both_runs_is_not_held_to_what_one_hardly_shows() {
+        let (dry, sticking) = (EffectId::CoulombFriction, EffectId::StribeckFriction);
+        let held_out = |truth: Choice| {
+            let with = |manoeuvre| data(&setup(manoeuvre, vec![truth.clone()]));
+            let (data, base) = with(speeds(1.0, &[(0.1, 90.0), (0.4, -80.0), (0.8, 60.0)]));
+            let (other, _) = with(speeds(1.0, &[(0.1, -60.0), (0.4, 40.0), (0.8, -90.0)]));
+            let (held_out, refuting) = (vec![&other], Vec::new());
+            let search =
+                Search { data: &data, held_out, refuting, most: super::super::MOST, monitor: &Silent };
+            let wide = search.judge(fitted(&data, &base, sticking)).unwrap();
+            let mut narrow = search.judge(fitted(&data, &base, dry)).unwrap();
+            // As good on the recording, and astray on the other run.
+            narrow.fitted.squares.clone_from(&wide.fitted.squares);
+            narrow.held_out[0].squares.iter_mut().for_each(|(_, square)| *square = 3.0);
+            let scale = Scale::new([&wide, &narrow].into_iter());
+            let eased = search.eased(&wide, narrow.clone(), &scale).unwrap();
+            assert_eq!(eased.fitted.parameters, narrow.fitted.parameters);
+            (eased.held_out_excess(), scale.widens(&wide, &eased))
+        };
+        let (left, widens) = held_out(choice("coulomb_friction", "tau_c", 0.1));
+        assert!(left < 0.1 && !widens, "{left}");
+        let mut sticks = choice("stribeck_friction", "tau_c", 0.05);
+        sticks.parameters.insert("tau_x".into(), 0.25);
+        let (left, widens) = held_out(sticks);
+        assert!(left > 1.0 && widens, "{left}");
     }
 }

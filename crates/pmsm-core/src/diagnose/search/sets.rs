@@ -128,6 +128,11 @@ pub(super) fn progress(larger: &Judged, smaller: &Judged) -> bool {
     smaller.fitted.effects().is_empty() || larger.all_squares() < PROGRESS * smaller.all_squares()
 }
 
+/// Whether a larger set takes away a good part of what the smaller one leaves on the recording, whatever it does to others.
+pub(super) fn explains_more(larger: &Judged, smaller: &Judged) -> bool {
+    larger.excess() < PROGRESS * smaller.excess()
+}
+
 /// Whether `set` is `parent` with `added`.
 pub(super) fn same(set: &[EffectId], parent: &[EffectId], added: EffectId) -> bool {
     set.len() == parent.len() + 1 && set.contains(&added) && parent.iter().all(|e| set.contains(e))
@@ -172,6 +177,19 @@ mod tests {
         // What only wanders within the floor is none.
         assert!(!foothold(&leaving([1.0, 0.95], [1.0, 1.0]), &leaving([1.0, 1.03], [1.0, 1.0])));
         assert!(!foothold(&leaving([f64::NAN, 5.0], [250.0, 7.0]), &smaller));
+    }
+
+    #[test]
+    fn a_part_of_what_is_missing_explains_more_whatever_it_does_elsewhere() {
+        let of = |left: f64, elsewhere: f64| {
+            let mut judged = leaving([left, 1.0], [elsewhere, 1.0]);
+            judged.fitted.chance = vec![0.0; 2];
+            judged
+        };
+        assert!(explains_more(&of(17.0, 165.0), &of(61.0, 70.0)));
+        assert!(
+            !explains_more(&of(45.0, 20.0), &of(61.0, 70.0)) && !explains_more(&of(1.0, 1.0), &of(1.0, 1.0))
+        );
     }
 
     #[test]

@@ -98,7 +98,10 @@ impl Search<'_> {
     ) -> Result<Option<Judged>> {
         if let Some(narrow) = way.instead {
             let simpler = self.narrowed(best, way.gone, narrow, seen)?;
-            let simpler = self.sharpened(best, way.gone, narrow, simpler, scale, seen)?;
+            let mut simpler = self.sharpened(best, way.gone, narrow, simpler, scale, seen)?;
+            if scale.widens(best, &simpler) {
+                simpler = self.eased(best, simpler, scale)?;
+            }
             return Ok((!scale.widens(best, &simpler)).then_some(simpler));
         }
         if let Some(fewer) = self.needless(best, way.gone, scale, seen)? {
