@@ -94,7 +94,7 @@ impl Experiment<'_> {
     /// The speed's rows before the initial speeds are projected out.
     fn motion_of_forms(&self, forms: &[Vec<f64>], free: &[usize], course: &Course, rows: &mut Rows<'_>) {
         let inert = free.iter().all(|k| !self.is_electrical(*k) && !self.answers_as_speed(*k));
-        if inert && free.len() == 1 && self.motion_beside(forms, free, course, rows) {
+        if inert && self.motion_beside(forms, free, course, rows) {
             return;
         }
         let own: Vec<_> = rows.columns.chunks_mut(free.len()).zip(forms).collect();
@@ -104,8 +104,8 @@ impl Experiment<'_> {
         });
     }
 
-    /// The same with respect to one parameter of the rotor, if it has states of its own and this processor can run the forms beside one
-    /// another.
+    /// The same with respect to parameters of the rotor and its load, if it has states of its own and this processor can run the forms
+    /// beside one another.
     fn motion_beside(
         &self,
         forms: &[Vec<f64>],
@@ -114,19 +114,17 @@ impl Experiment<'_> {
         rows: &mut Rows<'_>,
     ) -> bool {
         let weight = self.speed_weight();
-        let count = self.model.parameter_count();
-        let mut seeded = self.seeded_forms(forms, free);
-        seeded.iter_mut().for_each(|p| p.truncate(count));
-        let load = (self.nuisance, &forms[0][count..]);
+        let seeded = self.seeded_forms(forms, free);
         let Course { torque, starts, .. } = course;
-        let put = |form: usize, k: usize, now: Dual<1>| rows.columns[form][k] = now.eps[0] * weight;
-        let Self { model, signals, windows, .. } = *self;
+        let put = |column: usize, k: usize, now: Dual<1>| rows.columns[column][k] = now.eps[0] * weight;
+        let Self { model, signals, windows, nuisance: load, .. } = *self;
         mechanical::Forms { model, signals, forms: &seeded, tau_e: torque, load, windows, starts }.run(put)
     }
 
-    /// The forms with the derivative by the one parameter that is `free`.
+    /// Each of the forms with the derivative by each of the parameters that are `free` in turn.
     fn seeded_forms(&self, forms: &[Vec<f64>], free: &[usize]) -> Vec<Vec<Dual<1>>> {
-        forms.iter().map(|p| seed(p, &[0], free)).collect()
+        let every: Vec<usize> = (0..free.len()).collect();
+        forms.iter().flat_map(|p| every.chunks(1).map(move |column| seed(p, column, free))).collect()
     }
 }
 
@@ -154,6 +152,8 @@ mod tests {
             (EffectId::CoggingTorque, EffectId::DeadTime, vec![0, 1, 2, 3], vec![1.0, 2.0]),
             (EffectId::TwoMassShaft, EffectId::DeadTime, vec![0], vec![0.6, 0.8, 1.0]),
         ] {
+            // Also with respect to what the rotor's own states begin with.
+            let begun = if effect == EffectId::TwoMassShaft { 2 } else { 0 };
             let signals = reversing(2e-4, &(0.31..0.32));
             let windows = mechanical::windows(&signals);
             let model = Model::new(signals.context, &[beside, effect]);
@@ -174,7 +174,8 @@ mod tests {
                 p
             };
             let forms: Vec<Vec<f64>> = scales.iter().map(form).collect();
-            let free: Vec<usize> = amplitudes.iter().map(|k| first + k).collect();
+            let states = last + 1..last + 1 + begun;
+            let free: Vec<usize> = amplitudes.iter().map(|k| first + k).chain(states).collect();
             let nuisance = Nuisance::unknown(0, initial * mechanical::beginnings(&signals, &windows));
             let channels = vec![(Channel::ID, 0.05), (Channel::IQ, 0.05), (Channel::OmegaE, 0.1)];
             let experiment = Experiment { channels, ..of_speed(&model, &signals, nuisance, &windows) };

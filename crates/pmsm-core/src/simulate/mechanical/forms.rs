@@ -16,12 +16,12 @@ pub struct Forms<'a, T> {
     pub model: &'a Model,
     /// The recording.
     pub signals: &'a Signals,
-    /// Parameter vectors of the model.
+    /// Parameter vectors of the model, each followed by those of the load.
     pub forms: &'a [Vec<T>],
     /// Motor torque per sample, N·m.
     pub tau_e: &'a [f64],
-    /// The load with its parameters.
-    pub load: (Nuisance, &'a [f64]),
+    /// The load.
+    pub load: Nuisance,
     /// The windows.
     pub windows: &'a [Range<usize>],
     /// Electrical speed with which each begins, rad/s.
@@ -54,12 +54,13 @@ impl<T: Real, S: FnMut(usize, usize, [T; 1]), const N: usize> Abreast<T> for Siz
     #[inline(always)]
     fn run<W: Several<T>>(mut self) {
         let Forms { model, signals, forms, tau_e, load, windows, starts } = self.run;
-        let own: Vec<W> = load.1.iter().map(|x| W::constant(*x)).collect();
+        let count = model.parameter_count();
         for (group, forms) in forms.chunks(W::COUNT).enumerate() {
-            let p: Vec<W> = beside(forms);
-            let (load, restart) = ((load.0, &own[..]), Given { starts });
+            let all: Vec<W> = beside(forms);
+            let (p, own) = all.split_at(count);
+            let (load, restart) = ((load, own), Given { starts });
             let mut sink = Each::new(&mut self.sink, group * W::COUNT, forms.len());
-            run_sized::<W, _, N>(model, signals, &p, &Fixed(tau_e), load, windows, restart, &mut sink);
+            run_sized::<W, _, N>(model, signals, p, &Fixed(tau_e), load, windows, restart, &mut sink);
         }
     }
 }
