@@ -38,6 +38,7 @@ pub mod unmodelled;
 pub mod verdict;
 mod wiring;
 
+use crate::effect::Site;
 use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::monitor::Monitor;
@@ -185,7 +186,10 @@ fn open<'a>(data: &'a Data, others: &'a [Data], monitor: &'a dyn Monitor) -> Sea
 fn settled_anew(whole: &mut Data, others: &mut [Data], base: &Judged, best: &Judged) -> bool {
     let noisy = whole.input.voltage > 0.0;
     // What is explained down to the floors hides no noise, and what is found on a poor recording that the bare machine explains is none.
-    let far = others.iter().chain([&*whole]).any(|data| data.runs().iter().any(Data::wanders_unfiltered));
+    // What is left of the motion tells of torques alone where those that were found have exact forms.
+    let exact = best.fitted.effects().iter().all(|e| e.info().site == Site::Mechanical);
+    let unfiltered = |data: &Data| data.runs().iter().filter(|run| run.wanders_unfiltered()).count();
+    let far = exact && others.iter().chain([&*whole]).any(|data| unfiltered(data) > 0);
     let hides = noisy || best.excess() > verdict::MISMATCH || far;
     let real = !whole.poor || base.excess() > verdict::MISMATCH;
     if best.fitted.effects().is_empty() || !hides || !real {
@@ -203,7 +207,6 @@ fn settled_anew(whole: &mut Data, others: &mut [Data], base: &Judged, best: &Jud
         return false;
     }
     let theirs: Vec<Data> = others.iter().zip(&best.held_out).map(|(d, found)| settled(d, found)).collect();
-    let unfiltered = |data: &Data| data.runs().iter().filter(|run| run.wanders_unfiltered()).count();
     let filtered = |before: &Data, now: &Data| unfiltered(now) < unfiltered(before);
     if !physics && !filtered(whole, &again) && !others.iter().zip(&theirs).any(|(a, b)| filtered(a, b)) {
         return false;

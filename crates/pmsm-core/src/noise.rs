@@ -23,6 +23,9 @@ const HARMLESS: f64 = 0.3;
 /// Mean square, over the floor's, beyond which it is left as it is, too: a model that is far from right errs slowly, which innovations hardly
 /// show, and its parameters would be those that err least in what is fast.
 const NEAR: f64 = 50.0;
+/// Share of a channel's range that its noise is taken to have at least, as a log without any has none: two ways to integrate the same
+/// equations differ by that.
+pub const RESOLUTION: f64 = 2e-5;
 /// Samples over which the steps of a wandering speed are taken.
 const LAG: usize = 8;
 
@@ -128,9 +131,8 @@ pub fn floors(experiment: &Experiment, p: &[f64]) -> (Vec<Floor>, InputNoise) {
                 }
                 Channel::VD | Channel::VQ => neighbour_noise(&rest(at), signals),
             };
-            // A noiseless log still has a resolution; nothing can be told below it.
             let scale = experiment.measured(*channel).iter().fold(0.0f64, |m, x| m.max(x.abs()));
-            let sensor = sensor.max(1e-6 * scale).max(f64::MIN_POSITIVE);
+            let sensor = sensor.max(RESOLUTION * scale).max(f64::MIN_POSITIVE);
             Floor { channel: *channel, sensor, driven: 0.0, unsure, swing: 0.0, wander: None }
         })
         .collect();
@@ -157,7 +159,7 @@ fn voltage_noise(
     let l = incremental_inductances(experiment.model, signals, &p[..experiment.model.parameter_count()]);
     let input = InputNoise::estimate(signals, l, [&in_d, &in_q], &mut sensor, known);
     for (at, sensor) in [d, q].into_iter().zip(sensor) {
-        floors[at].sensor = sensor.max(1e-6 * signals.context.i_max);
+        floors[at].sensor = sensor.max(RESOLUTION * signals.context.i_max);
     }
     input
 }

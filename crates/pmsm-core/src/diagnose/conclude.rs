@@ -378,3 +378,22 @@ fn table(columns: &Columns, data: &Data) -> BeforeAfter {
     };
     BeforeAfter { before: rms("before"), after: rms("after") }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
+    use crate::drive::Choice;
+
+    #[test]
+    fn an_effect_of_the_motion_that_its_own_error_exceeds_moves_nothing() {
+        let nothing = |effects: Vec<Choice>| {
+            let manoeuvre = speeds(1.0, &[(0.1, 90.0), (0.4, -80.0), (0.8, 60.0)]);
+            let (data, base) = data(&setup(manoeuvre, effects));
+            let fitted = fitted(&data, &base, EffectId::QuadraticDrag);
+            moves_nothing(&fitted, &Outputs::new(&data, &fitted))
+        };
+        assert!(nothing(Vec::new()));
+        assert!(!nothing(vec![choice("quadratic_drag", "k", 1e-4)]));
+    }
+}

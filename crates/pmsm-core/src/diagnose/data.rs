@@ -85,9 +85,8 @@ impl Data {
             .map(|&channel| {
                 let sensor = match channel {
                     Channel::ID | Channel::IQ => current.unwrap_or(0.002 * signals.context.i_max),
-                    Channel::OmegaE => {
-                        noise::white_noise(&signals.omega_e).max(1e-6 * signals.context.omega_e_max)
-                    }
+                    Channel::OmegaE => noise::white_noise(&signals.omega_e)
+                        .max(noise::RESOLUTION * signals.context.omega_e_max),
                     Channel::VD | Channel::VQ => 0.005 * signals.context.v_max,
                 };
                 Floor { channel, sensor, driven: 0.0, unsure: 0.0, swing: 0.0, wander: None }

@@ -106,7 +106,29 @@ pub fn load_may_be_off(data: &Data, asymmetric: &BTreeMap<String, Estimate>) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::testing::{data, setup, speeds};
+    use crate::drive::Schedule;
     use BaseParameter as P;
+
+    #[test]
+    fn a_load_that_is_stated_may_be_off_and_one_that_is_open_may_not() {
+        let torque = |value: f64, stderr: f64| {
+            let (value, stderr, unit) = (Some(value), Some(stderr), "N m".into());
+            let estimate = Estimate { value, stderr, ci95: None, unit, why_none: None };
+            BTreeMap::from([("tau_a".to_string(), estimate)])
+        };
+        let told = |kind: &str, torque: &BTreeMap<String, Estimate>| {
+            let mut manoeuvre = speeds(0.3, &[(0.1, 50.0), (0.2, -40.0)]);
+            manoeuvre.tau_load = Some(Schedule::constant(1.0).unwrap());
+            manoeuvre.load_kind = Some(kind.into());
+            load_may_be_off(&data(&setup(manoeuvre, Vec::new())).0, torque).map(|finding| finding.finding)
+        };
+        let said = told("known_constant", &torque(-0.2, 0.05)).unwrap();
+        assert!(said.contains("0.200 N·m less"), "{said}");
+        assert_eq!(told("known_constant", &torque(-0.2, 0.5)), None);
+        assert_eq!(told("known_constant", &BTreeMap::new()), None);
+        assert_eq!(told("unknown_constant", &torque(-0.2, 0.05)), None);
+    }
 
     #[test]
     fn what_is_hardly_known_contradicts_nothing() {
