@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pmsm_rs as pm
 import pytest
 from concealed import diagnose, diagnosed
 
@@ -245,6 +246,19 @@ def test_how_voltages_are_held_is_seen_beside_friction_that_is_missing(tmp_path,
     answer = diagnosed(tmp_path, TRACTION, friction, "fast", "none", 3, **held)
     assert (answer.verdict, answer.model["effects"]) == ("named", ["coulomb_friction"])
     assert any("stator" in finding["finding"] for finding in answer.data_quality)
+
+
+@pytest.mark.parametrize(
+    ("effects", "verdict"), [({}, "no_mismatch"), ({"coulomb_friction": {"tau_c": 1.0}}, "named")]
+)
+def test_a_simulation_without_noise_is_judged_like_a_recording(effects, verdict):
+    """Two ways to integrate the same equations differ, and that is nobody's physics."""
+    manoeuvre = make(TRACTION, "rich", "none", duration=1.0, seed=4)
+    run = simulate(TRACTION, effects, manoeuvre, seed=8, noise=False)
+    names = ("n_p", "r_s", "l_d", "l_q", "psi_m", "j", "b", "v_dc", "i_rated")
+    machine = pm.Machine(**{name: getattr(nameplate_of(TRACTION, 4), name) for name in names})
+    answer = pm.diagnose(pm.Recording(t=run.t, **run.log), machine)
+    assert (answer.verdict, answer.effects) == (verdict, tuple(effects))
 
 
 def test_a_poor_recording_that_does_not_foresee_the_validation_run_says_so(tmp_path):
