@@ -2,7 +2,7 @@
 
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::scale::Scale;
-use crate::diagnose::verdict::{Judged, MISMATCH, MISMATCH_HELD_OUT, PROGRESS, beyond_chance};
+use crate::diagnose::verdict::{Judged, MISMATCH, MISMATCH_HELD_OUT, PROGRESS, UNEXPLAINED, beyond_chance};
 use crate::effects::EffectId;
 
 /// A set takes away at least this share of what the best smaller one leaves in some channel, or none is grown from it: of two things that
@@ -128,9 +128,9 @@ pub(super) fn progress(larger: &Judged, smaller: &Judged) -> bool {
     smaller.fitted.effects().is_empty() || larger.all_squares() < PROGRESS * smaller.all_squares()
 }
 
-/// Whether a larger set takes away a good part of what the smaller one leaves on the recording, whatever it does to others.
+/// Whether a larger set takes away most of what the smaller one leaves on the recording, whatever it does to others.
 pub(super) fn explains_more(larger: &Judged, smaller: &Judged) -> bool {
-    larger.excess() < PROGRESS * smaller.excess()
+    larger.excess() < UNEXPLAINED.0 * smaller.excess()
 }
 
 /// Whether `set` is `parent` with `added`.
@@ -186,7 +186,7 @@ mod tests {
             judged.fitted.chance = vec![0.0; 2];
             judged
         };
-        assert!(explains_more(&of(17.0, 165.0), &of(61.0, 70.0)));
+        assert!(explains_more(&of(10.0, 245.0), &of(61.0, 70.0)));
         assert!(
             !explains_more(&of(45.0, 20.0), &of(61.0, 70.0)) && !explains_more(&of(1.0, 1.0), &of(1.0, 1.0))
         );
