@@ -13,6 +13,7 @@ mod conclude;
 pub mod data;
 mod decide;
 mod each;
+mod fault;
 mod fitting;
 mod hold;
 pub mod hypothesis;

@@ -7,12 +7,12 @@ use super::data::Data;
 use super::decide::{self, Ranked};
 use super::fitting;
 use super::hypothesis::Hypothesis;
-use super::locate::{self, Located};
+use super::locate;
 use super::outputs::Outputs;
 use super::search::Outcome;
 use super::ties::Tie;
 use super::transfer::transfer;
-use super::{able, agree, each, plausible, power, prescribe, reach, unmodelled, verdict};
+use super::{able, agree, each, fault, plausible, power, prescribe, reach, unmodelled, verdict};
 use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
@@ -74,7 +74,7 @@ pub fn conclude(
     let (first, end) = (outcome.path[0].clone(), outcome.path[last].clone());
     (outcome.base, outcome.best) = (first, end);
     let best = &outcome.best;
-    let located = located(data, judge, &outcome, verdict);
+    let located = fault::located(data, judge, &outcome, verdict);
     // What stays unknown is at least described, so that the model predicts.
     let contradiction = agree::contradiction(data, &best.fitted, monitor)?;
     if contradiction.as_ref().is_some_and(|c| c.concerns(&best.fitted.effects())) {
@@ -237,36 +237,6 @@ fn candidate(
         equivalent_to: ranked.equivalent.iter().map(|e| e.id().to_string()).collect(),
         gain_held_out: if before > 0.0 { ((before - after) / before).clamp(-1.0, 1.0) } else { 0.0 },
     }
-}
-
-/// Where it sits, on the validation run if that alone shows it. What a named sensor or electrical effect explains of the other equations
-/// is its own.
-fn located(data: &Data, judge: Option<&Data>, outcome: &Outcome, verdict: Verdict) -> Vec<Located> {
-    let mut located = locate::locate(data, &outcome.base.fitted);
-    let on_judge = judge.zip(outcome.base.held_out.last());
-    if let Some((judge, base)) = on_judge.filter(|_| located.is_empty() && verdict == Verdict::Unknown) {
-        located = locate::locate(judge, base);
-        for at in &mut located {
-            at.sentence = format!("On the validation run alone: {}", at.sentence);
-        }
-    }
-    if !matches!(verdict, Verdict::Named | Verdict::Ambiguous) {
-        return located;
-    }
-    let sites: Vec<Site> = outcome.best.fitted.effects().iter().map(|e| e.info().site).collect();
-    if sites.first() == Some(&Site::Sensor) {
-        if let Some(strongest) = located.first().cloned() {
-            let sentence = format!(
-                "The measurement is wrong, not the motor. {} A single sensor error explains it in all equations.",
-                strongest.sentence
-            );
-            let share = located.iter().map(|l| l.share).sum();
-            located.insert(0, Located { equation: "sensor".into(), share, sentence, ..strongest });
-        }
-    } else if sites.contains(&Site::Electrical) && !sites.contains(&Site::Mechanical) {
-        located.sort_by_key(|l| l.equation == "mechanical");
-    }
-    located
 }
 
 fn quality(data: &Data, weak: &[String], found: &[Tie], refuted: bool) -> Vec<Finding> {

@@ -1,0 +1,143 @@
+//! Which equation is at fault: the places of the mismatch, that of its cause first.
+//!
+//! All equations share the flux and the inductances. Physics that is missing in the voltage equations bends these, and the torque of bent
+//! ones shows it in the motion, often more than the currents do.
+
+use super::answer::Verdict;
+use super::data::Data;
+use super::fitting::free_parameters;
+use super::hypothesis::Hypothesis;
+use super::locate::{self, Located};
+use super::search::Outcome;
+use super::verdict::{self, MISMATCH};
+use crate::base::BASE;
+use crate::basis::orthonormal;
+use crate::effect::Site;
+use crate::experiment::Channel;
+use crate::machine::BaseParameter;
+use crate::model::Model;
+
+/// Where it sits, on the validation run if that alone shows it.
+pub fn located(data: &Data, judge: Option<&Data>, outcome: &Outcome, verdict: Verdict) -> Vec<Located> {
+    let base = &outcome.base.fitted;
+    let mut located = locate::locate(data, base);
+    let on_judge = judge.zip(outcome.base.held_out.last());
+    if let Some((judge, base)) = on_judge.filter(|_| located.is_empty() && verdict == Verdict::Unknown) {
+        located = locate::locate(judge, base);
+        for at in &mut located {
+            at.sentence = format!("On the validation run alone: {}", at.sentence);
+        }
+        return located;
+    }
+    let named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
+    let sites: Vec<Site> = outcome.best.fitted.effects().iter().map(|e| e.info().site).collect();
+    if named && sites.first() == Some(&Site::Sensor) {
+        in_the_sensor(&mut located);
+    } else if named && sites.contains(&Site::Electrical) && !sites.contains(&Site::Mechanical) {
+        if located.iter().all(in_the_motion) {
+            located.extend(absorbed(data, base, &outcome.best.fitted));
+        }
+        located.sort_by_key(in_the_motion);
+    } else if located.first().is_some_and(in_the_motion) && bent(data, base) {
+        for at in located.iter_mut().filter(|at| in_the_motion(at)) {
+            at.sentence += " Another flux and other inductances than those that the currents are fitted with would take it away.";
+        }
+        located.sort_by_key(in_the_motion);
+    }
+    located
+}
+
+fn in_the_motion(at: &Located) -> bool {
+    at.equation == locate::equation_of(Channel::OmegaE)
+}
+
+/// What one wrong sensor explains of all equations is its own.
+fn in_the_sensor(located: &mut Vec<Located>) {
+    if let Some(strongest) = located.first().cloned() {
+        let sentence = format!(
+            "The measurement is wrong, not the motor. {} A single sensor error explains it in all equations.",
+            strongest.sentence
+        );
+        let share = located.iter().map(|l| l.share).sum();
+        located.insert(0, Located { equation: "sensor".into(), share, sentence, ..strongest });
+    }
+}
+
+/// Where the voltage equations need the effects that were found, if the parameters of the bare machine make up for them: what is left with
+/// those of the whole model.
+fn absorbed(data: &Data, base: &Hypothesis, best: &Hypothesis) -> Vec<Located> {
+    let bare = Model::new(*best.model.context(), &[]);
+    let mut without = Hypothesis::of_currents(data, &bare, &best.own()[..BASE], &base.free);
+    for ((channel, square), (_, left)) in without.squares.iter_mut().zip(&base.squares) {
+        if !channel.is_electrical() {
+            *square = *left;
+        }
+    }
+    let mut places = locate::locate(data, &without);
+    places.retain(|at| !in_the_motion(at));
+    for at in &mut places {
+        at.sentence = format!(
+            "Other parameters make up for it in the currents. With those of the whole model: {}",
+            at.sentence
+        );
+    }
+    places
+}
+
+/// Whether the currents leave a mismatch, and the motion none that another flux and other inductances would not take away, to first order.
+fn bent(data: &Data, base: &Hypothesis) -> bool {
+    let mut excess = base.squares.iter().zip(verdict::beyond_chance(base));
+    if !excess.any(|((channel, _), excess)| channel.is_electrical() && excess > MISMATCH) {
+        return false;
+    }
+    let (_, rotor, _) = free_parameters(data, &base.model);
+    let loads = base.model.parameter_count()..base.parameters.len();
+    // Of the inductances the torque knows the difference.
+    let torque = [BaseParameter::PsiM, BaseParameter::LQ].map(BaseParameter::index);
+    let free: Vec<usize> = rotor.into_iter().chain(loads).chain(torque).collect();
+    let experiment = data.experiment(&base.model, &base.nuisances, data.channels(false, true));
+    let experiment = experiment.with_plain_speed();
+    let linear = experiment.linearise(&base.parameters, &free);
+    let basis = orthonormal(&linear.jacobian);
+    let freed = &linear.residual - &basis * basis.tr_mul(&linear.residual);
+    experiment.relative_rms(&freed).iter().all(|left| left * left <= 1.0 + MISMATCH)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
+    use crate::drive::Choice;
+    use crate::effects::EffectId;
+
+    fn recorded(effects: Vec<Choice>) -> (Data, Hypothesis) {
+        let manoeuvre = speeds(1.0, &[(0.1, 90.0), (0.4, -80.0), (0.8, 60.0)]);
+        data(&setup(manoeuvre, effects))
+    }
+
+    #[test]
+    fn the_motion_is_bent_by_a_wrong_flux_and_not_by_friction() {
+        let with_flux_off = |effects: Vec<Choice>| {
+            let (data, base) = recorded(effects);
+            assert!(!bent(&data, &base));
+            let mut parameters = base.parameters.clone();
+            parameters[BaseParameter::PsiM.index()] *= 1.05;
+            let off = Hypothesis::on(&data, base.model, parameters, base.free, base.nuisances);
+            bent(&data, &off)
+        };
+        assert!(with_flux_off(Vec::new()));
+        assert!(!with_flux_off(vec![choice("coulomb_friction", "tau_c", 0.3)]));
+    }
+
+    #[test]
+    fn what_other_parameters_make_up_for_is_found_with_those_of_the_whole_model() {
+        let (data, base) = recorded(vec![choice("dead_time", "v_err", 4.0)]);
+        let best = fitted(&data, &base, EffectId::DeadTime);
+        let places = absorbed(&data, &base, &best);
+        assert!(!places.is_empty() && places.iter().all(|at| at.equation != "mechanical"), "{places:?}");
+        assert!(places[0].sentence.contains("With those of the whole model"), "{places:?}");
+        let (data, base) = recorded(vec![choice("coulomb_friction", "tau_c", 0.3)]);
+        let best = fitted(&data, &base, EffectId::CoulombFriction);
+        assert_eq!(absorbed(&data, &base, &best), []);
+    }
+}
