@@ -54,6 +54,10 @@ impl Judged {
         let unexplained = |model: &Hypothesis, base: &Hypothesis, (share, floor): (f64, f64)| {
             let mut worst = 0.0f64;
             for (at, (channel, left)) in model.squares.iter().enumerate() {
+                if mechanical && channel.is_electrical() && base.squares[at].1 <= 1.0 + MISMATCH {
+                    // Friction has nothing to explain there, and there is nothing to be looked for.
+                    continue;
+                }
                 let exact = mechanical && *channel == Channel::OmegaE;
                 let share = strict * if exact { share.min(UNEXPLAINED_MOTION) } else { share };
                 let allowed = share * (base.squares[at].1 - 1.0).max(0.0) + floor + model.chance[at];
@@ -104,7 +108,7 @@ pub fn beyond_chance(hypothesis: &Hypothesis) -> impl Iterator<Item = f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::judged;
+    use super::super::testing::{hypothesis, judged};
     use super::*;
     use crate::effects::EffectId;
     use crate::model::Model;
@@ -127,6 +131,20 @@ mod tests {
             model.unexplained(&base)
         };
         assert!(with(EffectId::SaturationQ) <= 1.0 && with(EffectId::CoulombFriction) > 1.0);
+    }
+
+    #[test]
+    fn friction_need_not_explain_what_is_no_mismatch_of_the_currents() {
+        let with = |effect: EffectId, currents: f64| {
+            let base = judged(currents, 20.0, currents, 4);
+            let mut model = judged(currents, 1.0, currents, 5);
+            model.fitted.model = Model::new(*model.fitted.model.context(), &[effect]);
+            model.held_out = vec![hypothesis(currents, 1.0, 5)];
+            model.unexplained(&base)
+        };
+        let faint = 1.0 + 0.9 * MISMATCH;
+        assert!(with(EffectId::QuadraticDrag, faint) <= 1.0 && with(EffectId::SaturationQ, faint) > 1.0);
+        assert!(with(EffectId::QuadraticDrag, 1.0 + 2.0 * MISMATCH) > 1.0);
     }
 
     #[test]

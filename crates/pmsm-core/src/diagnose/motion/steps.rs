@@ -101,22 +101,33 @@ pub fn worthwhile_steps(experiment: &Joint, fitted: &Fitted, run: usize) -> Vec<
     let threshold =
         (STEP_SIGNIFICANCE * unit).max(STEP_SHARE * experiment.runs()[run].fewest_speeds() as f64);
     let position = |index: usize| fitted.free.iter().position(|f| *f == index).expect("levels are free");
-    // Constraints of the steps already taken away: level after minus level before.
-    let constraint = |step: usize| {
-        let mut row = DVector::zeros(fitted.free.len());
-        row[position(own + step + 1)] = 1.0;
-        row[position(own + step)] = -1.0;
-        row
-    };
-    let levels = DVector::from_iterator(fitted.free.len(), fitted.free.iter().map(|k| fitted.parameters[*k]));
-    let information = least_squares::scaled_inverse(&fitted.fit.normal.jtj);
+    let count = nuisance.levels;
+    let places: Vec<usize> = (0..count).map(|k| position(own + k)).collect();
+    let mut levels = DVector::zeros(fitted.free.len());
+    for (k, place) in places.iter().enumerate() {
+        levels[*place] = fitted.parameters[own + k];
+    }
+    let information = &fitted.fit.normal.jtj;
     let mut gone: Vec<usize> = Vec::new();
+    // The least that the sum of squares rises where the levels on both sides of each of `steps` are one, and all else gives way. A level
+    // between two steps in a gap of the log is not determined at all: it may be either of its neighbours, but does not let these differ.
     let cost = |steps: &[usize]| -> f64 {
-        let rows: Vec<_> = steps.iter().map(|s| constraint(*s)).collect();
-        let c = DMatrix::from_columns(&rows);
-        let off = c.tr_mul(&levels);
-        let spread = c.transpose() * &information * &c;
-        spread.pseudo_inverse(1e-12).map_or(f64::INFINITY, |inverse| off.dot(&(inverse * &off)))
+        let mut merged = DMatrix::zeros(levels.len(), levels.len() - steps.len());
+        let mut column = 0;
+        for (k, place) in places.iter().enumerate() {
+            if k > 0 && !steps.contains(&(k - 1)) {
+                column += 1;
+            }
+            merged[(*place, column)] = 1.0;
+        }
+        for place in (0..levels.len()).filter(|place| !places.contains(place)) {
+            column += 1;
+            merged[(place, column)] = 1.0;
+        }
+        let along = information * &merged;
+        let fewer = least_squares::scaled_inverse(&merged.tr_mul(&along)) * along.tr_mul(&levels);
+        let off = &levels - merged * fewer;
+        off.dot(&(information * &off))
     };
     loop {
         let spent = if gone.is_empty() { 0.0 } else { cost(&gone) };
@@ -135,5 +146,53 @@ pub fn worthwhile_steps(experiment: &Joint, fitted: &Fitted, run: usize) -> Vec<
             }
             _ => return kept,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::data::SETTINGS;
+    use crate::diagnose::testing::{setup, speeds};
+    use crate::drive::{Schedule, Shape, simulate};
+    use crate::machine::BaseParameter;
+    use crate::monitor::Silent;
+    use crate::recording::Recording;
+    use crate::signals::Signals;
+
+    #[test]
+    fn of_two_steps_in_a_gap_of_the_log_one_stays() {
+        let mut manoeuvre = speeds(1.2, &[(0.1, 90.0), (0.4, -80.0), (0.8, 90.0), (1.1, -60.0)]);
+        let load = Schedule::new(vec![(0.0, 1.0), (0.6, -1.5)], Shape::Steps).unwrap();
+        manoeuvre.tau_load = Some(load);
+        manoeuvre.load_kind = Some("unknown_piecewise".into());
+        let setup = setup(manoeuvre, Vec::new());
+        let whole = simulate(&setup, &Silent).unwrap().recording;
+        let logged = |x: &[f64]| -> Vec<f64> {
+            whole.t().iter().zip(x).filter(|(t, _)| !(0.55..0.65).contains(*t)).map(|(_, x)| *x).collect()
+        };
+        let names = ["t", "v_d", "v_q", "i_a", "i_b", "i_c", "theta_e", "omega_e"];
+        let columns = names.iter().filter_map(|name| Some((name.to_string(), logged(whole.column(name)?))));
+        let recording = Recording::new(columns.collect(), None).unwrap();
+        let data = Data::new(Signals::new(&recording, &setup.nameplate).unwrap(), &setup.nameplate).unwrap();
+        let model = Model::new(data.signals.context, &[]);
+        let own: Vec<f64> = BaseParameter::ALL.iter().map(|p| setup.machine.get(*p).unwrap()).collect();
+        let torque = data.torque(&model, &own);
+        let kept = |steps: &[f64]| {
+            let nuisance = Nuisance { levels: steps.len() + 1, initial: 0 };
+            let experiment = data.motion(&model, &[nuisance], &torque);
+            let count = own.len();
+            let mut start = own.clone();
+            start.extend(vec![0.0; nuisance.levels]);
+            start.extend(steps);
+            let free: Vec<usize> = [BaseParameter::J.index(), BaseParameter::B.index()]
+                .into_iter()
+                .chain(count..start.len())
+                .collect();
+            let fitted = experiment.fit(&start, &free, &SETTINGS, &Silent).unwrap();
+            worthwhile_steps(&experiment, &fitted, 0).len()
+        };
+        assert_eq!(kept(&[0.59]), 1);
+        assert_eq!(kept(&[0.58, 0.62]), 1);
     }
 }
