@@ -13,7 +13,7 @@ use super::search::Outcome;
 use super::ties::Tie;
 use super::transfer::transfer;
 use super::{able, agree, each, fault, plausible, power, prescribe, reach, unmodelled, verdict};
-use crate::effect::Site;
+use crate::effect::{Role, Site};
 use crate::effects::EffectId;
 use crate::error::Result;
 use crate::monitor::Monitor;
@@ -172,13 +172,20 @@ pub fn conclude(
 /// Whether the model owes its place to a mechanical effect none of whose parameters exceeds its own standard error: what it takes away is
 /// real, and something else.
 fn moves_nothing(hypothesis: &Hypothesis, outputs: &Outputs) -> bool {
-    let shown = |x: &Estimate| match (x.value, x.stderr) {
-        (Some(value), Some(stderr)) => value.abs() >= stderr,
-        _ => true,
-    };
     let effects = hypothesis.effects().into_iter();
     let mut mechanical = effects.filter(|e| e.info().site == Site::Mechanical);
-    mechanical.any(|e| hypothesis.vanishes(e) || !outputs.effect(e).values().any(shown))
+    mechanical.any(|e| hypothesis.vanishes(e) || within_errors(e, &outputs.effect(e)))
+}
+
+/// Whether none of an effect's estimates exceeds its standard error. A whole number, which has none, says nothing of a strength; what else
+/// has none counts as beyond it.
+fn within_errors(effect: EffectId, estimates: &BTreeMap<String, Estimate>) -> bool {
+    let chosen = |name: &String| {
+        effect.info().parameters.iter().any(|p| p.name == name.as_str() && p.role == Role::Fixed)
+    };
+    let within =
+        |x: &Estimate| matches!((x.value, x.stderr), (Some(value), Some(error)) if value.abs() < error);
+    estimates.iter().filter(|(name, _)| !chosen(name)).all(|(_, x)| within(x))
 }
 
 fn step(data: &Data, hypothesis: &Hypothesis) -> Step {
@@ -354,6 +361,20 @@ mod tests {
     use super::*;
     use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
     use crate::drive::Choice;
+
+    #[test]
+    fn an_order_without_an_error_is_no_strength() {
+        let estimate = |(name, value, stderr): (&str, f64, Option<f64>)| {
+            let unit = "1".into();
+            (name.to_string(), Estimate { value: Some(value), stderr, ci95: None, unit, why_none: None })
+        };
+        let within = |second: Option<f64>| {
+            let cogging =
+                [("tau_cog", 0.06, Some(0.08)), ("tau_cog_2", 0.04, second), ("order_mech", 24.0, None)];
+            within_errors(EffectId::CoggingTorque, &cogging.map(estimate).into())
+        };
+        assert!(within(Some(0.05)) && !within(Some(0.03)) && !within(None));
+    }
 
     #[test]
     fn an_effect_of_the_motion_that_its_own_error_exceeds_moves_nothing() {

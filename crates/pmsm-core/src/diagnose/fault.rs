@@ -37,18 +37,33 @@ pub fn located(data: &Data, judge: Option<&Data>, outcome: &Outcome, verdict: Ve
         if located.iter().all(in_the_motion) {
             located.extend(absorbed(data, base, &outcome.best.fitted));
         }
-        located.sort_by_key(in_the_motion);
+        charge_the_currents(&mut located, "");
     } else if located.first().is_some_and(in_the_motion) && bent(data, base) {
-        for at in located.iter_mut().filter(|at| in_the_motion(at)) {
-            at.sentence += " Another flux and other inductances than those that the currents are fitted with would take it away.";
-        }
-        located.sort_by_key(in_the_motion);
+        let how = ": another flux and other inductances than those that the currents are fitted with would take it away";
+        charge_the_currents(&mut located, how);
     }
     located
 }
 
 fn in_the_motion(at: &Located) -> bool {
     at.equation == locate::equation_of(Channel::OmegaE)
+}
+
+/// Lays what the motion shows at the voltage equations.
+fn charge_the_currents(located: &mut [Located], how: &str) {
+    let theirs: f64 = located.iter().filter(|at| !in_the_motion(at)).map(|at| at.share).sum();
+    if theirs <= 0.0 {
+        return;
+    }
+    for at in located.iter_mut() {
+        if in_the_motion(at) {
+            at.share = 0.0;
+            at.sentence += &format!(" The same cause shows there{how}.");
+        } else {
+            at.share /= theirs;
+        }
+    }
+    located.sort_by(|a, b| b.share.total_cmp(&a.share));
 }
 
 /// What one wrong sensor explains of all equations is its own.

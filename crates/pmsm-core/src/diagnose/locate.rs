@@ -49,7 +49,7 @@ impl Region {
 pub struct Located {
     /// `d`, `q`, `mechanical` or `sensor`.
     pub equation: String,
-    /// Share of the whole excess.
+    /// Share of the whole excess that is laid at this equation: what missing physics of the currents does to the motion counts as theirs.
     pub share: f64,
     /// The place in plain words.
     pub sentence: String,

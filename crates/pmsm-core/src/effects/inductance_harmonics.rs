@@ -20,8 +20,8 @@ const fn part(name: &'static str, meaning: &'static str) -> Parameter {
         unit: "1",
         meaning,
         role: Role::Amplitude,
-        low: |_| -0.2,
-        high: |_| 0.2,
+        low: |_| -0.3,
+        high: |_| 0.3,
         typical: |_| 0.01,
     }
 }
