@@ -3,7 +3,7 @@
 
 use super::data::{Data, SETTINGS};
 use super::hypothesis::Hypothesis;
-use super::motion;
+use super::motion::{self, Found};
 use super::verdict::MISMATCH;
 use crate::base::BASE;
 use crate::effect::Site;
@@ -56,29 +56,31 @@ pub fn fit(
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
     let currents = Currents::known(electrical_done);
-    staged(data, model, start, Stage { currents, held: &[], load: None, lost: None }, monitor)
+    staged(data, model, start, Stage { currents, held: &[], load: Unknown::Anew, lost: None }, monitor)
 }
 
 /// Fits as [`fit`] does, but not to the motion where what the currents leave is `lost`, if anything is, which then is all that the answer
-/// tells; and first with the model parameters `held`, if there are any, kept at their start, and then all of them from where that leads,
-/// loads and initial values included.
+/// tells; with the steps of an unknown load that were found `under` another model, if there is one; and first with the model parameters
+/// `held`, if there are any, kept at their start, and then all of them from where that leads, loads and initial values included.
 ///
 /// # Errors
 /// Those of the least-squares fits.
 pub fn fit_unless(
     lost: Option<&dyn Fn(&Hypothesis) -> bool>,
-    held: &[usize],
+    (held, under): (&[usize], Option<&Hypothesis>),
     data: &Data,
     model: &Model,
     (start, currents): (&[f64], Currents),
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
-    let stage = Stage { currents, held, load: None, lost };
-    let first = staged(data, model, start, stage, monitor)?;
+    let load = under.map_or(Unknown::Anew, |under| Unknown::As(load_of(under)));
+    let first = staged(data, model, start, Stage { currents, held, load, lost }, monitor)?;
     if held.is_empty() || lost.is_some_and(|lost| lost(&first)) {
         return Ok(first);
     }
-    on_from(data, &first, matches!(currents, Currents::Done), monitor)
+    let load = if under.is_some() { Unknown::As(load_of(&first)) } else { Unknown::From(load_of(&first)) };
+    let currents = Currents::known(matches!(currents, Currents::Done));
+    staged(data, model, first.own(), Stage { currents, held: &[], load, lost: None }, monitor)
 }
 
 /// The electrical parameters of a hypothesis fitted to the currents alone, and what these leave; nothing is said of the motion.
@@ -86,7 +88,7 @@ pub fn fit_unless(
 /// # Errors
 /// Those of the least-squares fit.
 pub fn currents_alone(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
-    let stage = Stage { currents: Currents::Open, held: &[], load: None, lost: Some(&|_| true) };
+    let stage = Stage { currents: Currents::Open, held: &[], load: Unknown::Anew, lost: Some(&|_| true) };
     staged(data, &hypothesis.model, hypothesis.own(), stage, monitor)
 }
 
@@ -101,10 +103,14 @@ pub fn on_from(
     electrical_done: bool,
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
-    let load = (&from.nuisances[..], &from.parameters[from.model.parameter_count()..]);
     let currents = Currents::known(electrical_done);
-    let stage = Stage { currents, held: &[], load: Some(load), lost: None };
+    let stage = Stage { currents, held: &[], load: Unknown::From(load_of(from)), lost: None };
     staged(data, &from.model, from.own(), stage, monitor)
+}
+
+/// What a hypothesis found of each recording's load and initial values.
+fn load_of(found: &Hypothesis) -> Found<'_> {
+    (&found.nuisances, &found.parameters[found.model.parameter_count()..])
 }
 
 /// The parameters to which a fit of the electrical ones and of sensors to the currents alone leads from `start`, which keeps those `held`.
@@ -134,12 +140,22 @@ pub fn to_currents(
     Ok(experiment.fit(&start, &wanted, &SETTINGS, monitor)?.parameters)
 }
 
-/// What a fit leaves as it is, the load from which it begins, if one was found before, and whether it ends where it has come to the
-/// currents.
+/// Where the fit of an unknown load begins.
+#[derive(Clone, Copy)]
+enum Unknown<'a> {
+    /// With what the recording shows of its steps.
+    Anew,
+    /// With what was found before, to which steps are added that are missing.
+    From(Found<'a>),
+    /// With what was found before, to which none is added.
+    As(Found<'a>),
+}
+
+/// What a fit leaves as it is, the load from which it begins, and whether it ends where it has come to the currents.
 struct Stage<'a> {
     currents: Currents<'a>,
     held: &'a [usize],
-    load: Option<(&'a [Nuisance], &'a [f64])>,
+    load: Unknown<'a>,
     lost: Option<&'a dyn Fn(&Hypothesis) -> bool>,
 }
 
@@ -172,7 +188,11 @@ fn staged(
         }
     }
     if data.has(false) {
-        let fitted = motion::fit(data, model, &parameters, &rotor, load, monitor)?;
+        let fitted = match load {
+            Unknown::Anew => motion::fit(data, model, &parameters, &rotor, None, monitor)?,
+            Unknown::From(found) => motion::fit(data, model, &parameters, &rotor, Some(found), monitor)?,
+            Unknown::As(found) => motion::fit_under(data, model, &parameters, &rotor, found, monitor)?,
+        };
         (parameters, nuisances) = (fitted.parameters, fitted.nuisances);
         free.extend(fitted.free);
         if together(data, model) {
@@ -299,8 +319,7 @@ pub fn under_load_of(
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
     let rotor = if anew { free_parameters(data, &bare.model).1 } else { Vec::new() };
-    let load = (&other.nuisances[..], &other.parameters[other.model.parameter_count()..]);
-    let fitted = motion::fit_under(data, &bare.model, &bare.parameters, &rotor, load, monitor)?;
+    let fitted = motion::fit_under(data, &bare.model, &bare.parameters, &rotor, load_of(other), monitor)?;
     let mut free = Vec::new();
     if anew {
         let rigid = |k: &&usize| **k < bare.model.parameter_count() && !rotor.contains(k);

@@ -13,7 +13,7 @@ use crate::monitor::Monitor;
 use crate::recording::Load;
 use crate::simulate::mechanical::Nuisance;
 use settling::Settling;
-use state::{State, found};
+use state::{State, states_of};
 use steps::with_missing_step;
 
 pub use settling::Motion;
@@ -25,8 +25,11 @@ const IMPROVEMENT: f64 = 0.7;
 /// Steps added at most.
 const ADDED: usize = 4;
 
-/// Fits the mechanical parameters `rotor` of `model`, starting from `start`, and whatever each recording leaves open: from the nuisances
-/// and values of each recording in `load` where they were found before.
+/// Where a fit begins with what each recording leaves open: the nuisances and values of each.
+pub type Found<'a> = (&'a [Nuisance], &'a [f64]);
+
+/// Fits the mechanical parameters `rotor` of `model`, starting from `start`, and whatever each recording leaves open: from what was
+/// `found` before, if anything was. Steps that are missing from an unknown load are added.
 ///
 /// # Errors
 /// Those of the least-squares fit.
@@ -35,7 +38,7 @@ pub fn fit(
     model: &Model,
     start: &[f64],
     rotor: &[usize],
-    load: Option<(&[Nuisance], &[f64])>,
+    found: Option<Found>,
     monitor: &dyn Monitor,
 ) -> Result<Motion> {
     let own = &start[..model.parameter_count()];
@@ -43,8 +46,8 @@ pub fn fit(
     let begin = |(run, part): (usize, &Data)| {
         State::start(part, model, own, rotor, &torque[data.samples_of(run)], monitor)
     };
-    let states = match load {
-        Some((nuisances, load)) => found(nuisances, load),
+    let states = match found {
+        Some(found) => states_for(data, model, found),
         None => data.runs().iter().enumerate().map(begin).collect(),
     };
     let settling = Settling { data, model, rotor, torque, monitor };
@@ -57,7 +60,7 @@ pub fn fit(
             if best.squares[run] < 1.0 + MISSING || monitor.cancelled() {
                 break;
             }
-            let mut states = found(&best.nuisances, &best.parameters[model.parameter_count()..]);
+            let mut states = states_of(&best.nuisances, &best.parameters[model.parameter_count()..]);
             let own = &best.parameters[..model.parameter_count()];
             let samples = &torque[data.samples_of(run)];
             let Some((state, at)) = with_missing_step(part, model, own, &states[run], samples) else { break };
@@ -71,8 +74,7 @@ pub fn fit(
     Ok(best)
 }
 
-/// The same under a load of given shape, whose levels and instants are fitted but to which no step is added: `load` holds the
-/// nuisances and values of each recording.
+/// The same under a load of the shape that was `found`, whose levels and instants are fitted but to which no step is added.
 ///
 /// # Errors
 /// Those of the least-squares fit.
@@ -81,16 +83,25 @@ pub fn fit_under(
     model: &Model,
     start: &[f64],
     rotor: &[usize],
-    (nuisances, load): (&[Nuisance], &[f64]),
+    found: Found,
     monitor: &dyn Monitor,
 ) -> Result<Motion> {
     let own = &start[..model.parameter_count()];
-    let mut states = found(nuisances, load);
-    for (state, part) in states.iter_mut().zip(data.runs()) {
-        state.deviations = vec![0.0; if part.has(false) { part.initial_states(model) } else { 0 }];
-    }
+    let states = states_for(data, model, found);
     let torque = &data.torque(model, own);
     Settling { data, model, rotor, torque, monitor }.settle(own.to_vec(), states)
+}
+
+/// The states found with a model that may have had other initial values, which then begin anew.
+fn states_for(data: &Data, model: &Model, (nuisances, values): Found) -> Vec<State> {
+    let mut states = states_of(nuisances, values);
+    for (state, part) in states.iter_mut().zip(data.runs()) {
+        let initial = if part.has(false) { part.initial_states(model) } else { 0 };
+        if state.deviations.len() != initial {
+            state.deviations = vec![0.0; initial];
+        }
+    }
+    states
 }
 
 /// Lag-one correlation within windows from which a fitted speed is fitted once more with whitened residuals.
@@ -166,6 +177,31 @@ mod tests {
             |load| fit(&data, &base.model, base.own(), &[], load, &Stopped).unwrap().parameters[count];
         assert_eq!(level(Some(load)), base.parameters[count]);
         assert!((level(None) / base.parameters[count] - 1.0).abs() > 0.01, "{}", level(None));
+    }
+
+    #[test]
+    fn under_a_load_that_was_found_a_shaft_begins_at_rest_and_no_step_is_added() {
+        let mut manoeuvre = speeds(1.2, &[(0.1, 90.0), (0.4, -80.0), (0.7, 90.0), (1.0, -60.0)]);
+        let steps = vec![(0.0, 1.0), (0.55, 4.0)];
+        manoeuvre.tau_load = Some(Schedule::new(steps, Shape::Steps).unwrap());
+        manoeuvre.load_kind = Some("unknown_piecewise".into());
+        let (data, base) = data(&setup(manoeuvre, Vec::new()));
+        let count = base.own().len();
+        let (stepping, values) = ([Nuisance { levels: 2, initial: 0 }], &base.parameters[count..]);
+        assert_eq!(base.nuisances, stepping);
+        let model = Model::new(*base.model.context(), &[EffectId::TwoMassShaft]);
+        let typical = EffectId::TwoMassShaft.info().parameters.iter().map(|p| (p.typical)(model.context()));
+        let start: Vec<f64> = base.own().iter().copied().chain(typical).collect();
+        let shaft = fit_under(&data, &model, &start, &[], (&stepping, values), &Silent).unwrap();
+        assert_eq!(shaft.nuisances, [Nuisance { levels: 2, initial: data.initial_states(&model) }]);
+        assert!(data.initial_states(&model) > 0);
+        // Without the step, one that is to be found is, and one under a load that was found is not.
+        let flat = ([Nuisance { levels: 1, initial: 0 }], [values[0]]);
+        let flat: Found = (&flat.0, &flat.1);
+        let under = fit_under(&data, &base.model, base.own(), &[], flat, &Silent).unwrap();
+        let on = fit(&data, &base.model, base.own(), &[], Some(flat), &Silent).unwrap();
+        assert!(under.squares[0] > 1.0 + MISSING && under.nuisances == flat.0, "{:?}", under.squares);
+        assert!(on.squares[0] < 1.0 + MISSING && on.nuisances == stepping, "{:?}", on.squares);
     }
 
     #[test]

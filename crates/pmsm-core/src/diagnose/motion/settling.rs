@@ -1,6 +1,6 @@
 //! One fit of the equation of motion after the other, each without the load steps that did not pay in the one before.
 
-use super::state::{State, found};
+use super::state::{State, states_of};
 use super::steps::{steps_apart, worthwhile_steps};
 use crate::diagnose::data::{Data, SETTINGS};
 use crate::error::Result;
@@ -107,7 +107,7 @@ impl Settling<'_> {
         }
         // What is left starts from where it was.
         let mut parameters = fitted.parameters;
-        let fresh = found(&nuisances, &parameters[count..]).into_iter();
+        let fresh = states_of(&nuisances, &parameters[count..]).into_iter();
         let fewer = |(run, state): (usize, State)| {
             state.with_steps(&keep[run], data.runs()[run].signals.context.duration)
         };

@@ -84,8 +84,8 @@ impl State {
 }
 
 /// The states of all recordings from their nuisances and values.
-pub fn found(nuisances: &[Nuisance], load: &[f64]) -> Vec<State> {
-    split(nuisances, load).map(|(nuisance, own)| State::of(own, nuisance)).collect()
+pub fn states_of(nuisances: &[Nuisance], values: &[f64]) -> Vec<State> {
+    split(nuisances, values).map(|(nuisance, own)| State::of(own, nuisance)).collect()
 }
 
 /// Mean torque that is neither acceleration nor viscous friction: where the search for the load begins; none where a model has run away.

@@ -1,7 +1,7 @@
 //! One effect more beside a set: which are worth a refit, and which of those a whole one.
 
 use super::refit::Claim;
-use super::sets::{explains, mismatched_by};
+use super::sets::{explains, least_beside, mismatched_by};
 use super::{MOSTLY, Search};
 use crate::diagnose::shortlist::{Prospect, Scorer};
 use crate::diagnose::verdict::{Judged, MISMATCH, PROGRESS, UNEXPLAINED};
@@ -15,9 +15,6 @@ use rayon::prelude::*;
 const LEAST_SCORE: f64 = 0.002;
 /// The same where the bare machine leaves no mismatch, only what a load or noise may hide.
 const LEAST_HIDDEN: f64 = 0.1;
-/// Beside other effects, one that scores less than this share of the worst channel's excess is not refitted either, unless it is
-/// the best of its site: it has to take away a good part of it to be taken up.
-const LEAST_SHARE: f64 = 0.1;
 /// Of single effects, none is that scores less than this share of the best: it is no rival to it, and what it may explain beside it is
 /// seen when pairs are grown.
 const RIVAL: f64 = 0.05;
@@ -144,7 +141,7 @@ impl Search<'_> {
         order.sort_by(|a, b| prospects[*b].score.total_cmp(&prospects[*a].score));
         let beside = !parent.fitted.effects().is_empty();
         let least = if beside {
-            (LEAST_SHARE * parent.excess() / (1.0 + parent.excess())).max(LEAST_SCORE)
+            least_beside(parent).max(LEAST_SCORE)
         } else {
             let best = prospects.iter().map(|p| p.score).fold(0.0, f64::max);
             (RIVAL * best).max(if mismatched_by(parent, 1.0) { LEAST_SCORE } else { LEAST_HIDDEN })

@@ -1,7 +1,7 @@
 //! One more effect refitted beside a set, from where the score sees it.
 
 use super::Search;
-use super::sets::{explained, far_behind, hopeless_currents, moves_as_measured};
+use super::sets::{explained, far_behind, hopeless_currents, least_beside, moves_as_measured};
 use crate::diagnose::data::Data;
 use crate::diagnose::fitting::{self, Currents};
 use crate::diagnose::hypothesis::Hypothesis;
@@ -15,7 +15,8 @@ use crate::model::Model;
 use crate::monitor::Monitor;
 
 /// A fit that takes away less than this share of what its score promised, if it promised something, is tried once more: with the shapes
-/// held until the rest has settled, and then from this share of the strength.
+/// held until the rest has settled, and then from this share of the strength. Beside other effects what scores too little to be worth a fit
+/// promises nothing.
 const KEPT_PROMISE: f64 = 0.5;
 const LEAST_PROMISE: f64 = 0.02;
 const FAINTER: f64 = 0.1;
@@ -90,7 +91,8 @@ impl Search<'_> {
         begun: Option<&[f64]>,
         claim: Claim,
     ) -> Result<Option<Judged>> {
-        let thorough = parent.excess() > MISMATCH && !matches!(claim, Claim::Outdone(_));
+        let promises = prospect.score > LEAST_PROMISE.max(least_beside(parent));
+        let thorough = promises && parent.excess() > MISMATCH && !matches!(claim, Claim::Outdone(_));
         let fitted = beside(self.data, &parent.fitted, prospect, begun, (thorough, claim), self.monitor)?;
         if claim.lost(&fitted, false) || fitted.vanishes(prospect.effect) {
             return Ok(None);
@@ -128,15 +130,17 @@ fn beside(
     let lost = |fitted: &Hypothesis| claim.lost(fitted, true);
     let may_lose: Option<&dyn Fn(&Hypothesis) -> bool> =
         if matches!(claim, Claim::Open) { None } else { Some(&lost) };
-    let from = |own: &[f64], currents: Currents, held: &[usize]| {
-        fitting::fit_unless(may_lose, held, data, &model, (&start(own), currents), monitor)
+    let from = |own: &[f64], currents: Currents, held: &[usize], under: Option<&Hypothesis>| {
+        fitting::fit_unless(may_lose, (held, under), data, &model, (&start(own), currents), monitor)
     };
-    let fit = |own: &[f64], held: &[usize]| from(own, currents, held);
-    let mut best = from(&prospect.start, begun.map_or(currents, Currents::Fitted), &[])?;
+    // What moves beside the rotor is no step of a load, which need not be found anew for it; nor a second time.
+    let fit = |own: &[f64], held: &[usize]| from(own, currents, held, Some(parent));
+    let under = (prospect.effect.mechanical_state_count() > 0).then_some(parent);
+    let mut best = from(&prospect.start, begun.map_or(currents, Currents::Fitted), &[], under)?;
 
     let shapes: Vec<usize> =
         (0..parameters.len()).filter(|k| parameters[*k].role == Role::Shape).map(|k| first + k).collect();
-    let hopeful = thorough && prospect.score > LEAST_PROMISE && !shapes.is_empty();
+    let hopeful = thorough && !shapes.is_empty();
     let short = |fitted: &Hypothesis| explained(parent, fitted) < KEPT_PROMISE * prospect.score;
     let broken = |fitted: &Hypothesis| hopeful && (lost(fitted) || short(fitted)) && !monitor.cancelled();
     let better = |a: Hypothesis, b: Hypothesis| {

@@ -9,6 +9,10 @@ use crate::effects::EffectId;
 /// are missing, one shows without the other.
 const FOOTHOLD: f64 = 0.1;
 
+/// Beside other effects, one that scores less than this share of the worst channel's excess is not refitted, unless it is the best of its
+/// site: it has to take away a good part of it to be taken up.
+const LEAST_SHARE: f64 = 0.1;
+
 /// None is grown from a set that leaves this many times what the best of its size leaves: hardly one more effect makes up for that. Less
 /// is enough once a larger set that explains the recordings has been found.
 const HOPELESS: f64 = 30.0;
@@ -23,6 +27,12 @@ pub(super) fn foothold(larger: &Judged, smaller: &Judged) -> bool {
     };
     let mut both = all(smaller).into_iter().zip(all(larger));
     both.any(|(before, after)| before - after >= FOOTHOLD * before.max(1.0))
+}
+
+/// Score from which an effect is worth a refit beside those of `parent`; none without any.
+pub(super) fn least_beside(parent: &Judged) -> f64 {
+    let bare = parent.fitted.effects().is_empty();
+    if bare { 0.0 } else { LEAST_SHARE * parent.excess() / (1.0 + parent.excess()) }
 }
 
 /// Whether a set leaves so much more than the `best` of its size that none is grown from it; `done` says that one which explains the
