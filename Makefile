@@ -91,9 +91,13 @@ ruff: $(VENV)/.test
 mypy: $(VENV)/.test
 	$(BIN)/mypy
 
+# All but the tests inside the crate run on the library as the wheel holds it, which is compiled once for both: both crates are named, as
+# the features of what they share are those of both.
 rust: | need
-	cargo test --locked --no-fail-fast
-	RUSTDOCFLAGS='-D warnings' cargo doc --locked --no-deps
+	cargo test --locked --no-fail-fast -p pmsm-core --lib
+	cargo test --locked --no-fail-fast -p pmsm-core -p pmsm-py --release --test '*'
+	cargo test --locked --no-fail-fast -p pmsm-core -p pmsm-py --release --doc
+	RUSTDOCFLAGS='-D warnings' cargo doc --locked --no-deps -p pmsm-core
 
 # `--installed` refuses to test anything but the wheel.
 python: $(VENV)/.test
@@ -135,7 +139,7 @@ docs: $(VENV)/.docs
 	@echo 'Open it in a browser: file://$(CURDIR)/$(MANUAL)/index.html'
 
 doc:
-	cargo doc --locked --no-deps
+	cargo doc --locked --no-deps -p pmsm-core
 
 clean:
 	rm -rf $(VENV) target out docs/generated docs/gallery docs/sg_execution_times.rst

@@ -1,9 +1,6 @@
 //! The kernels: J1, J2, J3 and least squares as the comparison with the peers defines them, every path beside the roofline of
 //! its fused multiply-add ports, and what each effect adds to a step on vectors.
 
-#[path = "../tests/plant/mod.rs"]
-mod plant;
-
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use plant::Plant;
 use pmsm_core::bare::{self, Kernel, POINT, Track, chunks};

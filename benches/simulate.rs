@@ -1,8 +1,5 @@
 //! Cost of the simulations per sample, in plain numbers and in numbers with derivatives.
 
-#[path = "../tests/plant/mod.rs"]
-mod plant;
-
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use plant::Plant;
 use pmsm_core::dual::Dual;

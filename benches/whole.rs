@@ -1,8 +1,5 @@
 //! The whole way: one window of the tracker, and a diagnosis with the whole catalogue on recordings of different length.
 
-#[path = "../tests/plant/mod.rs"]
-mod plant;
-
 use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use plant::Plant;
 use pmsm_core::diagnose::diagnose;

@@ -126,7 +126,7 @@ fn speed_and_torque_alone_show_the_mechanics() {
     let given = vec![
         ("t".into(), (0..run.x.len()).map(|k| k as f64 * 1e-4).collect()),
         ("tau_e".into(), torque.collect()),
-        ("omega_m".into(), run.x.iter().map(|x| x[2] + 0.05 * gauss.next()).collect()),
+        ("omega_m".into(), run.x.iter().map(|x| x[2] + 0.05 * gauss.draw()).collect()),
     ];
     let recording = Recording::new(given, Some(Load::UnknownConstant)).unwrap();
     let answer =
@@ -145,7 +145,7 @@ fn operating_points_show_the_electrical_parameters() {
             (-4.0 * f64::from(k % 5), f64::from(k % 7) - 3.0, 20.0 + f64::from(k % 11) * 8.0);
         let (x, v) = plant.steady([i_d, i_q], w_m);
         let row =
-            [2.5 * f64::from(k), v[0] + 0.05 * gauss.next(), v[1] + 0.05 * gauss.next(), x[0], x[1], w_m];
+            [2.5 * f64::from(k), v[0] + 0.05 * gauss.draw(), v[1] + 0.05 * gauss.draw(), x[0], x[1], w_m];
         columns.iter_mut().zip(row).for_each(|(c, x)| c.push(x));
     }
     let names = ["t", "v_d", "v_q", "i_d", "i_q", "omega_m"];

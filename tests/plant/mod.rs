@@ -10,13 +10,21 @@ use pmsm_core::recording::{Load, Recording};
 /// Parameters of the motor, SI, with an optional elastic shaft and a winding that heats itself.
 #[derive(Debug, Clone, Copy)]
 pub struct Plant {
+    /// Stator resistance, Ω.
     pub r_s: f64,
+    /// Inductance of the d axis, H.
     pub l_d: f64,
+    /// Inductance of the q axis, H.
     pub l_q: f64,
+    /// Flux linkage of the magnets, V·s.
     pub psi_m: f64,
+    /// Pole pairs.
     pub n_p: f64,
+    /// Inertia of all that turns, kg·m².
     pub j: f64,
+    /// Viscous friction, N·m·s/rad.
     pub b: f64,
+    /// Constant load, N·m.
     pub tau_load: f64,
     /// Share of the inertia behind the shaft, stiffness N·m/rad, damping N·m·s/rad.
     pub shaft: Option<[f64; 3]>,
@@ -113,9 +121,13 @@ impl Plant {
 /// A simulated run.
 #[derive(Debug, Clone)]
 pub struct Run {
+    /// Time between two samples, s.
     pub period: f64,
+    /// State at each sample.
     pub x: Vec<State>,
+    /// Voltages v_d, v_q from each sample to the next, V.
     pub v: Vec<[f64; 2]>,
+    /// Pole pairs.
     pub n_p: f64,
 }
 
@@ -126,10 +138,10 @@ impl Run {
         let mut gauss = Gauss(seed);
         let mut coloured = |sd: f64| -> Vec<f64> {
             let fresh = (1.0 - memory * memory).sqrt() * sd;
-            let mut last = sd * gauss.next();
+            let mut last = sd * gauss.draw();
             let values = self.x.iter().map(|_| {
                 let now = last;
-                last = memory * last + fresh * gauss.next();
+                last = memory * last + fresh * gauss.draw();
                 now
             });
             values.collect()
@@ -209,7 +221,8 @@ impl Gauss {
         ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    pub fn next(&mut self) -> f64 {
+    /// The next one.
+    pub fn draw(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
         radius * (std::f64::consts::TAU * self.uniform()).cos()
     }
