@@ -21,7 +21,7 @@ SEED ?= $(shell cat docs/proof/seed)
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md \
   $(shell find crates python -type f -not -name '*.so' -not -name '*.pyc' -not -path '*/target/*')
 
-.PHONY: help need demo test lint rustfmt clippy ruff mypy rust python readme readme-check proof proof-docs accuracy wheel format docs doc clean
+.PHONY: help need demo built unit test lint rustfmt clippy ruff mypy rust python readme readme-check proof proof-docs accuracy wheel format docs doc clean
 
 help:
 	@echo 'make demo      install into $(VENV) and diagnose the recording that ships with the package'
@@ -74,6 +74,12 @@ demo: $(VENV)/.installed
 	@$(BIN)/pmsm-rs demo --report $(REPORT)
 	@echo 'Open it in a browser: file://$(CURDIR)/$(REPORT)'
 
+# What takes the compiler longest, for `make -j2`; `test` then finds it done.
+built: $(VENV)/.test unit
+
+unit: | need
+	cargo test --locked --no-run -p pmsm-core --lib
+
 test: lint rust python readme-check docs
 
 lint: rustfmt clippy ruff mypy
@@ -101,7 +107,7 @@ rust: | need
 
 # `--installed` refuses to test anything but the wheel.
 python: $(VENV)/.test
-	$(BIN)/pytest --installed
+	$(BIN)/pytest --installed -n auto --dist loadfile
 
 readme-check: $(VENV)/.test
 	@$(BIN)/python docs/readme.py --check || \
