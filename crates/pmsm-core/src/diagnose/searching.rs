@@ -1,0 +1,173 @@
+//! The search for the set of effects as the recordings call for it: on all samples or half of them, for many effects or one, and once more
+//! where what it finds shows noise that was not seen before.
+
+use super::anew::{settled, settled_anew, unfiltered};
+use super::data::Data;
+use super::fitting;
+use super::hypothesis::Hypothesis;
+use super::search::{self, Outcome, Search};
+use super::transfer::transfer;
+use super::verdict;
+use crate::effect::Site;
+use crate::error::Result;
+use crate::monitor::Monitor;
+
+/// Searches for the effects, held against the other recordings or against every other window of this one.
+pub fn search(
+    whole: &mut Data,
+    others: &mut [Data],
+    base: &mut Hypothesis,
+    monitor: &dyn Monitor,
+) -> Result<Outcome> {
+    // Half a recording may not pin down what the whole does: where the bare machine fits the whole, nothing is wrong with it.
+    let split = others.is_empty() && !whole.poor && verdict::largest_excess(base) > verdict::MISMATCH;
+    let split = split.then(|| whole.halves()).flatten();
+    if let Some((fitted, held_out)) = &split {
+        let start = fitting::refit(fitted, base, monitor)?;
+        let searched = Search {
+            data: fitted,
+            held_out: vec![held_out],
+            refuting: Vec::new(),
+            most: search::MOST,
+            monitor,
+        }
+        .run(start)?;
+        return on_whole(whole, searched, base, monitor);
+    }
+    if !whole.poor {
+        let begun = open(whole, others, monitor).singles(base.clone())?;
+        let anew = begun.explain_most() && settled_anew(whole, others, &begun.base, &begun.best);
+        if !anew || monitor.cancelled() {
+            return open(whole, others, monitor).finish(begun);
+        }
+        *base = fitting::refit(whole, base, monitor)?;
+        return open(whole, others, monitor).run(base.clone());
+    }
+    // What a poor recording leaves open a second one must not be held against it, unless it makes nonsense of that one.
+    let bare = |data| Ok((data, transfer(data, base, monitor)?));
+    let refuting = others.iter().map(bare).collect::<Result<Vec<_>>>()?;
+    Search { data: whole, held_out: Vec::new(), refuting, most: 1, monitor }.run(base.clone())
+}
+
+/// A search for as many effects as there may be, held against all of the other recordings.
+fn open<'a>(data: &'a Data, others: &'a [Data], monitor: &'a dyn Monitor) -> Search<'a> {
+    let held_out = others.iter().collect();
+    Search { data, held_out, refuting: Vec::new(), most: search::MOST, monitor }
+}
+
+/// The noise measured with the help of what was found, and what comes of a search there, where the bare machine was too far from a speed that
+/// wanders for it to be judged as such, if that needs fewer effects: a friction found beside an effect of the currents may be what noise does
+/// to the rotor. A torque of these that has only nearly the right form would be judged too finely, and need more.
+pub fn judged_finer(
+    whole: &Data,
+    others: &[Data],
+    outcome: &Outcome,
+    monitor: &dyn Monitor,
+) -> Result<Option<(Data, Vec<Data>, Outcome)>> {
+    let best = &outcome.best;
+    let effects = best.fitted.effects();
+    let moving = effects.iter().filter(|e| e.info().site == Site::Mechanical).count();
+    let wanders = others.iter().chain([whole]).any(|data| unfiltered(data) > 0);
+    // What is left unexplained is no noise.
+    let explained = best.excess() <= verdict::MISMATCH;
+    if moving == 0 || moving == effects.len() || !wanders || !explained || monitor.cancelled() {
+        return Ok(None);
+    }
+    let mut again = settled(whole, &best.fitted);
+    let mut theirs: Vec<Data> =
+        others.iter().zip(&best.held_out).map(|(d, found)| settled(d, found)).collect();
+    if theirs.len() < others.len() {
+        return Ok(None);
+    }
+    let mut base = fitting::refit(&again, &outcome.base.fitted, monitor)?;
+    let anew = search(&mut again, &mut theirs, &mut base, monitor)?;
+    let fewer = anew.best.fitted.effects().len() < effects.len() && !monitor.cancelled();
+    Ok(fewer.then_some((again, theirs, anew)))
+}
+
+/// Fits what a search on half the samples found to all of them.
+fn on_whole(data: &Data, found: Outcome, base: &Hypothesis, monitor: &dyn Monitor) -> Result<Outcome> {
+    let mut best = found.best;
+    if !best.fitted.effects().is_empty() {
+        best.fitted = fitting::refit(data, &best.fitted, monitor)?;
+    }
+    let bare = best.fitted.effects().is_empty();
+    if bare {
+        // Fitted together with an effect that turned out needless, the bare machine may do better than by itself.
+        let there = best.fitted.seen_again(data);
+        let better = verdict::largest_excess(&there) < verdict::largest_excess(base);
+        best.fitted = if better { there } else { base.clone() };
+    }
+    let mut whole = found.base;
+    whole.fitted = if bare { best.fitted.clone() } else { base.clone() };
+    let mut path = found.path;
+    let last = path.len() - 1;
+    for judged in &mut path[1..last.max(1)] {
+        judged.fitted = fitting::refit(data, &judged.fitted, monitor)?;
+    }
+    // What only generalises an effect is compared with it closely, sample for sample.
+    let mut swaps = found.swaps;
+    for swap in &mut swaps {
+        if swap.by.is_some_and(|wide| wide.contains(swap.replaced)) {
+            swap.judged.fitted = fitting::refit(data, &swap.judged.fitted, monitor)?;
+        }
+    }
+    path[0] = whole.clone();
+    path[last] = if last == 0 { whole.clone() } else { best.clone() };
+    Ok(Outcome { base: whole, best, path, swaps, ..found })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{self, choice, setup, speeds};
+    use crate::diagnose::verdict::Judged;
+    use crate::effects;
+    use crate::model::Model;
+    use crate::monitor::Silent;
+
+    #[test]
+    fn a_speed_that_wanders_is_judged_as_such_once_what_hid_it_is_found() {
+        let path: Vec<(f64, f64)> =
+            (0..8).map(|k| (0.1 + 0.25 * f64::from(k), [90.0, -70.0][k as usize % 2])).collect();
+        let mut setup = setup(speeds(2.0, &path), vec![choice("coulomb_friction", "tau_c", 1.0)]);
+        setup.drive.sensors.noise_i = 0.3;
+        let ((mut data, mut base), (other, _)) = (testing::data(&setup), testing::data(&setup));
+        assert!(data.wanders_unfiltered() && verdict::largest_excess(&base) > 30.0);
+        let outcome = search(&mut data, &mut [other], &mut base, &Silent).unwrap();
+        assert_eq!(outcome.best.fitted.effects(), [effects::EffectId::CoulombFriction]);
+        assert!(data.wander().is_some() && !data.wanders_unfiltered());
+    }
+
+    #[test]
+    fn what_noise_does_to_a_rotor_is_no_load_beside_an_effect_of_the_currents() {
+        use effects::EffectId::{CoulombFriction, DeadTime, TimeVaryingLoad};
+        let path: Vec<(f64, f64)> =
+            (0..8).map(|k| (0.1 + 0.25 * f64::from(k), [90.0, -70.0][k as usize % 2])).collect();
+        let real = vec![choice("dead_time", "v_err", 6.0), choice("coulomb_friction", "tau_c", 1.0)];
+        let mut setup = setup(speeds(2.0, &path), real);
+        setup.drive.sensors.noise_i = 0.3;
+        let ((data, base), (other, _)) = (testing::data(&setup), testing::data(&setup));
+        assert!(data.wanders_unfiltered(), "{:?}", base.squares);
+        let mut outcome =
+            search(&mut data.clone(), &mut [other.clone()], &mut base.clone(), &Silent).unwrap();
+        let others = [other];
+        let mut finer = |found: &[effects::EffectId]| {
+            let model = Model::new(data.signals.context, found);
+            let typical = found.iter().flat_map(|e| e.info().parameters);
+            let start = base.own().iter().copied().chain(typical.map(|p| (p.typical)(&data.signals.context)));
+            let start: Vec<f64> = start.collect();
+            let fitted = fitting::fit(&data, &model, &start, false, &Silent).unwrap();
+            let held_out = vec![transfer(&others[0], &fitted, &Silent).unwrap()];
+            outcome.best = Judged { fitted, held_out, refuted: false };
+            let finer = judged_finer(&data, &others, &outcome, &Silent).unwrap();
+            finer.map(|(.., outcome)| outcome.best.fitted.effects())
+        };
+        assert_eq!(
+            finer(&[DeadTime, CoulombFriction, TimeVaryingLoad]),
+            Some(vec![DeadTime, CoulombFriction])
+        );
+        // What moves alone is judged so as it is found.
+        assert_eq!(finer(&[CoulombFriction, TimeVaryingLoad]), None);
+    }
+}
