@@ -149,19 +149,30 @@ pub fn prefetch(from: &[f64], at: usize) {
 /// Runs `job` on `path`, or on the widest path below it that this processor has.
 pub fn run<J: Job>(path: Path, rounding: Rounding, job: J) -> J::Output {
     #[cfg(target_arch = "x86_64")]
-    {
-        let path = if path.available() { path } else { Path::best() };
-        match (path, rounding) {
-            (Path::Avx512, Rounding::Reproducible) => return x86::avx512::<J, false>(job),
-            (Path::Avx512, Rounding::Fused) => return x86::avx512::<J, true>(job),
-            (Path::Avx2, Rounding::Reproducible) => return x86::avx2::<J, false>(job),
-            (Path::Avx2, Rounding::Fused) => return x86::avx2::<J, true>(job),
-            (Path::Sse2, _) => return job.run::<x86::Sse2<false>>(),
-            (Path::Portable, _) => {}
-        }
+    match (available(path), rounding) {
+        (Path::Avx512, Rounding::Fused) => return x86::avx512::<J, true>(job),
+        (Path::Avx2, Rounding::Fused) => return x86::avx2::<J, true>(job),
+        _ => {}
     }
-    let _ = (path, rounding);
-    job.run::<f64>()
+    let _ = rounding;
+    reproducible(path, job)
+}
+
+/// The same for [`Rounding::Reproducible`] alone: the other one is not compiled.
+pub fn reproducible<J: Job>(path: Path, job: J) -> J::Output {
+    match available(path) {
+        #[cfg(target_arch = "x86_64")]
+        Path::Avx512 => x86::avx512::<J, false>(job),
+        #[cfg(target_arch = "x86_64")]
+        Path::Avx2 => x86::avx2::<J, false>(job),
+        #[cfg(target_arch = "x86_64")]
+        Path::Sse2 => job.run::<x86::Sse2<false>>(),
+        _ => job.run::<f64>(),
+    }
+}
+
+fn available(path: Path) -> Path {
+    if path.available() { path } else { Path::best() }
 }
 
 /// Runs a job on vectors of eight, reproducibly; the processor must have [`Path::Avx512`].

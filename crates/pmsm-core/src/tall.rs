@@ -1,7 +1,7 @@
 //! Products of matrices with many more rows than columns, such as Jacobians: taken in blocks of rows that stay in the cache, always in
 //! the same order.
 
-use crate::lanes::{self, Job, Lane, Path, Rounding};
+use crate::lanes::{self, Job, Lane, Path};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::array::from_fn;
@@ -145,7 +145,7 @@ impl<'a> Columns<'a> {
 
 /// Runs on the widest vectors of this processor.
 fn fast<J: Job>(job: J) -> J::Output {
-    lanes::run(Path::best(), Rounding::Reproducible, job)
+    lanes::reproducible(Path::best(), job)
 }
 
 struct Product<'a> {

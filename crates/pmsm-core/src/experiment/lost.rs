@@ -7,7 +7,7 @@
 use super::{Channel, Experiment};
 use crate::dual::Dual;
 use crate::effect::Env;
-use crate::lanes::{self, Job, Lane, Path, Rounding};
+use crate::lanes::{self, Job, Lane, Path};
 use crate::map::{Equation, Factor, MOST, Map, Part, Point};
 use crate::real::Real;
 use crate::simulate::electrical::between;
@@ -92,7 +92,7 @@ impl Experiment<'_> {
                     let own = at * size + first..at * size + size.min(first + WIDE);
                     let (values, columns) = ((&values[..], first, size), &mut electrical.columns[own]);
                     let job = Response { steps: &answering.steps, axis, values, rows: [d, q], columns };
-                    lanes::run(Path::best(), Rounding::Reproducible, job);
+                    lanes::reproducible(Path::best(), job);
                 }
             }
             let every: Vec<usize> = (0..part.count()).collect();

@@ -1,7 +1,7 @@
 //! Columns of phase values as the rotor sees them, and the way back, as many samples at a time as a vector holds. The bits are those of
 //! one sample at a time.
 
-use crate::lanes::{self, Job, Lane, Path, Rounding};
+use crate::lanes::{self, Job, Lane, Path};
 use crate::real::Real;
 use crate::transforms::{inverse_park, park};
 use std::marker::PhantomData;
@@ -47,7 +47,7 @@ fn turned<X: Transform<IN, OUT>, const IN: usize, const OUT: usize>(
     let mut to: [Vec<f64>; OUT] = std::array::from_fn(|_| vec![0.0; theta.len()]);
     let columns = to.each_mut().map(Vec::as_mut_slice);
     let job = Turn::<X, IN, OUT> { from, theta, to: columns, by: PhantomData };
-    lanes::run(path, Rounding::Reproducible, job);
+    lanes::reproducible(path, job);
     to
 }
 
