@@ -28,7 +28,7 @@ pub fn fit(data: &mut Data, monitor: &dyn Monitor) -> Result<Hypothesis> {
     let mut found = fitting::fit(data, &model, &start, false, monitor)?;
     for _ in 0..SETTLING {
         data.settle_floors(&found);
-        found = fitting::on_from(data, &found, false, monitor)?;
+        found = fitting::on_from(data, &found, monitor)?;
         if data.away(&found) < AWAY || monitor.cancelled() {
             break;
         }

@@ -78,9 +78,9 @@ pub fn fit_unless(
     if held.is_empty() || lost.is_some_and(|lost| lost(&first)) {
         return Ok(first);
     }
-    let load = if under.is_some() { Unknown::As(load_of(&first)) } else { Unknown::From(load_of(&first)) };
     let currents = Currents::known(matches!(currents, Currents::Done));
-    staged(data, model, first.own(), Stage { currents, held: &[], load, lost: None }, monitor)
+    let stage = Stage { currents, held: &[], load: Unknown::As(load_of(&first)), lost: None };
+    staged(data, model, first.own(), stage, monitor)
 }
 
 /// The electrical parameters of a hypothesis fitted to the currents alone, and what these leave; nothing is said of the motion.
@@ -92,19 +92,13 @@ pub fn currents_alone(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monito
     staged(data, &hypothesis.model, hypothesis.own(), stage, monitor)
 }
 
-/// Fits a hypothesis to the same recordings once more from where it stands, loads and initial values included. `electrical_done` says
-/// that its electrical parameters stay as they are.
+/// Fits a hypothesis to the same recordings once more from where it stands, loads and initial values included.
 ///
 /// # Errors
 /// Those of the least-squares fits.
-pub fn on_from(
-    data: &Data,
-    from: &Hypothesis,
-    electrical_done: bool,
-    monitor: &dyn Monitor,
-) -> Result<Hypothesis> {
-    let currents = Currents::known(electrical_done);
-    let stage = Stage { currents, held: &[], load: Unknown::From(load_of(from)), lost: None };
+pub fn on_from(data: &Data, from: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
+    let load = Unknown::From(load_of(from));
+    let stage = Stage { currents: Currents::Open, held: &[], load, lost: None };
     staged(data, &from.model, from.own(), stage, monitor)
 }
 
