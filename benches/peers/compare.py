@@ -117,6 +117,12 @@ def long_numba(columns: dict[str, Array]) -> Callable[[], float]:
     return lambda: float(fast_numba.trajectory(TRUTH, *rest))
 
 
+def summed(columns: dict[str, Array]) -> Callable[[], float]:
+    """About what memory takes to bring the numbers that such a run reads."""
+    read = [column for name, column in columns.items() if name != "t"]
+    return lambda: float(sum(column.sum() for column in read))
+
+
 def tracked(columns: dict[str, Array], method: str) -> Callable[[], float]:
     """The package's tracker over a log: windows cut, identified from the last one's result, and compared."""
     length = SAMPLES * PERIOD
@@ -249,14 +255,12 @@ def main() -> None:
             )
     if "J3" in asked.jobs:
         long = measured(LONG)
-        alternate(
-            "J3: one parameter set, ten million samples",
-            {
-                "pmsm_rs.Fitness, one thread": long_run(long),
-                "numba, fastmath": long_numba(long),
-            },
-            asked.rounds or 7,
-        )
+        contestants = {
+            "pmsm_rs.Fitness, one thread": long_run(long),
+            "numpy, its five columns merely summed": summed(long),
+            "numba, fastmath": long_numba(long),
+        }
+        alternate("J3: one parameter set, ten million samples", contestants, asked.rounds or 7)
     if "JAX" in asked.jobs:
         import jax_swarm
 
