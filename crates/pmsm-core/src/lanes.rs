@@ -256,6 +256,35 @@ mod tests {
         assert_eq!(run(Path::best(), Rounding::Fused, Arithmetic(&numbers)), widest);
     }
 
+    /// Sizes and signs, in bits: one number that is greater than zero gives 1, all others 2.
+    struct Signs<'a>(&'a [f64; 8]);
+
+    impl Job for Signs<'_> {
+        type Output = [[u64; 2]; 8];
+        #[inline(always)]
+        fn run<V: Lane>(self) -> Self::Output {
+            let (mut size, mut sign) = ([0.0; 8], [0.0; 8]);
+            for at in (0..8).step_by(V::WIDTH) {
+                let x = V::load(&self.0[at..]);
+                x.abs().store(&mut size[at..]);
+                x.if_positive(V::one(), V::constant(2.0)).store(&mut sign[at..]);
+            }
+            std::array::from_fn(|k| [size[k].to_bits(), sign[k].to_bits()])
+        }
+    }
+
+    #[test]
+    fn zeros_of_either_sign_infinities_and_what_is_no_number_are_taken_as_by_single_numbers() {
+        let odd = [0.0, -0.0, f64::NAN, -f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 5e-324, -5e-324];
+        for path in Path::ALL {
+            for (x, [size, sign]) in odd.into_iter().zip(run(path, Rounding::Reproducible, Signs(&odd))) {
+                let (size, sign) = (f64::from_bits(size), f64::from_bits(sign));
+                assert!(size.to_bits() == x.abs().to_bits() || x.is_nan() && size.is_nan(), "{path:?} {x}");
+                assert_eq!(sign, if x > 0.0 { 1.0 } else { 2.0 }, "{path:?} {x}");
+            }
+        }
+    }
+
     #[test]
     fn a_path_that_is_missing_gives_way_to_the_best_there_is() {
         assert!(Path::best().available() && Path::ALL[0].available());

@@ -60,11 +60,12 @@ pub struct Tangent<V, const R: usize, const APART: bool> {
     pub(super) eps: [V; R],
 }
 
-/// A tangent with the value `re` and the derivatives that an expression of `k` gives. A closure would be compiled without
-/// the path's instructions, and thousands of loops over a few vectors take the compiler minutes to unroll.
+/// A tangent with the value `re` and the derivatives that an expression of `k` gives; it begins as `like`. A closure would be compiled
+/// without the path's instructions, and thousands of loops over a few vectors, that which repeats a zero included, take the compiler
+/// minutes to unroll.
 macro_rules! each {
-    ($re:expr, $k:ident => $eps:expr) => {{
-        let mut tangent = Self { re: $re, eps: [V::zero(); R] };
+    ($like:expr, $re:expr, $k:ident => $eps:expr) => {{
+        let mut tangent = Self { re: $re, eps: $like.eps };
         if const { R > 0 } {
             let $k = 0;
             tangent.eps[0] = $eps;
@@ -95,7 +96,7 @@ impl<V: Lane, const R: usize, const N: usize> Carries<Dual<N>> for Tangent<V, R,
     fn carry(x: Dual<N>) -> Self {
         let mut eps = [0.0; MOST];
         eps[..N].copy_from_slice(&x.eps);
-        each!(V::constant(x.re), r => V::load(&eps[r * V::WIDTH..]))
+        each!(Self::constant(0.0), V::constant(x.re), r => V::load(&eps[r * V::WIDTH..]))
     }
     #[inline(always)]
     fn give(self) -> Dual<N> {
@@ -111,7 +112,7 @@ impl<V: Lane, const R: usize, const APART: bool> Tangent<V, R, APART> {
     /// `f(self)` from the value and the derivative of `f` there.
     #[inline(always)]
     pub(super) fn chain(self, value: V, slope: V) -> Self {
-        each!(value, k => self.eps[k] * slope)
+        each!(self, value, k => self.eps[k] * slope)
     }
     /// A function's value, taken `once` for all lanes or in `each`.
     #[inline(always)]
@@ -124,7 +125,7 @@ impl<V: Lane, const R: usize, const APART: bool> Add for Tangent<V, R, APART> {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: Self) -> Self {
-        each!(self.re + other.re, k => self.eps[k] + other.eps[k])
+        each!(self, self.re + other.re, k => self.eps[k] + other.eps[k])
     }
 }
 
@@ -132,7 +133,7 @@ impl<V: Lane, const R: usize, const APART: bool> Sub for Tangent<V, R, APART> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
-        each!(self.re - other.re, k => self.eps[k] - other.eps[k])
+        each!(self, self.re - other.re, k => self.eps[k] - other.eps[k])
     }
 }
 
@@ -140,7 +141,7 @@ impl<V: Lane, const R: usize, const APART: bool> Mul for Tangent<V, R, APART> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
-        each!(self.re * other.re, k => self.eps[k] * other.re + self.re * other.eps[k])
+        each!(self, self.re * other.re, k => self.eps[k] * other.re + self.re * other.eps[k])
     }
 }
 
@@ -149,7 +150,7 @@ impl<V: Lane, const R: usize, const APART: bool> Div for Tangent<V, R, APART> {
     #[inline(always)]
     fn div(self, other: Self) -> Self {
         let (inverse, value) = (V::one() / other.re, self.re / other.re);
-        each!(value, k => (self.eps[k] - value * other.eps[k]) * inverse)
+        each!(self, value, k => (self.eps[k] - value * other.eps[k]) * inverse)
     }
 }
 
@@ -182,7 +183,7 @@ impl<V: Lane, const R: usize, const APART: bool> Neg for Tangent<V, R, APART> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        each!(-self.re, k => -self.eps[k])
+        each!(self, -self.re, k => -self.eps[k])
     }
 }
 
@@ -242,7 +243,7 @@ impl<V: Lane, const R: usize, const APART: bool> Real for Tangent<V, R, APART> {
     }
     #[inline(always)]
     fn if_positive(self, yes: Self, no: Self) -> Self {
-        each!(self.re.if_positive(yes.re, no.re), k => self.re.if_positive(yes.eps[k], no.eps[k]))
+        each!(self, self.re.if_positive(yes.re, no.re), k => self.re.if_positive(yes.eps[k], no.eps[k]))
     }
     #[inline(always)]
     fn positive(self) -> bool {

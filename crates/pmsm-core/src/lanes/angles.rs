@@ -108,7 +108,8 @@ fn power_of_two<V: Lane>(x: V) -> V {
 }
 
 /// The same with those lanes computed by themselves that are not `plain`.
-#[inline(always)]
+#[cold]
+#[inline(never)]
 fn one_by_one<V: Lane>(x: V, plain: V, s: V, c: V) -> (V, V) {
     let mut rows = [[0.0; 8]; 4];
     for (row, value) in rows.iter_mut().zip([x, plain, s, c]) {

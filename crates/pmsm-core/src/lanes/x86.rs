@@ -111,7 +111,7 @@ macro_rules! operators {
 /// is half of, so the processor has the instructions (see the module's documentation), and no intrinsic used there asks for more. Those
 /// of SSE2 are safe to call, as every x86-64 has them.
 macro_rules! vector {
-    ($name:ident, $width:literal, $half:ty,
+    ($name:ident, $width:literal, $features:literal, $half:ty,
      $splat:ident $add:ident $sub:ident $mul:ident $div:ident $sqrt:ident $load:ident $store:ident,
      |$f:ident, $g:ident, $h:ident| $mul_add:expr, $neg_mul_add:expr, |$x:ident| $abs:expr, |$s:ident, $yes:ident, $no:ident| $select:expr,
      |$l:ident, $b:ident| $within:expr $(, $columns:item)?) => {
@@ -123,14 +123,21 @@ macro_rules! vector {
                 #[allow(unused_unsafe)]
                 Self(unsafe { $splat(x) })
             }
-            #[inline(always)]
-            fn each(self, f: impl Fn(f64) -> f64) -> Self {
+            // What takes so many instructions that a call is nothing is called: inlined, it is most of what there is to compile.
+            #[inline(never)]
+            #[target_feature(enable = $features)]
+            fn each(self, f: fn(f64) -> f64) -> Self {
                 let mut x = [0.0; $width];
                 self.store(&mut x);
                 for x in &mut x {
                     *x = f(*x);
                 }
                 Self::load(&x)
+            }
+            #[inline(never)]
+            #[target_feature(enable = $features)]
+            fn turned(self) -> (Self, Self) {
+                angles::sin_cos(self)
             }
         }
         impl<const FUSED: bool> Neg for $name<FUSED> {
@@ -206,19 +213,27 @@ macro_rules! vector {
             }
             #[inline(always)]
             fn sin_cos(self) -> (Self, Self) {
-                angles::sin_cos(self)
+                // SAFETY: (1)
+                #[allow(unused_unsafe)]
+                unsafe { self.turned() }
             }
             #[inline(always)]
             fn exp(self) -> Self {
-                self.each(f64::exp)
+                // SAFETY: (1)
+                #[allow(unused_unsafe)]
+                unsafe { self.each(f64::exp) }
             }
             #[inline(always)]
             fn ln(self) -> Self {
-                self.each(f64::ln)
+                // SAFETY: (1)
+                #[allow(unused_unsafe)]
+                unsafe { self.each(f64::ln) }
             }
             #[inline(always)]
             fn tanh(self) -> Self {
-                self.each(f64::tanh)
+                // SAFETY: (1)
+                #[allow(unused_unsafe)]
+                unsafe { self.each(f64::tanh) }
             }
             #[inline(always)]
             fn abs(self) -> Self {
@@ -248,7 +263,7 @@ macro_rules! vector {
     };
 }
 
-vector!(Avx512, 8, Avx2<FUSED>,
+vector!(Avx512, 8, "avx512f,avx512vl", Avx2<FUSED>,
 _mm512_set1_pd _mm512_add_pd _mm512_sub_pd _mm512_mul_pd _mm512_div_pd _mm512_sqrt_pd _mm512_loadu_pd _mm512_storeu_pd,
 |x, a, b| if FUSED {
     // SAFETY: (1)
@@ -316,7 +331,7 @@ unsafe fn quarters(from: [*const f64; 4]) -> __m512d {
     }
 }
 
-vector!(Avx2, 4, Self,
+vector!(Avx2, 4, "avx2,fma", Self,
     _mm256_set1_pd _mm256_add_pd _mm256_sub_pd _mm256_mul_pd _mm256_div_pd _mm256_sqrt_pd _mm256_loadu_pd _mm256_storeu_pd,
     |x, a, b| if FUSED {
         // SAFETY: (1)
@@ -330,11 +345,19 @@ vector!(Avx2, 4, Self,
     } else {
         b - x * a
     },
-    |x| _mm256_andnot_pd(_mm256_set1_pd(-0.0), x),
-    |x, yes, no| _mm256_blendv_pd(no, yes, _mm256_cmp_pd::<_CMP_GT_OQ>(x, _mm256_setzero_pd())),
+    |x| _mm256_max_pd(x, _mm256_sub_pd(_mm256_setzero_pd(), x)),
+    |x, yes, no| select(x, yes, no),
     |x, bound| _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LE_OQ>(x, bound)) != 0);
 
-vector!(Sse2, 2, Self,
+/// `yes` where `x` is positive, else `no`. Both this and the absolute value above are written so that vectors of numbers are not taken for
+/// vectors of bits where they are inlined: the compiler is minutes at getting a long function rid of those.
+#[inline]
+#[target_feature(enable = "avx")]
+fn select(x: __m256d, yes: __m256d, no: __m256d) -> __m256d {
+    _mm256_blendv_pd(no, yes, _mm256_cmp_pd::<_CMP_GT_OQ>(x, _mm256_setzero_pd()))
+}
+
+vector!(Sse2, 2, "sse2", Self,
     _mm_set1_pd _mm_add_pd _mm_sub_pd _mm_mul_pd _mm_div_pd _mm_sqrt_pd _mm_loadu_pd _mm_storeu_pd,
     |x, a, b| x * a + b, b - x * a,
     |x| _mm_andnot_pd(_mm_set1_pd(-0.0), x),
