@@ -1,67 +1,20 @@
 //! Vectors of x86-64, and the only unsafe code of the crate.
 //!
 //! Why it is sound: the types [`Avx2`] and [`Avx512`] are visible in this module alone, and a job meets them as the type
-//! parameter of [`Job::run`], called by [`avx2`] and [`avx512`] after they have asked the processor, or as the [`Lane::Half`] of
+//! parameter of [`super::Job::run`], called by [`avx2`] and [`avx512`] after they have asked the processor, or as the [`Lane::Half`] of
 //! the latter, for which AVX-512F stands good: it includes AVX2 and FMA. So whoever holds such a value, or calls a function of
 //! such a type, runs on a processor that has the instructions.
 
 #![allow(unsafe_code)]
 
-use super::{Job, Lane, Path, angles};
+mod entry;
+
+use super::{Lane, angles};
 use crate::real::Real;
 use std::arch::x86_64::*;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
-pub use eight::avx512;
-pub use four::avx2;
-
-/// A line of the cache on the stack. In a function that holds one the compiler aligns all vectors that it must keep on the stack; those
-/// that cross a line are far slower.
-#[repr(align(64))]
-struct Line {
-    _bytes: [u8; 64],
-}
-
-// What is entered from different modules is compiled side by side.
-mod eight {
-    use super::{Avx512, Job, Line, Path};
-    use std::hint::black_box;
-
-    /// Runs a job on vectors of eight.
-    ///
-    /// # Panics
-    /// If the processor has no AVX-512F or no VL.
-    pub fn avx512<J: Job, const FUSED: bool>(job: J) -> J::Output {
-        #[target_feature(enable = "avx512f,avx512vl")]
-        fn enter<J: Job, const FUSED: bool>(job: J) -> J::Output {
-            black_box(&Line { _bytes: [0; 64] });
-            job.run::<Avx512<FUSED>>()
-        }
-        assert!(Path::Avx512.available(), "this processor has no AVX-512F with VL");
-        // SAFETY: the instructions that `enter` enables were found on this processor one line above.
-        unsafe { enter::<J, FUSED>(job) }
-    }
-}
-
-mod four {
-    use super::{Avx2, Job, Line, Path};
-    use std::hint::black_box;
-
-    /// Runs a job on vectors of four.
-    ///
-    /// # Panics
-    /// If the processor has no AVX2 or no FMA.
-    pub fn avx2<J: Job, const FUSED: bool>(job: J) -> J::Output {
-        #[target_feature(enable = "avx2,fma")]
-        fn enter<J: Job, const FUSED: bool>(job: J) -> J::Output {
-            black_box(&Line { _bytes: [0; 64] });
-            job.run::<Avx2<FUSED>>()
-        }
-        assert!(Path::Avx2.available(), "this processor has no AVX2 with FMA");
-        // SAFETY: the instructions that `enter` enables were found on this processor one line above.
-        unsafe { enter::<J, FUSED>(job) }
-    }
-}
+pub use entry::{avx2, avx512};
 
 /// See [`super::prefetch`].
 #[inline(always)]
@@ -107,6 +60,48 @@ macro_rules! operators {
     )+};
 }
 
+/// Columns number `n` and `next`, where they are asked for, from the pairs of numbers that begin with number `n` of the records in `even`
+/// and in `odd` lanes.
+macro_rules! pair {
+    ($columns:ident $n:literal $next:literal, $parts:ident $place:ident [$($even:literal)+] [$($odd:literal)+], $low:ident $high:ident) => {
+        if const { $n < N } {
+            // SAFETY: (1), and the numbers that are read end no later than the eight of the last record, which are there.
+            unsafe {
+                let even = $parts([$($place[$even].add($n)),+]);
+                let odd = $parts([$($place[$odd].add($n)),+]);
+                $columns[$n] = Self($low(even, odd));
+                if const { $next < N } {
+                    $columns[$next] = Self($high(even, odd));
+                }
+            }
+        }
+    };
+}
+
+/// [`Lane::columns`] by pairs of numbers that `parts` brings into one vector.
+macro_rules! columns {
+    ($width:literal, $parts:ident [$($even:literal)+] [$($odd:literal)+], $low:ident $high:ident) => {
+        #[inline(always)]
+        fn columns<const N: usize>(records: &[f64], begin: &[usize], size: usize, k: usize) -> [Self; N] {
+            const { assert!(N <= 8) };
+            // One look at the last of them in place of one at each.
+            let begin: &[usize; $width] = begin[..$width].try_into().expect("as long as the range");
+            let last = begin.iter().fold(0, |last, begin| last.max(*begin));
+            assert!(last.saturating_add(k).saturating_mul(size).saturating_add(8) <= records.len(), "no such record");
+            let mut place = [records.as_ptr(); $width];
+            for lane in 0..$width {
+                place[lane] = place[lane].wrapping_add((begin[lane] + k) * size);
+            }
+            let mut columns = [Self::zero(); N];
+            pair!(columns 0 1, $parts place [$($even)+] [$($odd)+], $low $high);
+            pair!(columns 2 3, $parts place [$($even)+] [$($odd)+], $low $high);
+            pair!(columns 4 5, $parts place [$($even)+] [$($odd)+], $low $high);
+            pair!(columns 6 7, $parts place [$($even)+] [$($odd)+], $low $high);
+            columns
+        }
+    };
+}
+
 /// A vector type from its intrinsics; in each block marked (1) a value or type parameter of the type is at hand, or of the one that it
 /// is half of, so the processor has the instructions (see the module's documentation), and no intrinsic used there asks for more. Those
 /// of SSE2 are safe to call, as every x86-64 has them.
@@ -114,7 +109,7 @@ macro_rules! vector {
     ($name:ident, $width:literal, $features:literal, $half:ty,
      $splat:ident $add:ident $sub:ident $mul:ident $div:ident $sqrt:ident $load:ident $store:ident,
      |$f:ident, $g:ident, $h:ident| $mul_add:expr, $neg_mul_add:expr, |$x:ident| $abs:expr, |$s:ident, $yes:ident, $no:ident| $select:expr,
-     |$l:ident, $b:ident| $within:expr $(, $columns:item)?) => {
+     |$l:ident, $b:ident| $within:expr $(, columns!($($columns:tt)+))?) => {
         operators!($name, Add add $add, Sub sub $sub, Mul mul $mul, Div div $div);
         impl<const FUSED: bool> $name<FUSED> {
             #[inline(always)]
@@ -169,7 +164,7 @@ macro_rules! vector {
                 // SAFETY: (1), and the array has as many numbers as are read.
                 Self(unsafe { $load(from.as_ptr()) })
             }
-            $($columns)?
+            $(columns!($($columns)+);)?
             #[inline(always)]
             fn store(self, to: &mut [f64]) {
                 let to: &mut [f64; $width] = (&mut to[..$width]).try_into().expect("as long as the range");
@@ -282,38 +277,7 @@ if FUSED {
     _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_GT_OQ>(x, _mm512_setzero_pd()), no, yes)
 },
 |x, bound| _mm512_cmp_pd_mask::<_CMP_LE_OQ>(x, bound) != 0,
-#[inline(always)]
-fn columns<const N: usize>(records: &[f64], begin: &[usize], size: usize, k: usize) -> [Self; N] {
-    const { assert!(N <= 8) };
-    // One look at the last of them in place of one at each.
-    let begin: &[usize; 8] = begin[..8].try_into().expect("as long as the range");
-    let last = begin.iter().fold(0, |last, begin| last.max(*begin));
-    assert!(last.saturating_add(k).saturating_mul(size).saturating_add(8) <= records.len(), "no such record");
-    let from = records.as_ptr();
-    // The two numbers that begin with number `n` of four records.
-    macro_rules! pairs {
-        ($n:literal $($lane:literal),+) => {
-            // SAFETY: (1), and the numbers that are read end no later than the eight of the last record, which are there.
-            unsafe { quarters([$(from.add((begin[$lane] + k) * size + $n)),+]) }
-        };
-    }
-    let mut columns = [Self::zero(); N];
-    macro_rules! two {
-        ($($n:literal $next:literal),+) => {$(
-            if const { $n < N } {
-                let (even, odd) = (pairs!($n 0, 2, 4, 6), pairs!($n 1, 3, 5, 7));
-                // SAFETY: (1)
-                columns[$n] = Self(unsafe { _mm512_unpacklo_pd(even, odd) });
-                if const { $next < N } {
-                    // SAFETY: (1)
-                    columns[$next] = Self(unsafe { _mm512_unpackhi_pd(even, odd) });
-                }
-            }
-        )+};
-    }
-    two!(0 1, 2 3, 4 5, 6 7);
-    columns
-});
+columns!(8, quarters [0 2 4 6] [1 3 5 7], _mm512_unpacklo_pd _mm512_unpackhi_pd));
 
 /// A vector whose quarters are read from four places.
 ///
@@ -329,6 +293,16 @@ unsafe fn quarters(from: [*const f64; 4]) -> __m512d {
         let three = _mm512_mask_broadcast_f32x4(two, 0x0f00, _mm_loadu_ps(c.cast()));
         _mm512_castps_pd(_mm512_mask_broadcast_f32x4(three, 0xf000, _mm_loadu_ps(d.cast())))
     }
+}
+
+/// A vector whose halves are read from two places.
+///
+/// # Safety
+/// The processor has AVX, and two numbers stand at each place.
+#[inline(always)]
+unsafe fn halves([a, b]: [*const f64; 2]) -> __m256d {
+    // SAFETY: the caller's.
+    unsafe { _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(_mm_loadu_pd(a)), _mm_loadu_pd(b)) }
 }
 
 vector!(Avx2, 4, "avx2,fma", Self,
@@ -347,7 +321,8 @@ vector!(Avx2, 4, "avx2,fma", Self,
     },
     |x| _mm256_max_pd(x, _mm256_sub_pd(_mm256_setzero_pd(), x)),
     |x, yes, no| select(x, yes, no),
-    |x, bound| _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LE_OQ>(x, bound)) != 0);
+    |x, bound| _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LE_OQ>(x, bound)) != 0,
+    columns!(4, halves [0 2] [1 3], _mm256_unpacklo_pd _mm256_unpackhi_pd));
 
 /// `yes` where `x` is positive, else `no`. Both this and the absolute value above are written so that vectors of numbers are not taken for
 /// vectors of bits where they are inlined: the compiler is minutes at getting a long function rid of those.
