@@ -63,7 +63,7 @@ pub fn rows(
     // The last column is the point itself.
     let width = width(around.free.len());
     let mut blocks = Block::room(width);
-    let mut again = vec![0.0; STRETCH * 3 * width];
+    let mut again = vec![0.0; if all.is_some() { 0 } else { STRETCH * 3 * width }];
     let (mut counts, mut scale) = (vec![1.0; width], vec![0.0; width]);
     (counts[width - 1], scale[width - 1]) = (0.0, 1.0);
     for (number, segment) in track.segments.iter().enumerate() {
@@ -86,13 +86,17 @@ pub fn rows(
             let stretch =
                 Stretch { samples, pieces: segment.pieces, show_w: segment.show_w, has_load: track.has_load };
             let count = samples.len() / fields(track.has_load) * 3 * width;
-            let rows = &mut again[..count];
+            let rows = match &mut all {
+                Some(all) => {
+                    let from = all.len();
+                    all.resize(from + count, 0.0);
+                    &mut all[from..]
+                }
+                None => &mut again[..count],
+            };
             let differences = Differences { counts: &counts, scale: &scale, rows };
             block::subtract(kernel, &mut blocks, stretch, differences);
             sink(Rows { segment: number, rows });
-            if let Some(all) = &mut all {
-                all.extend_from_slice(rows);
-            }
         }
     }
     true
