@@ -12,6 +12,8 @@ use crate::effects::EffectId;
 const UNKNOWN: (f64, f64) = (0.02, 0.4);
 /// Highest probability of any name when the verdict is "unknown", or when the validation run refutes it.
 pub const CEILING_UNKNOWN: f64 = 0.4;
+/// A rival that is so many times as likely as the effect found cannot be kept from its name, whatever it has to do with it.
+const AS_LIKELY: f64 = 0.75;
 /// Candidates less probable than this are not listed.
 const LEAST_LISTED: f64 = 0.001;
 
@@ -82,12 +84,11 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
         };
         let sum = 1.0 + none + rivals.iter().map(|(e, j)| against(*e, j)).sum::<f64>();
         let share = (1.0 - unknown) / sum;
-        // What is more likely than the effect itself cannot be kept from its name.
-        let likelier = |rival: EffectId, judged: &Judged| weight(rival, judged) * odds(judged) > 1.0;
+        let as_likely = |rival: EffectId, judged: &Judged| weight(rival, judged) * odds(judged) > AS_LIKELY;
         let near = if poor { INDISTINGUISHABLE_POOR } else { INDISTINGUISHABLE };
         let mut equivalent: Vec<EffectId> = rivals
             .iter()
-            .filter(|(e, j)| !e.contains(effect) || asked_for(*e, j) || likelier(*e, j))
+            .filter(|(e, j)| !e.contains(effect) || asked_for(*e, j) || as_likely(*e, j))
             .filter(|(e, j)| loss(j) < floor + near || open(*e))
             .map(|(e, _)| *e)
             .collect();
@@ -241,10 +242,10 @@ mod tests {
     }
 
     #[test]
-    fn a_wider_effect_that_is_more_likely_than_the_one_found_is_listed_with_it() {
+    fn a_wider_effect_that_is_as_likely_as_the_one_found_is_listed_with_it() {
         let (coulomb, stribeck) = (EffectId::CoulombFriction, EffectId::StribeckFriction);
-        let verdict = |missed: f64| {
-            let (base, best, wide) = (judged(&[], 3.0), judged(&[coulomb], 1.12), judged(&[stribeck], 1.055));
+        let verdict = |missed: f64, left: f64| {
+            let (base, best, wide) = (judged(&[], 3.0), judged(&[coulomb], 1.12), judged(&[stribeck], left));
             let swap = |by, judged: &Judged| Swap { replaced: coulomb, by, judged: judged.clone() };
             let shown = Shown {
                 effect: stribeck,
@@ -261,10 +262,13 @@ mod tests {
             let (verdict, ranked) = decide(&outcome, false);
             (verdict, ranked[0].equivalent.clone(), ranked[0].probability)
         };
-        let (said, equivalent, probability) = verdict(0.5);
+        let (said, equivalent, probability) = verdict(0.5, 1.055);
         assert_eq!((said, equivalent), (Verdict::Ambiguous, vec![stribeck]));
         assert!(probability < 0.1, "{probability}");
-        let (said, equivalent, probability) = verdict(1e-3);
+        // Neither fits better, and of one that is there the recording would have missed nine of ten, or a half.
+        assert_eq!(verdict(0.9, 1.12).0, Verdict::Ambiguous);
+        assert_eq!(verdict(0.5, 1.12).0, Verdict::Named);
+        let (said, equivalent, probability) = verdict(1e-3, 1.055);
         assert_eq!((said, equivalent), (Verdict::Named, Vec::new()));
         assert!(probability > 0.5, "{probability}");
     }
