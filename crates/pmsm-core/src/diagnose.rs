@@ -217,6 +217,29 @@ mod tests {
     }
 
     #[test]
+    fn a_name_by_a_poor_recording_that_does_not_foresee_the_validation_run_is_an_even_chance_at_most() {
+        let run = |seed: u64, gain: f64| {
+            let mut one_speed = speeds(0.8, &[(0.0, 60.0)]);
+            one_speed.tau_load = Some(Schedule::new(vec![(0.0, 4.0)], Shape::Steps).unwrap());
+            let mut setup = setup(one_speed, vec![choice("current_gain_imbalance", "g_alpha", gain)]);
+            setup.seed = seed;
+            (simulate(&setup, &Silent).unwrap().recording, setup.nameplate)
+        };
+        let told = |validated: f64| {
+            let ((recording, nameplate), (validation, _)) = (run(1, 0.2), run(2, validated));
+            let answer = diagnose(&[&recording], &nameplate, Some(&validation), &Silent).unwrap();
+            assert_eq!(answer.verdict, Verdict::Ambiguous, "{:?}", answer.ranking);
+            assert_eq!(answer.ranking[0].effect, "current_gain_imbalance");
+            let said = answer.data_quality.iter().any(|f| f.finding.starts_with("on the validation run"));
+            (said, answer.ranking[0].probability)
+        };
+        let (said, probability) = told(0.15);
+        assert!(said && probability <= 0.5, "{said} {probability}");
+        let (said, probability) = told(0.2);
+        assert!(!said && probability > 0.8, "{said} {probability}");
+    }
+
+    #[test]
     fn a_machine_that_runs_away_is_no_mismatch() {
         // What no motor does: the regression for what is not on the nameplate finds inductances below zero.
         let t: Vec<f64> = (0..400).map(|k| 1e-3 * f64::from(k)).collect();

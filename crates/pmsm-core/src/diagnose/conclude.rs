@@ -79,12 +79,12 @@ pub fn conclude(
     let contradiction = agree::contradiction(data, &best.fitted, monitor)?;
     if contradiction.as_ref().is_some_and(|c| c.concerns(&best.fitted.effects())) {
         verdict = Verdict::Undetermined;
-        ranked.iter_mut().for_each(|r| r.probability = r.probability.min(agree::CEILING));
+        decide::doubt(&mut ranked, agree::CEILING);
     }
     let own = Outputs::new(data, &best.fitted);
     if verdict == Verdict::Named && moves_nothing(&best.fitted, &own) {
         verdict = Verdict::Unknown;
-        ranked.iter_mut().for_each(|r| r.probability = r.probability.min(decide::CEILING_UNKNOWN));
+        decide::doubt(&mut ranked, decide::CEILING_UNKNOWN);
     }
     let described = match verdict {
         _ if monitor.cancelled() => None,
@@ -94,7 +94,7 @@ pub fn conclude(
     };
     if described.is_some() && verdict == Verdict::Named {
         verdict = Verdict::Unknown;
-        ranked.iter_mut().for_each(|r| r.probability = r.probability.min(decide::CEILING_UNKNOWN));
+        decide::doubt(&mut ranked, decide::CEILING_UNKNOWN);
     }
     let settled = described.as_ref().map_or(&best.fitted, |(fitted, _)| fitted);
     let mapped = described.as_ref().map(|(fitted, _)| Outputs::new(data, fitted));
@@ -126,6 +126,11 @@ pub fn conclude(
     // Of the model as it is told: the search may have compared it as fitted to both runs.
     let predicted = validation.as_ref().filter(|_| described.is_none() && !outcome.base.held_out.is_empty());
     let predicted = predicted.map(|(_, before, after)| (verdict::excess(before), verdict::excess(after)));
+    let others = validation.iter().filter(|_| data.poor && !refuted);
+    let unforeseen: Vec<Finding> = others.filter_map(|(_, _, after)| not_foreseen(after)).collect();
+    if !unforeseen.is_empty() {
+        decide::doubt(&mut ranked, decide::CEILING_UNFORESEEN);
+    }
     let ranking = ranked.par_iter().map(|r| candidate(data, &outcome, r, model_outputs, predicted)).collect();
     let next_experiment = prescribe::next_experiment(data, &ranked, &outcome, verdict, weak, monitor)?;
     let mut data_quality = quality(data, weak, &ties, refuted);
@@ -138,8 +143,7 @@ pub fn conclude(
         fix: "let it run to its end".into(),
     }));
     data_quality.extend(judge.and_then(|judge| reach::judges_the_motion_alone(data, judge)));
-    let others = validation.iter().filter(|_| data.poor && !refuted);
-    data_quality.extend(others.filter_map(|(_, _, after)| not_foreseen(after)));
+    data_quality.extend(unforeseen);
     // What a model of the rest leaves on the validation run may be its own extrapolation, and so may what kept one from being believed.
     let extrapolated = validation.iter().filter(|(_, _, after)| {
         let more = verdict == Verdict::Unknown || !settled.effects().is_empty();

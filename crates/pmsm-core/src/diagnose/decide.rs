@@ -12,6 +12,9 @@ use crate::effects::EffectId;
 const UNKNOWN: (f64, f64) = (0.02, 0.4);
 /// Highest probability of any name when the verdict is "unknown", or when the validation run refutes it.
 pub const CEILING_UNKNOWN: f64 = 0.4;
+/// Highest probability of any name by a poor recording whose model does not foresee the validation run: it is right as often as not, as what
+/// fails may be a parameter that the recording does not pin down, or the effect.
+pub const CEILING_UNFORESEEN: f64 = 0.5;
 /// A rival that is so many times as likely as the effect found cannot be kept from its name, whatever it has to do with it.
 const AS_LIKELY: f64 = 0.75;
 /// Candidates less probable than this are not listed.
@@ -125,6 +128,13 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
     };
     order(&mut ranked, &effects);
     (verdict, ranked)
+}
+
+/// Nothing is more probable than that.
+pub fn doubt(ranked: &mut [Ranked], ceiling: f64) {
+    for candidate in ranked {
+        candidate.probability = candidate.probability.min(ceiling);
+    }
 }
 
 /// Candidates in the order in which they are told: the `effects` of the model as it took them up, then the others by probability.
