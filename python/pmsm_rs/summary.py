@@ -26,7 +26,9 @@ def headline(answer: DiagnosisValues) -> str:
     if answer.verdict == "ambiguous":
         choices = _alternatives(answer)
         if len(choices) == 1:
-            return f"The model probably leaves out {choices[0]}, but {these} cannot settle it."
+            likely = bool(answer.ranking) and answer.ranking[0].probability > 0.5
+            leaves = "probably leaves out" if likely else "may leave out"
+            return f"The model {leaves} {choices[0]}, but {these} cannot settle it."
         return f"The model leaves out {listed(choices, 'or')}; {these} cannot tell which."
     where = EQUATIONS.get(answer.located[0].equation, "") if answer.located else ""
     if answer.verdict == "unknown":

@@ -226,6 +226,14 @@ def test_text_of_an_answer_cannot_become_markup(tmp_path: Path) -> None:
             },
             "cannot tell which",
         ),
+        (
+            {"verdict": "ambiguous", "ranking": [{**ANSWER["ranking"][0], "probability": 0.9}]},
+            "probably leaves out",
+        ),
+        (
+            {"verdict": "ambiguous", "ranking": [{**ANSWER["ranking"][0], "probability": 0.5}]},
+            "may leave out",
+        ),
         ({"verdict": "unknown", "ranking": [], "model": {"effects": [], "base": {}}}, "not in the catalogue"),
         (
             {
