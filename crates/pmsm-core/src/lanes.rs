@@ -15,8 +15,8 @@
 //! every path and next to any neighbours. [`Rounding::Fused`] lets [`Lane::mul_add`] round once where the path has the
 //! instruction: fewer instructions, but results that differ in the last bits between processors.
 //!
-//! Bodies and everything they call in an inner loop must be `#[inline(always)]`: what is not inlined is compiled for the
-//! processor that the crate was built for, which is correct and slow.
+//! Bodies and everything they call in an inner loop must be `#[inline(always)]`: what is not inlined, and does not enable the path's
+//! instructions itself as sine and exponential do, is compiled for the processor that the crate was built for, which is correct and slow.
 
 mod angles;
 mod portable;

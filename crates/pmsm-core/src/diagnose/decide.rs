@@ -12,8 +12,8 @@ use crate::effects::EffectId;
 const UNKNOWN: (f64, f64) = (0.02, 0.4);
 /// Highest probability of any name when the verdict is "unknown", or when the validation run refutes it.
 pub const CEILING_UNKNOWN: f64 = 0.4;
-/// Highest probability of any name by a poor recording whose model does not foresee the validation run: it is right as often as not, as what
-/// fails may be a parameter that the recording does not pin down, or the effect.
+/// Highest probability of any name by a poor recording whose model does not foresee the validation run: an even chance, as what fails may be
+/// a parameter that the recording does not pin down, or the effect.
 pub const CEILING_UNFORESEEN: f64 = 0.5;
 /// A rival that is so many times as likely as the effect found cannot be kept from its name, whatever it has to do with it.
 const AS_LIKELY: f64 = 0.75;
