@@ -66,6 +66,11 @@ pub struct Shown {
 }
 
 impl Shown {
+    /// How much of a found effect's trace this one reproduces within its bounds; all of it where that is not known.
+    pub fn cosine(&self, found: EffectId) -> f64 {
+        self.likeness.iter().find(|(e, ..)| *e == found).map_or(1.0, |(_, cosine, _)| *cosine)
+    }
+
     /// Whether first-order analysis tells this effect from the found one.
     pub fn resembles(&self, found: EffectId) -> bool {
         self.likeness

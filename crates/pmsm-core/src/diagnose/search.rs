@@ -218,23 +218,32 @@ impl Search<'_> {
         }
         let best = self.behind_steps(best, &base, &able, &mut seen, &mut scale)?;
         let mut best = self.pruned(best, &scale, &mut seen)?;
-        let mut swaps = self.swaps(&best, &base, &able, (&mut seen, &mut grown))?;
+        self.monitor.report("alternatives", 0.85);
+        let mut shown = self.survey(&best, &able, &scale);
+        let mut swaps = self.swaps(&best, &base, (&able, &shown), (&mut seen, &mut grown))?;
         for _ in 0..PREFERRED {
             let Some(better) = preferred(&best, &swaps, &scale) else { break };
             best = self.pruned(better, &scale, &mut seen)?;
-            swaps = self.swaps(&best, &base, &able, (&mut seen, &mut grown))?;
+            shown = self.survey(&best, &able, &scale);
+            swaps = self.swaps(&best, &base, (&able, &shown), (&mut seen, &mut grown))?;
         }
+        let surveyed = best.fitted.parameters.clone();
         let best = self.as_wider(best, &swaps, &scale)?;
-        self.monitor.report("alternatives", 0.92);
-        let absent = self.rest(&able, &best);
-        let poor = self.most < MOST;
-        let shown = power::survey(self.data, &best.fitted, &absent, scale.worth(), poor, self.monitor);
+        if best.fitted.parameters != surveyed {
+            shown = self.survey(&best, &able, &scale);
+        }
         self.look_alikes(&best, &shown, &mut swaps)?;
         self.monitor.report("alternatives", 0.95);
         let open = self.reopened(&best, &swaps, &scale)?;
         let base = self.compared(&best, base)?;
         let path = path(&base, &best, &seen, &scale);
         Ok(Outcome { base, singles, best, swaps, unfit, shown, open, scale, path })
+    }
+
+    /// What the recording would have shown of the effects that are not in the best set.
+    fn survey(&self, best: &Judged, able: &[EffectId], scale: &Scale) -> Vec<Shown> {
+        let absent = self.rest(able, best);
+        power::survey(self.data, &best.fitted, &absent, scale.worth(), self.most < MOST, self.monitor)
     }
 
     /// Transfers a fitted hypothesis to the held-out runs.

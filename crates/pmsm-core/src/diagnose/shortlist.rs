@@ -8,7 +8,7 @@ use super::data::Data;
 use super::fitting::{self, rescaled};
 use super::hypothesis::Hypothesis;
 use crate::basis::{DEPENDENT, orthonormal};
-use crate::effect::{Parameter, Role, Site};
+use crate::effect::{Context, Parameter, Role, Site};
 use crate::effects::EffectId;
 use crate::experiment::{Block, Channel, Channels, Course, Joint, split};
 use crate::model::Model;
@@ -30,6 +30,14 @@ pub struct Prospect {
     pub start: Vec<f64>,
     /// Mean square explained, in units of what is left in each channel, summed over the channels.
     pub score: f64,
+}
+
+impl Prospect {
+    /// An effect that explains nothing, in the first of its shapes.
+    pub fn nothing(effect: EffectId, context: &Context) -> Self {
+        let start = effect.probes(context).into_iter().next().unwrap_or_default();
+        Self { effect, start, score: 0.0 }
+    }
 }
 
 /// Scores effects on top of one fitted hypothesis.
@@ -74,7 +82,7 @@ impl<'a> Scorer<'a> {
     pub fn score(&self, effect: EffectId) -> Prospect {
         let probes = effect.probes(self.hypothesis.model.context());
         let amplitudes = self.amplitudes(effect);
-        let nothing = Prospect { effect, start: probes[0].clone(), score: 0.0 };
+        let nothing = Prospect::nothing(effect, self.hypothesis.model.context());
         let together: Vec<&[Vec<f64>]> = batches(&probes, amplitudes.len()).collect();
         let best: Vec<Prospect> =
             together.into_par_iter().map(|shapes| self.best_of(&nothing, shapes, &amplitudes)).collect();

@@ -22,6 +22,9 @@ const RIVAL: f64 = 0.05;
 /// show that they are no rivals to it.
 const LEADING: f64 = 0.5;
 
+/// Share of the motion's mean square that one of all the effects which move the rotor may explain by chance.
+const BY_CHANCE: f64 = 0.1;
+
 /// What an extension is for.
 #[derive(Clone, Copy)]
 pub(super) struct Aim<'a> {
@@ -60,29 +63,19 @@ impl Search<'_> {
         let scorer = Scorer::new(self.data, &parent.fitted);
         let claim = aim.best.map_or(Claim::Open, Claim::Beside);
         let rotor_is_lost = self.rotor_is_lost(parent, claim)?;
-        let mechanical = |e: EffectId| e.info().site == Site::Mechanical;
-        let candidates: Vec<EffectId> =
-            candidates.iter().copied().filter(|e| !(rotor_is_lost && mechanical(*e))).collect();
-        let prospects: Vec<Prospect> = candidates
-            .par_iter()
-            .map(|effect| {
-                if self.monitor.cancelled() {
-                    let probes = effect.probes(parent.fitted.model.context());
-                    let start = probes.into_iter().next().unwrap_or_default();
-                    return Prospect { effect: *effect, start, score: 0.0 };
-                }
-                scorer.score(*effect)
-            })
-            .collect();
-        let Chosen { worth, dim, faint } = self.chosen(parent, &prospects, aim);
-        let top = prospects.iter().map(|p| p.score).fold(0.0, f64::max);
-        let leads = |k: usize| aim.best.is_none() && prospects[k].score >= LEADING * top;
-        let (first, mut second): (Vec<usize>, Vec<usize>) = worth.into_iter().partition(|k| leads(*k));
-        let first = long_ones_first(first, |k| length(prospects[*k].effect));
+        let able = |e: &EffectId| !(rotor_is_lost && mechanical(*e));
+        let effects: Vec<EffectId> = candidates.iter().copied().filter(able).collect();
+        let (mut prospects, postponed) = self.scored(&scorer, parent, &effects, aim);
+        let mut chosen = self.chosen(parent, &prospects, aim);
+        let top = highest(&prospects);
+        let leads = |k: &usize| aim.best.is_none() && prospects[*k].score >= LEADING * top;
+        let (first, second): (Vec<usize>, Vec<usize>) = chosen.worth.iter().copied().partition(leads);
+        let first = long_ones_first(first, |k| length(effects[*k]));
 
         let mut judged: Vec<Option<Judged>> = vec![None; prospects.len()];
-        let refit = |wave: &[usize], begun: &[Begun], claim: Claim| -> Result<Vec<Option<Judged>>> {
-            wave.par_iter()
+        let refit = |wave: &[usize], prospects: &[Prospect], begun: &[Begun], claim: Claim| {
+            let judged: Result<Vec<Option<Judged>>> = wave
+                .par_iter()
                 .map(|k| {
                     if self.monitor.cancelled() {
                         return Ok(None);
@@ -90,7 +83,8 @@ impl Search<'_> {
                     let begun = begun.iter().find(|(begun, _)| begun == k);
                     self.refit(parent, &prospects[*k], begun.map(|(_, at)| &at[..]), claim)
                 })
-                .collect()
+                .collect();
+            judged
         };
         // What is refitted in any case can begin meanwhile.
         let begin = || -> Result<Vec<Begun>> {
@@ -100,7 +94,7 @@ impl Search<'_> {
                 ahead.par_iter().map(|k| self.begin(parent, &prospects[*k])).collect();
             Ok(ahead.iter().zip(begun?).filter_map(|(k, at)| Some((*k, at?))).collect())
         };
-        let (leading, begun) = rayon::join(|| refit(&first, &[], claim), begin);
+        let (leading, begun) = rayon::join(|| refit(&first, &prospects, &[], claim), begin);
         let begun = begun?;
         for (k, one) in first.iter().zip(leading?) {
             judged[*k] = one;
@@ -113,26 +107,77 @@ impl Search<'_> {
             (None, None, Some(ahead)) => Claim::Behind(ahead),
             _ => claim,
         };
-        if matches!(claim, Claim::Open | Claim::Behind(_)) {
-            second.extend(faint);
-        }
-        if ahead.as_ref().is_none_or(|ahead| ahead.excess() > MOSTLY * parent.excess()) {
-            second.extend(dim);
-        }
-        second.sort_unstable();
         let waits = match (claim, &ahead) {
             (Claim::Behind(_), Some(ahead)) => self.rotor_waits(parent, ahead),
             _ => false,
         };
-        let moving = second.iter().any(|k| mechanical(prospects[*k].effect));
-        if moving && (waits || self.rotor_is_lost(parent, claim)?) {
-            second.retain(|k| !mechanical(prospects[*k].effect));
+        let moving = |k: &usize| mechanical(effects[*k]);
+        let asked = |chosen: &Chosen| {
+            let mut asked = chosen.worth.clone();
+            asked.retain(|k| !first.contains(k));
+            if matches!(claim, Claim::Open | Claim::Behind(_)) {
+                asked.extend(&chosen.faint);
+            }
+            if ahead.as_ref().is_none_or(|ahead| ahead.excess() > MOSTLY * parent.excess()) {
+                asked.extend(&chosen.dim);
+            }
+            asked.sort_unstable();
+            asked
+        };
+        let mut second = asked(&chosen);
+        let asks = if postponed { (0..effects.len()).any(|k| moving(&k)) } else { second.iter().any(moving) };
+        if asks && (waits || self.rotor_is_lost(parent, claim)?) {
+            second.retain(|k| !moving(k));
+        } else if postponed {
+            self.score(&scorer, &mut prospects, mechanical);
+            chosen = self.chosen(parent, &prospects, aim);
+            second = asked(&chosen);
         }
-        let second = long_ones_first(second, |k| length(prospects[*k].effect));
-        for (k, one) in second.iter().zip(refit(&second, &begun, claim)?) {
+        let second = long_ones_first(second, |k| length(effects[*k]));
+        for (k, one) in second.iter().zip(refit(&second, &prospects, &begun, claim)?) {
             judged[*k] = one;
         }
         Ok(prospects.into_iter().zip(judged).collect())
+    }
+
+    /// The `effects` scored on top of `parent`, but for those that move the rotor where that is postponed: none of them can lead where one of
+    /// the currents' explains more than all the motion leaves, and it may turn out that they are lost, or wait, and need no score.
+    fn scored(
+        &self,
+        scorer: &Scorer,
+        parent: &Judged,
+        effects: &[EffectId],
+        aim: Aim,
+    ) -> (Vec<Prospect>, bool) {
+        let context = parent.fitted.model.context();
+        let mut prospects: Vec<Prospect> = effects.iter().map(|e| Prospect::nothing(*e, context)).collect();
+        let in_motion = self.left_of_motion(parent);
+        let outdone = |score: f64| aim.best.is_none() && score > in_motion + BY_CHANCE;
+        if outdone(left_of_currents(parent) + in_motion) {
+            self.score(scorer, &mut prospects, |e| !mechanical(e));
+            if outdone(highest(&prospects)) {
+                return (prospects, true);
+            }
+            self.score(scorer, &mut prospects, mechanical);
+        } else {
+            self.score(scorer, &mut prospects, |_| true);
+        }
+        (prospects, false)
+    }
+
+    /// Scores those of the `prospects` that are `wanted`, in parallel.
+    fn score(&self, scorer: &Scorer, prospects: &mut [Prospect], wanted: impl Fn(EffectId) -> bool + Sync) {
+        let asked = prospects.par_iter_mut().filter(|p| wanted(p.effect) && !self.monitor.cancelled());
+        asked.for_each(|prospect| *prospect = scorer.score(prospect.effect));
+    }
+
+    /// Share of the speed's mean square, on the recording on which it is largest, that is no noise, as far as that is known.
+    fn left_of_motion(&self, parent: &Judged) -> f64 {
+        if self.data.runs().iter().any(|run| run.wander().is_some()) {
+            return 1.0;
+        }
+        let speeds = parent.fitted.squares.iter().filter(|(channel, _)| !channel.is_electrical());
+        speeds.map(|(_, square)| beyond_noise(*square)).fold(0.0, f64::max)
     }
 
     /// Which of the `prospects` are worth a refit.
@@ -186,6 +231,25 @@ impl Search<'_> {
     }
 }
 
+fn mechanical(effect: EffectId) -> bool {
+    effect.info().site == Site::Mechanical
+}
+
+fn highest(prospects: &[Prospect]) -> f64 {
+    prospects.iter().map(|p| p.score).fold(0.0, f64::max)
+}
+
+/// Shares of the currents' mean squares that are no noise, summed over the channels of all recordings.
+fn left_of_currents(parent: &Judged) -> f64 {
+    let currents = parent.fitted.squares.iter().filter(|(channel, _)| channel.is_electrical());
+    currents.map(|(_, square)| beyond_noise(*square)).sum()
+}
+
+/// Share of a mean square, in units of the floor's, that is no noise.
+fn beyond_noise(square: f64) -> f64 {
+    1.0 - 1.0 / square.max(1.0)
+}
+
 /// How long a refit may take, beside others: with states of the rotor far longer, and with each shape that may call for a second start.
 fn length(effect: EffectId) -> usize {
     let shapes = effect.info().parameters.iter().filter(|p| p.role == Role::Shape).count();
@@ -237,6 +301,25 @@ mod tests {
         let shaft = Choice { effect: "two_mass_shaft".into(), parameters: shaft };
         assert_eq!(refitted(vec![choice("coulomb_friction", "tau_c", 0.5)], &effects), effects[..1]);
         assert!(refitted(vec![shaft], &effects).contains(&EffectId::TwoMassShaft));
+    }
+
+    #[test]
+    fn what_moves_the_rotor_is_scored_at_once_where_it_might_lead() {
+        let path: Vec<(f64, f64)> =
+            (0..8).map(|k| (0.05 + 0.2 * f64::from(k), [110.0, -90.0][k as usize % 2])).collect();
+        let scored = |present: Vec<Choice>| {
+            let (data, base) = data(&setup(speeds(1.6, &path), present));
+            let base = Judged { fitted: base, held_out: Vec::new(), refuted: false };
+            let search =
+                Search { data: &data, held_out: Vec::new(), refuting: Vec::new(), most: 3, monitor: &Silent };
+            let aim = Aim { base: &base, best: None, most: 3, thorough: true };
+            let effects = [EffectId::CoulombFriction, EffectId::DeadTime];
+            let (prospects, postponed) =
+                search.scored(&Scorer::new(&data, &base.fitted), &base, &effects, aim);
+            (prospects[0].score > 0.1, prospects[1].score > 0.1, postponed)
+        };
+        assert_eq!(scored(vec![choice("dead_time", "v_err", 1.0)]), (false, true, true));
+        assert_eq!(scored(vec![choice("coulomb_friction", "tau_c", 0.5)]), (true, false, false));
     }
 
     #[test]

@@ -19,6 +19,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Look-alikes of the found effects refitted at most beside those that were tried anyway.
 const LOOK_ALIKES: usize = 4;
 
+/// Cosine to a found effect below which another one in its place would not explain enough of what is left without it to be worth a refit: a
+/// little below the root of the least share.
+const UNLIKE: f64 = 0.25;
+
 /// A way to do with less than a set of effects.
 struct Less {
     /// The effect that is taken out.
@@ -148,12 +152,12 @@ impl Search<'_> {
     }
 
     /// For each effect of the best set, the set without it and what other effects in its place achieve: of the sets `seen`, and of those
-    /// that are grown from it unless it is one of those which have `grown`.
+    /// that are grown from it, by what may be worth it as far as is `shown`, unless it is one of those which have `grown`.
     pub(super) fn swaps(
         &self,
         best: &Judged,
         base: &Judged,
-        able: &[EffectId],
+        (able, shown): (&[EffectId], &[Shown]),
         (seen, grown): (&mut Vec<Judged>, &mut Vec<Vec<EffectId>>),
     ) -> Result<Vec<Swap>> {
         let effects = best.fitted.effects();
@@ -175,7 +179,12 @@ impl Search<'_> {
                 !grown.iter().any(|set| is_set(set, &kept)) && !rest.iter().any(|e| tried(e, &own).is_some());
             if grows {
                 let aim = Aim { base, best: Some(best), most: BRANCHES, thorough: true };
-                match self.extend(&fewer, &rest, aim) {
+                let hopeless = |e: &EffectId| {
+                    let plain = e.is_first_order() && !e.jumps();
+                    plain && shown.iter().any(|s| s.effect == *e && s.cosine(*effect) < UNLIKE)
+                };
+                let rivals: Vec<EffectId> = rest.iter().copied().filter(|e| !hopeless(e)).collect();
+                match self.extend(&fewer, &rivals, aim) {
                     Ok(extended) => own.extend(extended.into_iter().filter_map(|(_, j)| j)),
                     Err(error) => return Some(Err(error)),
                 }
