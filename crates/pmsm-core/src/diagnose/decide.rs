@@ -37,7 +37,7 @@ pub struct Ranked {
 pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
     let effects = outcome.order();
     let left = outcome.best.unexplained(&outcome.base);
-    let unexplained = left > 1.0;
+    let unexplained = left > 1.0 || outcome.only_together();
     let unknown = if unexplained || outcome.best.refuted {
         1.0 - CEILING_UNKNOWN / left.max(1.0)
     } else {
@@ -224,6 +224,21 @@ mod tests {
         assert_eq!((verdict, equivalent), (Verdict::Ambiguous, vec![drag]));
         assert!((probabilities[0] / probabilities[1] - 1.0).abs() < 1e-12, "{probabilities:?}");
         assert_eq!(told(Vec::new()).0, Verdict::Named);
+    }
+
+    #[test]
+    fn effects_none_of_which_shows_by_itself_are_not_named() {
+        let (delay, short) = (EffectId::VoltageDelay, EffectId::InterTurnShort);
+        let told = |first: f64| {
+            let (base, alone, best) =
+                (judged(&[], 7.0), judged(&[delay], first), judged(&[delay, short], 1.0));
+            let path = vec![base.clone(), alone, best.clone()];
+            let outcome = Outcome { path, ..outcome(base, best, Vec::new(), Vec::new()) };
+            let (verdict, ranked) = decide(&outcome, false);
+            (verdict, ranked.iter().all(|r| r.probability > CEILING_UNKNOWN))
+        };
+        assert_eq!(told(6.9), (Verdict::Unknown, false));
+        assert_eq!(told(5.0), (Verdict::Named, true));
     }
 
     #[test]

@@ -106,6 +106,12 @@ pub struct Outcome {
 }
 
 impl Outcome {
+    /// Whether the best set has several effects of which the first takes no part of a mismatch away by itself: of two things that are
+    /// missing one shows without the other, and what shows only together bends to something else.
+    pub fn only_together(&self) -> bool {
+        matches!(&self.path[..], [base, first, _, ..] if mismatched_by(base, 1.0) && !foothold(first, base))
+    }
+
     /// The effects of the best set in the order in which the path takes them up.
     pub fn order(&self) -> Vec<EffectId> {
         let mut order: Vec<EffectId> = Vec::new();

@@ -1,7 +1,9 @@
 //! One more effect refitted beside a set, from where the score sees it.
 
 use super::Search;
-use super::sets::{explained, far_behind, hopeless_currents, least_beside, moves_as_measured};
+use super::sets::{
+    explained, far_behind, hopeless_currents, least_beside, moves_as_measured, spares_currents,
+};
 use crate::diagnose::data::Data;
 use crate::diagnose::fitting::{self, Currents};
 use crate::diagnose::hypothesis::Hypothesis;
@@ -44,6 +46,26 @@ impl Claim<'_> {
             Self::Beside(best) | Self::Outdone(best) => scale::loses(fitted, currents, best),
             Self::Behind(best) => hopeless_currents(fitted, best),
         }
+    }
+}
+
+/// What a refit has to do for it to be gone on with.
+#[derive(Clone, Copy)]
+struct Bar<'a> {
+    /// What it has to come up to.
+    claim: Claim<'a>,
+    /// The set from whose currents it must take something away: one that leaves them alone, and whose motion is explained, has nothing else.
+    beside: Option<&'a Hypothesis>,
+}
+
+impl Bar<'_> {
+    /// Whether what a fit leaves in its channels, of the currents alone where only they are final, is not enough.
+    fn missed(self, fitted: &Hypothesis, currents: bool) -> bool {
+        self.claim.lost(fitted, currents) || self.beside.is_some_and(|parent| spares_currents(fitted, parent))
+    }
+
+    fn is_none(self) -> bool {
+        matches!(self.claim, Claim::Open) && self.beside.is_none()
     }
 }
 
@@ -93,8 +115,12 @@ impl Search<'_> {
     ) -> Result<Option<Judged>> {
         let promises = prospect.score > LEAST_PROMISE.max(least_beside(parent));
         let thorough = promises && parent.excess() > MISMATCH && !matches!(claim, Claim::Outdone(_));
-        let fitted = beside(self.data, &parent.fitted, prospect, begun, (thorough, claim), self.monitor)?;
-        if claim.lost(&fitted, false) || fitted.vanishes(prospect.effect) {
+        let moves = prospect.effect.info().site == Site::Mechanical;
+        let grown = !parent.fitted.effects().is_empty() && self.data.has(true);
+        let explained = grown && !moves && moves_as_measured(parent);
+        let bar = Bar { claim, beside: explained.then_some(&parent.fitted) };
+        let fitted = beside(self.data, &parent.fitted, prospect, begun, (thorough, bar), self.monitor)?;
+        if bar.missed(&fitted, false) || fitted.vanishes(prospect.effect) {
             return Ok(None);
         }
         self.judge(fitted).map(Some)
@@ -109,7 +135,7 @@ fn with(parent: &Hypothesis, effect: EffectId) -> Model {
 }
 
 /// `parent` with one effect more, fitted to `data`; what falls short of its promise is fitted from other starts if `thorough`. What cannot
-/// come up to the `claim` by what it leaves of the currents is not fitted to the motion.
+/// come over the `bar` by what it leaves of the currents is not fitted to the motion.
 ///
 /// A score lets the parameters of the parent give way to the effect, while a fit starts from them as they are, and to first order a
 /// strength may come out far too large where shapes matter: either may lead a shape astray.
@@ -118,7 +144,7 @@ fn beside(
     parent: &Hypothesis,
     prospect: &Prospect,
     begun: Option<&[f64]>,
-    (thorough, claim): (bool, Claim),
+    (thorough, bar): (bool, Bar),
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
     let model = with(parent, prospect.effect);
@@ -127,9 +153,8 @@ fn beside(
     let currents =
         if prospect.effect.info().site == Site::Mechanical { Currents::Done } else { Currents::Open };
     let start = |own: &[f64]| [parent.own(), own].concat();
-    let lost = |fitted: &Hypothesis| claim.lost(fitted, true);
-    let may_lose: Option<&dyn Fn(&Hypothesis) -> bool> =
-        if matches!(claim, Claim::Open) { None } else { Some(&lost) };
+    let lost = |fitted: &Hypothesis| bar.missed(fitted, true);
+    let may_lose: Option<&dyn Fn(&Hypothesis) -> bool> = if bar.is_none() { None } else { Some(&lost) };
     let from = |own: &[f64], currents: Currents, held: &[usize], under: Option<&Hypothesis>| {
         fitting::fit_unless(may_lose, (held, under), data, &model, (&start(own), currents), monitor)
     };
@@ -189,8 +214,9 @@ mod tests {
         // A swing of the load that is as large as the load itself is not found from everywhere.
         let mut far = seen.clone();
         (far.start[0], far.start[1]) = (4.0, 4.0);
+        let open = Bar { claim: Claim::Open, beside: None };
         for prospect in [seen, far] {
-            let fitted = beside(&data, &base, &prospect, None, (true, Claim::Open), &Silent).unwrap();
+            let fitted = beside(&data, &base, &prospect, None, (true, open), &Silent).unwrap();
             let (explained, f) = (explained(&base, &fitted), fitted.own()[fitted.own().len() - 1]);
             assert!(explained > 0.95 * prospect.score && (f / 4.8 - 1.0).abs() < 0.03, "{explained}, {f} Hz");
         }
@@ -236,7 +262,9 @@ mod tests {
             Search { data: &data, held_out: Vec::new(), refuting: Vec::new(), most: 3, monitor: &Silent },
         );
         let leaves = |claim| {
-            let fitted = beside(&data, &base.fitted, &prospect, None, (false, claim), &Silent).unwrap();
+            let fitted =
+                beside(&data, &base.fitted, &prospect, None, (false, Bar { claim, beside: None }), &Silent)
+                    .unwrap();
             [Channel::ID, Channel::IQ, Channel::OmegaE].map(|channel| fitted.square(channel))
         };
         let whole = leaves(Claim::Open);
@@ -250,5 +278,11 @@ mod tests {
             assert!(search.rotor_is_lost(&base, claim).unwrap());
             assert!(!search.rotor_is_lost(&best, claim).unwrap());
         }
+        // Beside what explains the motion, an effect that leaves the currents alone has nothing to add, whatever it is held to.
+        let prospect = Scorer::new(&data, &best.fitted).score(EffectId::BackEmfHarmonics);
+        let open = Bar { claim: Claim::Open, beside: None };
+        let whole = beside(&data, &best.fitted, &prospect, None, (false, open), &Silent).unwrap();
+        assert!(moves_as_measured(&best) && !whole.vanishes(EffectId::BackEmfHarmonics));
+        assert!(search.refit(&best, &prospect, None, Claim::Open).unwrap().is_none());
     }
 }

@@ -29,6 +29,14 @@ pub(super) fn foothold(larger: &Judged, smaller: &Judged) -> bool {
     both.any(|(before, after)| before - after >= FOOTHOLD * before.max(1.0))
 }
 
+/// Whether `larger` takes away no such part of what the currents leave of `smaller`, in any channel of the fitted recordings.
+pub(super) fn spares_currents(larger: &Hypothesis, smaller: &Hypothesis) -> bool {
+    let both =
+        smaller.squares.iter().zip(&larger.squares).filter(|((channel, _), _)| channel.is_electrical());
+    both.map(|((_, before), (_, after))| (before, after))
+        .all(|(before, after)| before - after < FOOTHOLD * before.max(1.0))
+}
+
 /// Score from which an effect is worth a refit beside those of `parent`; none without any.
 pub(super) fn least_beside(parent: &Judged) -> f64 {
     let bare = parent.fitted.effects().is_empty();
@@ -187,6 +195,20 @@ mod tests {
         // What only wanders within the floor is none.
         assert!(!foothold(&leaving([1.0, 0.95], [1.0, 1.0]), &leaving([1.0, 1.03], [1.0, 1.0])));
         assert!(!foothold(&leaving([f64::NAN, 5.0], [250.0, 7.0]), &smaller));
+    }
+
+    #[test]
+    fn currents_are_spared_by_what_takes_no_part_away_in_any_channel() {
+        let of = |i_q: f64, omega_e: f64| leaving([i_q, omega_e], [1.0, 1.0]).fitted;
+        assert!(
+            spares_currents(&of(280.0, 1.0), &of(300.0, 9.0))
+                && spares_currents(&of(320.0, 1.0), &of(300.0, 1.0))
+        );
+        assert!(!spares_currents(&of(260.0, 9.0), &of(300.0, 9.0)));
+        // What only wanders within the floor is none.
+        assert!(
+            spares_currents(&of(0.4, 1.0), &of(0.45, 1.0)) && !spares_currents(&of(1.0, 1.0), &of(1.2, 1.0))
+        );
     }
 
     #[test]
