@@ -73,28 +73,12 @@ impl Search<'_> {
         let first = long_ones_first(first, |k| length(effects[*k]));
 
         let mut judged: Vec<Option<Judged>> = vec![None; prospects.len()];
-        let refit = |wave: &[usize], prospects: &[Prospect], begun: &[Begun], claim: Claim| {
-            let judged: Result<Vec<Option<Judged>>> = wave
-                .par_iter()
-                .map(|k| {
-                    if self.monitor.cancelled() {
-                        return Ok(None);
-                    }
-                    let begun = begun.iter().find(|(begun, _)| begun == k);
-                    self.refit(parent, &prospects[*k], begun.map(|(_, at)| &at[..]), claim)
-                })
-                .collect();
-            judged
-        };
         // What is refitted in any case can begin meanwhile.
-        let begin = || -> Result<Vec<Begun>> {
-            let idle = first.is_empty() || self.monitor.cancelled();
-            let ahead: Vec<usize> = if idle { Vec::new() } else { second.clone() };
-            let begun: Result<Vec<Option<Vec<f64>>>> =
-                ahead.par_iter().map(|k| self.begin(parent, &prospects[*k])).collect();
-            Ok(ahead.iter().zip(begun?).filter_map(|(k, at)| Some((*k, at?))).collect())
-        };
-        let (leading, begun) = rayon::join(|| refit(&first, &prospects, &[], claim), begin);
+        let ahead: &[usize] = if first.is_empty() { &[] } else { &second };
+        let (leading, begun) = rayon::join(
+            || self.refit_each(parent, &prospects, &first, &[], claim),
+            || self.begin_each(parent, &prospects, ahead),
+        );
         let begun = begun?;
         for (k, one) in first.iter().zip(leading?) {
             judged[*k] = one;
@@ -134,10 +118,41 @@ impl Search<'_> {
             second = asked(&chosen);
         }
         let second = long_ones_first(second, |k| length(effects[*k]));
-        for (k, one) in second.iter().zip(refit(&second, &prospects, &begun, claim)?) {
+        for (k, one) in second.iter().zip(self.refit_each(parent, &prospects, &second, &begun, claim)?) {
             judged[*k] = one;
         }
         Ok(prospects.into_iter().zip(judged).collect())
+    }
+
+    /// Refits those of the `prospects` that have these numbers, in parallel, from where they have `begun`.
+    fn refit_each(
+        &self,
+        parent: &Judged,
+        prospects: &[Prospect],
+        numbers: &[usize],
+        begun: &[Begun],
+        claim: Claim,
+    ) -> Result<Vec<Option<Judged>>> {
+        let refit = |k: &usize| {
+            if self.monitor.cancelled() {
+                return Ok(None);
+            }
+            let begun = begun.iter().find(|(begun, _)| begun == k);
+            self.refit(parent, &prospects[*k], begun.map(|(_, at)| &at[..]), claim)
+        };
+        numbers.par_iter().map(refit).collect()
+    }
+
+    /// Begins with the refits of those of the `prospects` that have these numbers, in parallel.
+    fn begin_each(&self, parent: &Judged, prospects: &[Prospect], numbers: &[usize]) -> Result<Vec<Begun>> {
+        let begin = |k: &usize| {
+            if self.monitor.cancelled() {
+                return Ok(None);
+            }
+            Ok(self.begin(parent, &prospects[*k])?.map(|at| (*k, at)))
+        };
+        let begun: Result<Vec<Option<Begun>>> = numbers.par_iter().map(begin).collect();
+        Ok(begun?.into_iter().flatten().collect())
     }
 
     /// The `effects` scored on top of `parent`, but for those that move the rotor where that is postponed: none of them can lead where one of

@@ -26,15 +26,18 @@ pub(super) fn foothold(larger: &Judged, smaller: &Judged) -> bool {
         runs.flat_map(|h| h.squares.iter().map(|(_, square)| *square)).collect()
     };
     let mut both = all(smaller).into_iter().zip(all(larger));
-    both.any(|(before, after)| before - after >= FOOTHOLD * before.max(1.0))
+    both.any(|(before, after)| is_part(before, after))
+}
+
+/// Whether what is left of a mean square `before` is so much less `after` that a part of it is explained.
+fn is_part(before: f64, after: f64) -> bool {
+    before - after >= FOOTHOLD * before.max(1.0)
 }
 
 /// Whether `larger` takes away no such part of what the currents leave of `smaller`, in any channel of the fitted recordings.
 pub(super) fn spares_currents(larger: &Hypothesis, smaller: &Hypothesis) -> bool {
-    let both =
-        smaller.squares.iter().zip(&larger.squares).filter(|((channel, _), _)| channel.is_electrical());
-    both.map(|((_, before), (_, after))| (before, after))
-        .all(|(before, after)| before - after < FOOTHOLD * before.max(1.0))
+    let mut both = smaller.squares.iter().zip(&larger.squares);
+    !both.any(|((channel, before), (_, after))| channel.is_electrical() && is_part(*before, *after))
 }
 
 /// Score from which an effect is worth a refit beside those of `parent`; none without any.
