@@ -22,6 +22,7 @@ pub mod join;
 pub mod locate;
 mod motion;
 mod outputs;
+mod pace;
 mod plausible;
 mod power;
 mod prescribe;
@@ -114,9 +115,10 @@ pub fn diagnose(
     }
     monitor.report("bare machine", 0.1);
     let mut outcome = searching::search(&mut whole, &mut others, &mut base, monitor)?;
-    let Judged { fitted: found, held_out, .. } = &outcome.best;
+    let (bare, best) = outcome.ends();
+    let Judged { fitted: found, held_out, .. } = best;
     let known = if held_out.len() == others.len() { &held_out[..] } else { &[] };
-    let again = anew::settled_anew(&mut whole, &mut others, &outcome.base, &outcome.best)
+    let again = anew::settled_anew(&mut whole, &mut others, bare, best)
         || !found.effects().is_empty()
             && matches!(hold::settle(&mut whole, &mut others, found, known, monitor)?, Held::InStator(_))
         || hold::in_place_of_one(&mut whole, &mut others, &outcome, monitor)?;
@@ -128,7 +130,7 @@ pub fn diagnose(
     }
     monitor.report("answer", 0.97);
     let judge = others.last().filter(|_| validation.is_some());
-    let first = outcome.base.fitted.clone();
+    let first = outcome.ends().0.fitted.clone();
     let mut answer = conclude::conclude(&whole, judge, outcome, &weak, monitor)?;
     if answer.verdict != Verdict::Named
         && let Some(finding) = wiring::suspected(recordings, machine, &first, monitor)?

@@ -72,7 +72,7 @@ impl Floor {
     }
 
     /// Share of the driven noise in the square of both parts.
-    fn share(&self) -> f64 {
+    pub fn share(&self) -> f64 {
         (self.driven / self.total()).powi(2)
     }
 }

@@ -3,6 +3,7 @@
 
 mod angle;
 mod clock;
+mod every;
 mod held;
 pub mod join;
 mod lag;
@@ -17,6 +18,7 @@ use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::recording::{Kind, Load, Recording};
 use angle::{check_sense, differentiate, integrate, unwrap};
+pub use every::Within;
 pub use held::Logged;
 use mend::mend;
 use phases::Currents;
@@ -51,6 +53,8 @@ pub struct Signals {
     pub control_period: Option<f64>,
     /// Rotor-frame voltage acting from each sample to the next, V; zero on an axis that was not logged.
     pub v: Option<[Vec<f64>; 2]>,
+    /// The voltages of the log, where each sample stands for several of them.
+    pub within: Option<Within>,
     /// Whether the voltage is held in the stator's frame over a control period, as inverters do, and not in the rotor's.
     pub stator_held: bool,
     /// Whether the voltages were logged as those of the phases, in place of a command seen from the rotor.
@@ -214,6 +218,7 @@ impl Signals {
             segments,
             period: recording.period(),
             control_period: machine.f_sample.map(|f| 1.0 / f),
+            within: None,
             stator_held: false,
             phase_voltages: v_d.is_none() || v_q.is_none(),
             v,
@@ -272,6 +277,11 @@ impl Signals {
     /// Number of samples.
     pub fn len(&self) -> usize {
         self.t.len()
+    }
+
+    /// How many samples of the log lie from one sample to the next.
+    pub fn pace(&self) -> usize {
+        self.within.as_ref().map_or(1, |within| within.pace)
     }
 
     /// Never true for a checked recording.

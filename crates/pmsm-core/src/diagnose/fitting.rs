@@ -102,6 +102,16 @@ pub fn on_from(data: &Data, from: &Hypothesis, monitor: &dyn Monitor) -> Result<
     staged(data, &from.model, from.own(), stage, monitor)
 }
 
+/// Fits a hypothesis that was fitted to some samples of the same recordings to all of them, from where it stands, with the steps of an
+/// unknown load that it has.
+///
+/// # Errors
+/// Those of the least-squares fits.
+pub fn carried_over(data: &Data, from: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
+    let stage = Stage { currents: Currents::Open, held: &[], load: Unknown::As(load_of(from)), lost: None };
+    staged(data, &from.model, from.own(), stage, monitor)
+}
+
 /// What a hypothesis found of each recording's load and initial values.
 fn load_of(found: &Hypothesis) -> Found<'_> {
     (&found.nuisances, &found.parameters[found.model.parameter_count()..])

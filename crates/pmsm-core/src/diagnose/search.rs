@@ -101,11 +101,17 @@ pub struct Outcome {
     pub open: Vec<(EffectId, EffectId)>,
     /// How they were compared.
     pub scale: Scale,
-    /// The way to the best set, one effect more at each step: the bare machine, the best of its singles, …, the best.
+    /// The way to the best set, one effect more at each step: the bare machine, the best of its singles, …, the best. Where the search left
+    /// samples out, all of these are fitted to every one.
     pub path: Vec<Judged>,
 }
 
 impl Outcome {
+    /// The bare machine and the best set as they are fitted to all samples.
+    pub fn ends(&self) -> (&Judged, &Judged) {
+        (&self.path[0], &self.path[self.path.len() - 1])
+    }
+
     /// Whether the best set has several effects of which the first takes no part of a mismatch away by itself: of two things that are
     /// missing one shows without the other, and what shows only together bends to something else.
     pub fn only_together(&self) -> bool {

@@ -1,10 +1,11 @@
-//! The search for the set of effects as the recordings call for it: on all samples or half of them, for many effects or one, and once more
-//! where what it finds shows noise that was not seen before.
+//! The search for the set of effects as the recordings call for it: on all samples, fewer, or half of them, for many effects or one, and once
+//! more where what it finds shows noise that was not seen before.
 
 use super::anew::{settled, settled_anew, unfiltered};
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
+use super::pace;
 use super::search::{self, Outcome, Search};
 use super::transfer::transfer;
 use super::verdict;
@@ -12,27 +13,18 @@ use crate::effect::Site;
 use crate::error::Result;
 use crate::monitor::Monitor;
 
-/// Searches for the effects, held against the other recordings or against every other window of this one.
+/// Searches for the effects, held against the other recordings or against every other window of this one, at the pace that these allow for.
 pub fn search(
     whole: &mut Data,
     others: &mut [Data],
     base: &mut Hypothesis,
     monitor: &dyn Monitor,
 ) -> Result<Outcome> {
-    // Half a recording may not pin down what the whole does: where the bare machine fits the whole, nothing is wrong with it.
-    let split = others.is_empty() && !whole.poor && verdict::largest_excess(base) > verdict::MISMATCH;
-    let split = split.then(|| whole.halves()).flatten();
-    if let Some((fitted, held_out)) = &split {
-        let start = fitting::refit(fitted, base, monitor)?;
-        let searched = Search {
-            data: fitted,
-            held_out: vec![held_out],
-            refuting: Vec::new(),
-            most: search::MOST,
-            monitor,
-        }
-        .run(start)?;
-        return on_whole(whole, searched, base, monitor);
+    if let Some(found) = more_slowly(whole, others, base, monitor)? {
+        return Ok(found);
+    }
+    if let Some(found) = in_halves(whole, others, base, monitor)? {
+        return Ok(found);
     }
     if !whole.poor {
         let begun = open(whole, others, monitor).singles(base.clone())?;
@@ -41,12 +33,47 @@ pub fn search(
             return open(whole, others, monitor).finish(begun);
         }
         *base = fitting::refit(whole, base, monitor)?;
-        return open(whole, others, monitor).run(base.clone());
+        return match more_slowly(whole, others, base, monitor)? {
+            Some(found) => Ok(found),
+            None => open(whole, others, monitor).run(base.clone()),
+        };
     }
     // What a poor recording leaves open a second one must not be held against it, unless it makes nonsense of that one.
     let bare = |data| Ok((data, transfer(data, base, monitor)?));
     let refuting = others.iter().map(bare).collect::<Result<Vec<_>>>()?;
     Search { data: whole, held_out: Vec::new(), refuting, most: 1, monitor }.run(base.clone())
+}
+
+/// The search at a slower pace, if the recordings allow for one, and what it finds fitted to every sample.
+fn more_slowly(
+    whole: &Data,
+    others: &[Data],
+    base: &Hypothesis,
+    monitor: &dyn Monitor,
+) -> Result<Option<Outcome>> {
+    let Some((slower, theirs)) = pace::slower(whole, others) else { return Ok(None) };
+    let start = fitting::carried_over(&slower, base, monitor)?;
+    let found = match in_halves(&slower, &theirs, &start, monitor)? {
+        Some(found) => found,
+        None => open(&slower, &theirs, monitor).run(start)?,
+    };
+    pace::on_every_sample(whole, others, found, base, monitor).map(Some)
+}
+
+/// The search where there is no other recording and something is missing: on every other window, held against the rest.
+fn in_halves(
+    whole: &Data,
+    others: &[Data],
+    base: &Hypothesis,
+    monitor: &dyn Monitor,
+) -> Result<Option<Outcome>> {
+    // Half a recording may not pin down what the whole does: where the bare machine fits the whole, nothing is wrong with it.
+    let split = others.is_empty() && !whole.poor && verdict::largest_excess(base) > verdict::MISMATCH;
+    let Some((fitted, held_out)) = split.then(|| whole.halves()).flatten() else { return Ok(None) };
+    let start = fitting::refit(&fitted, base, monitor)?;
+    let held_out = vec![&held_out];
+    let search = Search { data: &fitted, held_out, refuting: Vec::new(), most: search::MOST, monitor };
+    on_whole(whole, search.run(start)?, base, monitor).map(Some)
 }
 
 /// A search for as many effects as there may be, held against all of the other recordings.

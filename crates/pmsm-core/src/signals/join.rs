@@ -28,6 +28,7 @@ impl Signals {
             segments,
             period: largest(parts, |s| s.period),
             control_period: first.control_period,
+            within: None,
             stator_held: first.stator_held,
             phase_voltages: first.phase_voltages,
             v: series(parts, |s| s.v.as_ref()),

@@ -146,7 +146,11 @@ fn run_sized<T: Real, const E: usize, const M: usize, const N: usize>(
             }
             let h = signals.t[k + 1] - signals.t[k];
             let next = measured_env::<T>(signals, k + 1);
-            let command = model.command(p, &taps(v, segment.start, k), state[2] * (n_p * h));
+            let command = model.command(
+                p,
+                &taps(signals, v, segment.start, k),
+                state[2] * (n_p * h / signals.pace() as f64),
+            );
             let load = tau_load + known_load(signals, k, last);
             let pieces = pieces(rate, h);
             for piece in 0..pieces {

@@ -13,6 +13,8 @@ use crate::transforms::rotate;
 
 /// Largest product of step and fastest rate; longer sample periods are divided.
 const STEP_LIMIT: f64 = 0.15;
+/// The same where one sample stands for several.
+const COARSE_LIMIT: f64 = 0.2;
 
 /// Simulates the currents and hands to `sink` the sample number and the d, q current that the log should show, A.
 /// `p` is the parameter vector of `model`. Each gap-free segment starts from its first measured current.
@@ -151,6 +153,9 @@ pub(super) fn run_sized<W: Real, const N: usize>(
     let (Some(v), Some(_), Some(phases)) = (&signals.v, &signals.i, &signals.phases) else { return };
     let base = Base::new(p);
     let (n_p, sensed) = (signals.n_p, model.has_sensor());
+    // Effects' own states may follow the voltage from one sample of the log to the next.
+    let closely = signals.within.as_ref().filter(|_| model.electrical_states() > 0);
+    let limit = if signals.pace() > 1 { COARSE_LIMIT } else { STEP_LIMIT };
     let mut state = [W::zero(); N];
     for segment in &signals.segments {
         let mut measured = measured_env(signals, segment.start);
@@ -172,23 +177,38 @@ pub(super) fn run_sized<W: Real, const N: usize>(
                 break;
             }
             let h = signals.t[k + 1] - signals.t[k];
-            let mut command = model.command(p, &taps(v, segment.start, k), env.omega_e * h);
+            let logged = h / signals.pace() as f64;
             let next_measured = measured_env(signals, k + 1);
             let (next_sensor, next_env) = if sensed {
-                let (s, c) = sensor.angle.sin_cos();
-                command = rotate(command, c, s);
                 let next_sensor = model.sensor(p, &next_measured);
                 (next_sensor, true_env(&next_sensor, &next_measured, n_p))
             } else {
                 (sensor, next_measured)
             };
-            if signals.stator_held {
-                command = fading(command, env.omega_e, signals.held_period(), &base);
-            }
-            along.leave(command);
             let rate = signals.omega_e[k].abs() + signals.context.electrical_rate;
-            let pieces = ((h * rate / STEP_LIMIT).ceil() as usize).clamp(1, 64);
+            let pieces = match closely {
+                Some(within) => within.pace,
+                None => ((h * rate / limit).ceil() as usize).clamp(1, 64),
+            };
+            let mut command = [W::zero(); 2];
             for piece in 0..pieces {
+                if piece == 0 || closely.is_some() {
+                    let taps = match closely {
+                        Some(within) => taps_of_log(&within.v, 0, k * within.pace + piece),
+                        None => taps(signals, v, segment.start, k),
+                    };
+                    command = model.command(p, &taps, env.omega_e * logged);
+                    if sensed {
+                        let (s, c) = sensor.angle.sin_cos();
+                        command = rotate(command, c, s);
+                    }
+                    if signals.stator_held {
+                        command = fading(command, env.omega_e, signals.held_period(), &base);
+                    }
+                }
+                if piece == 0 {
+                    along.leave(command);
+                }
                 let known = (piece == 0).then_some(&standing);
                 let (piece, pieces) = (piece as f64, pieces as f64);
                 let rhs = Rhs {
@@ -249,9 +269,19 @@ impl<T: Real, const N: usize> Slope<T, N> for Rhs<'_, T> {
     }
 }
 
-/// Voltage commands of sample `k` and the two before, none from before the segment that begins at `start`.
+/// Voltage commands of sample `k` and of the two samples of the log before, none from before the segment that begins at `start`.
 #[inline(always)]
-pub fn taps<T: Real>(v: &[Vec<f64>; 2], start: usize, k: usize) -> [[T; 2]; 3] {
+pub fn taps<T: Real>(signals: &Signals, v: &[Vec<f64>; 2], start: usize, k: usize) -> [[T; 2]; 3] {
+    let of = |v: &[Vec<f64>; 2], k: usize| [T::constant(v[0][k]), T::constant(v[1][k])];
+    match &signals.within {
+        Some(within) => [of(v, k), of(&within.later[0], k), of(&within.later[1], k)],
+        None => taps_of_log(v, start, k),
+    }
+}
+
+/// The same of sample `k` of the log.
+#[inline(always)]
+fn taps_of_log<T: Real>(v: &[Vec<f64>; 2], start: usize, k: usize) -> [[T; 2]; 3] {
     let mut taps = [[T::zero(); 2]; 3];
     for (back, tap) in taps.iter_mut().enumerate() {
         let k = k.saturating_sub(back).max(start);
@@ -281,9 +311,52 @@ pub fn between<T: Real>(a: &Env<T>, b: &Env<T>, c: f64) -> Env<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::EffectId;
     use crate::machine::Machine;
     use crate::recording::Recording;
     use crate::signals::Logged;
+
+    #[test]
+    fn samples_that_stand_for_several_show_the_currents_of_all() {
+        // A voltage that jumps about from sample to sample, at a speed that grows.
+        let n = 2000;
+        let of = |f: &dyn Fn(f64) -> f64| (0..n).map(|k| f(f64::from(k))).collect::<Vec<f64>>();
+        let columns = vec![
+            ("t".to_string(), of(&|k| 5e-5 * k)),
+            ("theta_e".to_string(), of(&|k| 0.01 * k + 1e-5 * k * k)),
+            ("omega_e".to_string(), of(&|k| 200.0 + 0.4 * k)),
+            ("v_d".to_string(), of(&|k| -20.0 + 15.0 * (2.3 * k).sin())),
+            ("v_q".to_string(), of(&|k| 60.0 + 0.05 * k + 15.0 * (1.9 * k).cos())),
+            ("i_d".to_string(), of(&|_| 1.0)),
+            ("i_q".to_string(), of(&|_| 5.0)),
+        ];
+        let machine = Machine::new(4).unwrap().with_drive(Some(400.0), None, None).unwrap();
+        let signals = Signals::new(&Recording::new(columns, None).unwrap(), &machine).unwrap();
+        let fewer = signals.every(4);
+        // What depends on the sign of a current is only followed from one of the fewer samples to the next.
+        for (effects, most) in [
+            (&[][..], 5e-3),
+            (&[EffectId::VoltageDelay], 5e-3),
+            (&[EffectId::IronLoss], 5e-3),
+            (&[EffectId::DeadTime], 0.05),
+        ] {
+            let model = Model::new(signals.context, effects);
+            let typical =
+                effects.iter().flat_map(|e| e.info().parameters).map(|p| (p.typical)(&signals.context));
+            let p: Vec<f64> = [0.4, 3e-3, 4e-3, 0.1, 0.01, 0.01].into_iter().chain(typical).collect();
+            let currents = |signals: &Signals| {
+                let mut out = Vec::new();
+                run(&model, signals, &p, |_, i| out.push(i));
+                out
+            };
+            let (all, few) = (currents(&signals), currents(&fewer));
+            assert_eq!(few.len(), 500);
+            for (k, i) in few.iter().enumerate() {
+                let off = (i[0] - all[4 * k][0]).hypot(i[1] - all[4 * k][1]);
+                assert!(off < most, "{effects:?} {k}: {i:?} {:?}", all[4 * k]);
+            }
+        }
+    }
 
     #[test]
     fn a_voltage_held_in_the_stator_leads_to_the_currents_that_it_makes_there() {

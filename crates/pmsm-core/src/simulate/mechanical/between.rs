@@ -126,7 +126,7 @@ fn between<T: Real>(x: T, y: T, c: f64) -> T {
 
 /// Whether the rotor hardly turns from sample to sample, so that one step may span two of them.
 pub(super) fn steps_are_coarse(signals: &Signals) -> bool {
-    signals.context.omega_e_max * signals.period <= COARSE
+    signals.context.omega_e_max * signals.context.period <= COARSE
 }
 
 /// Samples that the step from sample `k` spans: two if it may be coarse and the sample between lies in the middle.

@@ -65,7 +65,11 @@ impl<'a, T: Real> Motor<'a, T> {
         p: &'a [T],
         flux: Option<&'a [Vec<f64>; 2]>,
     ) -> Option<Self> {
-        Some(Self { model, signals, phases: signals.phases.as_ref()?, i: signals.i.as_ref()?, p, flux })
+        let (phases, i) = match &signals.within {
+            Some(within) => (&within.phases, &within.i),
+            None => (signals.phases.as_ref()?, signals.i.as_ref()?),
+        };
+        Some(Self { model, signals, phases, i, p, flux })
     }
 
     /// Its torque, and the flux linkage of d and q after it where more is asked for.

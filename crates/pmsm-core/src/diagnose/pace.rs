@@ -1,0 +1,162 @@
+//! The pace at which a search goes over the recordings: where the motor is slow against their clock, each of its samples stands for several.
+//!
+//! What one sample leaves, in units of the noise, does not depend on how many there are, and in the comparison of models a channel is
+//! worth a few hundred independent samples at most; see [`super::scale`]. What the search has found is fitted to every sample.
+
+use super::data::Data;
+use super::fitting;
+use super::hypothesis::Hypothesis;
+use super::search::Outcome;
+use super::transfer::transfer;
+use super::verdict::Judged;
+use crate::error::Result;
+use crate::monitor::Monitor;
+use crate::noise::Floor;
+use crate::recording::Kind;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Samples that are left of a recording at least; of one that is split into halves, in each.
+const ENOUGH: usize = 10_000;
+/// And of a window.
+const SHORTEST: usize = 100;
+/// Largest product of the period between samples and the fastest rate of the bare machine: of a sixth harmonic five are left in a period.
+const FASTEST: f64 = 0.2;
+/// Largest share that noise which drives a simulation may have in the square of a current's floor then: it grows with the pace.
+const DRIVEN: f64 = 0.5;
+
+/// The recording and the others at a slower pace, if they allow for one.
+pub fn slower(whole: &Data, others: &[Data]) -> Option<(Data, Vec<Data>)> {
+    let halves = if others.is_empty() { 2 } else { 1 };
+    let all = || others.iter().chain([whole]);
+    let slowest = whole.signals.len() / (halves * ENOUGH);
+    let pace = all().map(Data::slowest).fold(slowest, usize::min);
+    let quiet = |pace: usize| {
+        let mut currents = all().flat_map(|data| data.floors.iter().filter(|f| f.channel.is_electrical()));
+        currents.all(|floor| floor.share() * pace as f64 <= DRIVEN)
+    };
+    let pace = (2..=pace).rev().find(|pace| quiet(*pace))?;
+    Some((whole.every(pace), others.iter().map(|data| data.every(pace)).collect()))
+}
+
+impl Data {
+    /// How many samples one can stand for at most.
+    fn slowest(&self) -> usize {
+        let signals = &self.signals;
+        let alone = self.parts.is_empty() && self.held_out.is_none() && signals.segments.len() == 1;
+        let wanders = self.wander().is_some() || self.wanders_unfiltered();
+        let quiet = self.input.is_none() && self.whitening.is_none() && !wanders;
+        if !alone || !quiet || self.poor || signals.kind != Kind::Full || signals.pace() > 1 {
+            return 1;
+        }
+        let rate = signals.context.omega_e_max + signals.context.electrical_rate;
+        let pace = (FASTEST / (rate * signals.period)).min(signals.len() as f64 / 2.0) as usize;
+        let shortest = self.windows.iter().map(Range::len).min().unwrap_or(0);
+        pace.min(shortest / SHORTEST).max(1)
+    }
+
+    /// The same recording with one sample for each `pace`.
+    fn every(&self, pace: usize) -> Self {
+        let of = |k: usize| k.div_ceil(pace);
+        let times = pace as f64;
+        // The rotor is moved by the mean of the currents, as before; what noise of angle and speed does to these adds up in larger steps.
+        let floor = |floor: &Floor| match floor.channel.is_electrical() {
+            true => Floor { driven: floor.driven * times.sqrt(), swing: floor.swing * times, ..*floor },
+            false => *floor,
+        };
+        Self {
+            signals: self.signals.every(pace),
+            windows: self.windows.iter().map(|w| of(w.start)..of(w.end)).collect(),
+            floors: self.floors.iter().map(floor).collect(),
+            ..self.clone()
+        }
+    }
+}
+
+/// What was found at a slower pace, fitted to every sample: the way to the best set. It was compared with others, and still is, by what they
+/// left at that pace.
+///
+/// # Errors
+/// Those of the least-squares fits.
+pub fn on_every_sample(
+    whole: &Data,
+    others: &[Data],
+    found: Outcome,
+    base: &Hypothesis,
+    monitor: &dyn Monitor,
+) -> Result<Outcome> {
+    let last = found.path.len() - 1;
+    let anew = |(at, judged): (usize, &Judged)| -> Result<Judged> {
+        let fitted = match last {
+            0 => base.clone(),
+            _ => fitting::carried_over(whole, &judged.fitted, monitor)?,
+        };
+        let mut held_out = judged.held_out.clone();
+        if !others.is_empty() && (at == 0 || at == last) {
+            held_out = others.iter().map(|data| transfer(data, &fitted, monitor)).collect::<Result<_>>()?;
+        }
+        Ok(Judged { fitted, held_out, ..judged.clone() })
+    };
+    let path: Result<Vec<Judged>> = found.path.par_iter().enumerate().map(anew).collect();
+    Ok(Outcome { path: path?, ..found })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::searching;
+    use crate::diagnose::testing::{self, choice, setup, speeds};
+    use crate::drive::{Choice, Setup};
+    use crate::effects::EffectId;
+    use crate::machine::Machine;
+    use crate::monitor::Silent;
+
+    /// A servo motor at 20 kHz.
+    fn fast_clock(duration: f64, effects: Vec<Choice>) -> Setup {
+        let path: Vec<(f64, f64)> =
+            (0..6).map(|k| (0.05 + 0.2 * f64::from(k), [90.0, -70.0][k as usize % 2])).collect();
+        let mut setup = setup(speeds(duration, &path), effects);
+        setup.nameplate = Machine::liu_2008().with_drive(Some(560.0), Some(20.0), Some(2e4)).unwrap();
+        setup.machine = setup.nameplate.clone();
+        setup
+    }
+
+    #[test]
+    fn a_long_log_of_a_slow_motor_is_looked_at_more_slowly_and_leaves_as_much() {
+        let (data, base) = testing::data(&fast_clock(1.1, Vec::new()));
+        assert!(slower(&data, &[]).is_none(), "its halves would be too short");
+        let (slow, others) = slower(&data, std::slice::from_ref(&data)).unwrap();
+        assert_eq!((slow.signals.pace(), slow.signals.len(), others.len()), (2, data.signals.len() / 2, 1));
+        assert_eq!(slow.windows.len(), data.windows.len());
+        let there = fitting::carried_over(&slow, &base, &Silent).unwrap();
+        for (a, b) in base.squares.iter().zip(&there.squares) {
+            assert!((a.1 - b.1).abs() < 0.05, "{:?} {:?}", base.squares, there.squares);
+        }
+        let poor = Data { poor: true, ..data.clone() };
+        assert!(slower(&poor, std::slice::from_ref(&data)).is_none());
+        let (short, _) = testing::data(&fast_clock(0.9, Vec::new()));
+        assert!(slower(&short, std::slice::from_ref(&data)).is_none());
+    }
+
+    #[test]
+    fn what_is_found_at_a_slower_pace_is_fitted_to_every_sample() {
+        let present = || vec![choice("dead_time", "v_err", 3.0)];
+        let ((mut data, mut base), (other, _)) =
+            (testing::data(&fast_clock(1.1, present())), testing::data(&fast_clock(1.05, present())));
+        assert!(slower(&data, std::slice::from_ref(&other)).is_some());
+        let outcome = searching::search(&mut data, &mut [other], &mut base, &Silent).unwrap();
+        assert_eq!(outcome.best.fitted.effects(), [EffectId::DeadTime]);
+        let (bare, best) = outcome.ends();
+        assert_eq!(best.fitted.effects(), [EffectId::DeadTime]);
+        let again = best.fitted.clone().seen_again(&data);
+        assert_eq!(best.fitted.squares, again.squares);
+        assert_eq!(bare.held_out.len(), 1);
+        assert!(
+            largest(&best.fitted) < 1.1 && largest(&best.held_out[0]) < 1.1 && largest(&bare.fitted) > 2.0
+        );
+    }
+
+    fn largest(hypothesis: &Hypothesis) -> f64 {
+        hypothesis.squares.iter().map(|(_, square)| *square).fold(0.0, f64::max)
+    }
+}
