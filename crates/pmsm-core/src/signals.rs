@@ -53,7 +53,7 @@ pub struct Signals {
     pub control_period: Option<f64>,
     /// Rotor-frame voltage acting from each sample to the next, V; zero on an axis that was not logged.
     pub v: Option<[Vec<f64>; 2]>,
-    /// The voltages of the log, where each sample stands for several of them.
+    /// What drives the motor within each sample, where that stands for several of the log.
     pub within: Option<Within>,
     /// Whether the voltage is held in the stator's frame over a control period, as inverters do, and not in the rotor's.
     pub stator_held: bool,

@@ -20,8 +20,8 @@ pub struct Within {
 
 impl Signals {
     /// Every `pace`th sample of a recording without a gap, as a slower clock would have logged them: what is measured as it stands there, the
-    /// voltage as the mean of what acts up to the next one. The scales, and the period that effects count by, stay those of the whole
-    /// recording.
+    /// voltage as the one that leads to where all do that act up to the next one. The scales, and the period in the context, by which effects
+    /// count, stay those of the log. It is meant for recordings that hold voltages and currents: only those know their pace.
     ///
     /// # Panics
     /// If the recording has gaps, or fewer samples than two paces.

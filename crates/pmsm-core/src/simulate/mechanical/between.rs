@@ -124,7 +124,8 @@ fn between<T: Real>(x: T, y: T, c: f64) -> T {
     x * (1.0 - c) + y * c
 }
 
-/// Whether the rotor hardly turns from sample to sample, so that one step may span two of them.
+/// Whether the rotor hardly turns from sample to sample of the log, so that one step may span two, also where each stands for several: a
+/// speed so fine that it would show, one that noise of the torque lets wander, is not looked at in that way.
 pub(super) fn steps_are_coarse(signals: &Signals) -> bool {
     signals.context.omega_e_max * signals.context.period <= COARSE
 }
