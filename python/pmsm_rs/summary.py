@@ -25,11 +25,14 @@ def headline(answer: DiagnosisValues) -> str:
         return f"The model leaves out {listed(names or _first(answer))}."
     if answer.verdict == "ambiguous":
         choices = _alternatives(answer)
-        if len(choices) == 1:
+        certain = listed([names[0] for names in choices if len(names) == 1])
+        either = listed([listed(names, "or") for names in choices if len(names) > 1])
+        if not either:
             likely = bool(answer.ranking) and answer.ranking[0].probability > 0.5
             leaves = "probably leaves out" if likely else "may leave out"
-            return f"The model {leaves} {choices[0]}, but {these} cannot settle it."
-        return f"The model leaves out {listed(choices, 'or')}; {these} cannot tell which."
+            return f"The model {leaves} {certain}, but {these} cannot settle it."
+        beside = f"{certain}, and " if certain else ""
+        return f"The model leaves out {beside}{either}; {these} cannot tell which."
     where = EQUATIONS.get(answer.located[0].equation, "") if answer.located else ""
     if answer.verdict == "unknown":
         return f"Something is missing{f' in the {where}' if where else ''} that is not in the catalogue."
@@ -44,11 +47,13 @@ def _first(answer: DiagnosisValues) -> list[str]:
     return [lower_first(title(answer.ranking[0].effect))] if answer.ranking else ["something"]
 
 
-def _alternatives(answer: DiagnosisValues) -> list[str]:
+def _alternatives(answer: DiagnosisValues) -> list[list[str]]:
+    """For each effect of the model, or the first candidate of none: its title and those of its equals."""
     if not answer.ranking:
-        return ["something"]
-    first = answer.ranking[0]
-    return [lower_first(title(effect)) for effect in dict.fromkeys([first.effect, *first.equivalent_to])]
+        return [["something"]]
+    chosen = [candidate for candidate in answer.ranking if candidate.effect in answer.effects]
+    each = [dict.fromkeys([c.effect, *c.equivalent_to]) for c in chosen or answer.ranking[:1]]
+    return [[lower_first(title(effect)) for effect in effects] for effects in each]
 
 
 def hung(head: str, text: str) -> str:

@@ -191,17 +191,28 @@ def test_open_terminals_show_the_harmonics_and_what_is_wrong_with_the_probes() -
     assert answer.base["psi_m"].value == pytest.approx(3.95 / (2 * np.pi * 1000 / 60 * 7), rel=0.01)
 
 
-def test_points_of_one_axis_are_located_and_nothing_is_named_that_does_not_explain_them() -> None:
-    """Saturation leaves the level i_d = 0 unexplained, whose torque current was not recorded."""
-    answer = diagnose("moteus_mj5208.toml", "moteus_inductance/ld_mj5208.json")
+@pytest.mark.parametrize(
+    ("motor", "n_p", "missing"),
+    [
+        ("mj5208", 7, {"dead_time", "saturation_d"}),
+        ("be8108", 21, {"dead_time", "saturation_d"}),
+        ("mad8318", 21, {"saturation_d"}),
+        ("flipsky6374", 7, {"dead_time"}),
+        ("custom", 20, set()),
+    ],
+)
+def test_points_of_one_axis_show_its_saturation_and_what_the_inverter_loses(
+    tmp_path: Path, motor: str, n_p: int, missing: set[str]
+) -> None:
+    machine = (MACHINES / "moteus_mj5208.toml").read_text().replace("n_p = 7", f"n_p = {n_p}")
+    (tmp_path / "machine.toml").write_text(machine)
+    answer = diagnose(str(tmp_path / "machine.toml"), f"moteus_inductance/ld_{motor}.json")
     assert answer.recording_kind == "operating_points"
-    assert answer.verdict == "unknown"
+    assert (answer.verdict, set(answer.effects)) == ("named" if missing else "no_mismatch", missing)
     assert set(answer.fit["recording"]["after"]) == {"v_q"}
-    assert set(answer.base) == {"l_d", "psi_m"}
-    assert answer.located[0].equation == "q"
-    assert any(
-        region["variable"] == "i_d" and region["high"] == 0.0 for region in answer.data["located"][0]["where"]
-    )
+    if "dead_time" in missing:
+        [found] = [candidate for candidate in answer.ranking if candidate.effect == "dead_time"]
+        assert found.parameters["v_err"].value == pytest.approx(0.13, abs=0.02)
 
 
 def test_a_flux_map_shows_saturation_and_no_resistance() -> None:

@@ -227,6 +227,21 @@ def test_text_of_an_answer_cannot_become_markup(tmp_path: Path) -> None:
             "cannot tell which",
         ),
         (
+            {
+                "verdict": "ambiguous",
+                "ranking": [
+                    {**ANSWER["ranking"][0], "effect": "dead_time"},
+                    {
+                        **ANSWER["ranking"][0],
+                        "effect": "saturation_d",
+                        "equivalent_to": ["cross_saturation"],
+                    },
+                ],
+                "model": {"effects": ["dead_time", "saturation_d"], "base": {}},
+            },
+            "leaves out inverter dead time, and saturation of the d axis or cross-saturation; this recording",
+        ),
+        (
             {"verdict": "ambiguous", "ranking": [{**ANSWER["ranking"][0], "probability": 0.9}]},
             "probably leaves out",
         ),

@@ -32,6 +32,7 @@ pub mod scale;
 pub mod search;
 mod searching;
 pub mod shortlist;
+mod stated_load;
 #[cfg(test)]
 mod testing;
 mod ties;
@@ -101,7 +102,7 @@ pub fn diagnose(
         settled = None;
     }
     let weak = bare::weak_parameters(&whole, &base);
-    whole.poor = !weak.is_empty() || reach::stays_at_one_point(&whole.signals);
+    whole.poor = bare::is_poor(&whole, &weak);
     if let Some(settled) = settled {
         others = settled;
     } else {

@@ -4,11 +4,13 @@
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
+use super::reach;
 use crate::error::Result;
 use crate::least_squares;
 use crate::machine::BaseParameter;
 use crate::model::Model;
 use crate::monitor::Monitor;
+use crate::recording::Kind;
 use crate::signals::Finding;
 
 /// Rounds in which the bare machine and the noise of its voltages are estimated from one another, and how far (ln) its inductances may
@@ -88,6 +90,14 @@ pub fn weak_parameters(data: &Data, base: &Hypothesis) -> Vec<String> {
         })
         .map(|(_, index)| names[*index].name().to_string())
         .collect()
+}
+
+/// Whether effects are hard to tell apart on this recording, of which the parameters `weak` are not pinned down: one is asked for at a time
+/// then. Of operating points, whose drop over the winding is small or taken off, all others may be.
+pub fn is_poor(data: &Data, weak: &[String]) -> bool {
+    let small =
+        |name: &String| data.signals.kind == Kind::OperatingPoints && name == BaseParameter::RS.name();
+    !weak.iter().all(small) || reach::stays_at_one_point(&data.signals)
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@ use super::outputs::Outputs;
 use super::search::Outcome;
 use super::ties::Tie;
 use super::transfer::transfer;
-use super::{able, agree, each, fault, plausible, power, prescribe, reach, unmodelled, verdict};
+use super::{able, agree, each, fault, plausible, power, prescribe, reach, stated_load, unmodelled, verdict};
 use crate::effect::{Role, Site};
 use crate::effects::EffectId;
 use crate::error::Result;
@@ -102,7 +102,7 @@ pub fn conclude(
     // Steady points have no dynamics to tell an effect from base parameters that can stand in for all of its strength.
     let steady = data.signals.kind == Kind::OperatingPoints;
     let ties = if steady { model_outputs.ties() } else { Vec::new() };
-    if verdict == Verdict::Named && ties.iter().any(|tie| tie.doubtful) {
+    if verdict == Verdict::Named && ties.iter().any(|tie| tie.doubtful && !outcome.needs(tie.effect)) {
         verdict = Verdict::Ambiguous;
     }
     let validation = match judge {
@@ -135,7 +135,7 @@ pub fn conclude(
     let next_experiment = prescribe::next_experiment(data, &ranked, &outcome, verdict, weak, monitor)?;
     let mut data_quality = quality(data, weak, &ties, refuted);
     data_quality.extend(plausible::against_nameplate(data, &model_outputs.base()));
-    data_quality.extend(plausible::load_may_be_off(data, &own.effect(EffectId::AsymmetricFriction)));
+    data_quality.extend(stated_load::may_be_off(data, &own.effect(EffectId::AsymmetricFriction)));
     data_quality.extend(contradiction.map(|c| c.finding));
     data_quality.extend(monitor.cancelled().then(|| Finding {
         finding: "the diagnosis was interrupted".into(),
@@ -273,18 +273,22 @@ fn quality(data: &Data, weak: &[String], found: &[Tie], refuted: bool) -> Vec<Fi
             fix: "sample at the switching frequency for those questions".into(),
         });
     }
+    let richer = match data.signals.kind {
+        Kind::OperatingPoints => "record points at other levels of i_q and i_d, and in both directions",
+        _ => "add reversals, a second level of i_q and steps of i_d",
+    };
     if !weak.is_empty() {
         findings.push(Finding {
-            finding: format!("the manoeuvre does not pin down {}", weak.join(", ")),
+            finding: format!("the recording does not pin down {}", weak.join(", ")),
             consequence: "effects that resemble a change of these parameters cannot be told from it".into(),
-            fix: "add reversals, a second level of i_q and steps of i_d".into(),
+            fix: richer.into(),
         });
     }
     if weak.is_empty() && reach::stays_at_one_point(&data.signals) {
         findings.push(Finding {
             finding: "the machine was recorded at one speed and load".into(),
             consequence: "what has the same form there cannot be told apart, and nothing is said of other speeds and loads".into(),
-            fix: "add reversals, a second level of i_q and steps of i_d".into(),
+            fix: richer.into(),
         });
     }
     if refuted {

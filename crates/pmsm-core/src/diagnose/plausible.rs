@@ -1,10 +1,9 @@
-//! What an answer contradicts of what the user has written down: the nameplate, and the load in the machine file. Neither is physics
-//! that a model leaves out, and a wrong unit or scale fits as well as the right one.
+//! What an answer contradicts of the nameplate. That is no physics that a model leaves out, and a wrong unit or scale fits as well as the
+//! right one.
 
 use super::answer::Estimate;
 use super::data::Data;
 use crate::machine::BaseParameter;
-use crate::recording::Load;
 use crate::signals::Finding;
 use crate::transforms::SQRT3;
 use std::collections::BTreeMap;
@@ -79,56 +78,10 @@ fn suspect(ratios: &[(BaseParameter, f64)]) -> String {
     "the nameplate, n_p, and the units of voltages, currents, speed and time".into()
 }
 
-/// A torque that is the same in both directions is what a load that is a little off makes, too, where the file states or measures it.
-/// `asymmetric` are the estimates of friction that differs by direction, if it was found.
-pub fn load_may_be_off(data: &Data, asymmetric: &BTreeMap<String, Estimate>) -> Option<Finding> {
-    let known = |run: &Data| {
-        !matches!(run.signals.load, Load::UnknownConstant | Load::UnknownPiecewise | Load::Locked)
-    };
-    if !data.runs().iter().any(known) {
-        return None;
-    }
-    let torque = asymmetric.get("tau_a")?;
-    let (value, stderr) = torque.value.zip(torque.stderr)?;
-    (value.abs() > stderr).then(|| Finding {
-        finding: format!(
-            "a load that is {:.3} N·m {} than the log or the machine file says would do what tau_a does",
-            value.abs(),
-            if value > 0.0 { "more" } else { "less" }
-        ),
-        consequence: "friction that differs by direction, and a load, a zero or a scale of the torque that is off, are one and the same in this respect"
-            .into(),
-        fix: "compare it with what the load is known to; give [load] kind = \"unknown_constant\" where it is not, and see what is left"
-            .into(),
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::testing::{data, setup, speeds};
-    use crate::drive::Schedule;
     use BaseParameter as P;
-
-    #[test]
-    fn a_load_that_is_stated_may_be_off_and_one_that_is_open_may_not() {
-        let torque = |value: f64, stderr: f64| {
-            let (value, stderr, unit) = (Some(value), Some(stderr), "N m".into());
-            let estimate = Estimate { value, stderr, ci95: None, unit, why_none: None };
-            BTreeMap::from([("tau_a".to_string(), estimate)])
-        };
-        let told = |kind: &str, torque: &BTreeMap<String, Estimate>| {
-            let mut manoeuvre = speeds(0.3, &[(0.1, 50.0), (0.2, -40.0)]);
-            manoeuvre.tau_load = Some(Schedule::constant(1.0).unwrap());
-            manoeuvre.load_kind = Some(kind.into());
-            load_may_be_off(&data(&setup(manoeuvre, Vec::new())).0, torque).map(|finding| finding.finding)
-        };
-        let said = told("known_constant", &torque(-0.2, 0.05)).unwrap();
-        assert!(said.contains("0.200 N·m less"), "{said}");
-        assert_eq!(told("known_constant", &torque(-0.2, 0.5)), None);
-        assert_eq!(told("known_constant", &BTreeMap::new()), None);
-        assert_eq!(told("unknown_constant", &torque(-0.2, 0.05)), None);
-    }
 
     #[test]
     fn what_is_hardly_known_contradicts_nothing() {

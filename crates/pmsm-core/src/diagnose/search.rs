@@ -118,6 +118,12 @@ impl Outcome {
         matches!(&self.path[..], [base, first, _, ..] if mismatched_by(base, 1.0) && !foothold(first, base))
     }
 
+    /// Whether the best set without `effect`, all else fitted anew, leaves more than noise: then no other parameter stands in for it.
+    pub fn needs(&self, effect: EffectId) -> bool {
+        let without = self.swaps.iter().find(|s| s.replaced == effect && s.by.is_none());
+        without.map_or(&self.base, |s| &s.judged).excess() > verdict::MISMATCH
+    }
+
     /// The effects of the best set in the order in which the path takes them up.
     pub fn order(&self) -> Vec<EffectId> {
         let mut order: Vec<EffectId> = Vec::new();

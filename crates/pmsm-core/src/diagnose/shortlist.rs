@@ -4,17 +4,21 @@
 //! on its grid, are freed of what the already fitted parameters can do; what they then explain of the residual is the score.
 //! Channels are weighed by what is left in them, so that a large misfit in one does not hide a small one in another.
 
+mod lasting;
+mod projector;
+
 use super::data::Data;
-use super::fitting::{self, rescaled};
+use super::fitting;
 use super::hypothesis::Hypothesis;
-use crate::basis::{DEPENDENT, orthonormal};
+use crate::basis::DEPENDENT;
 use crate::effect::{Context, Parameter, Role, Site};
 use crate::effects::EffectId;
-use crate::experiment::{Block, Channel, Channels, Course, Joint, split};
+use crate::experiment::{Block, Channel, Joint, split};
 use crate::model::Model;
 use crate::simulate::mechanical::Nuisance;
 use crate::tall;
 use nalgebra::{DMatrix, DVector};
+use projector::Projector;
 use rayon::prelude::*;
 
 /// Shapes that are looked at together at most, and columns that hold what they do.
@@ -50,18 +54,12 @@ pub struct Scorer<'a> {
     jacobian: DMatrix<f64>,
 }
 
-/// Orthonormal basis of what fitted parameters can do, and the residual they leave.
-struct Projector {
-    /// Channels with what is left in them.
-    channels: Channels,
-    /// The channels in the order of the rows.
-    order: Vec<Channel>,
-    /// What the rotor does on each recording. What is scored has no strength and changes nothing of it.
-    courses: Vec<Option<Course>>,
-    /// Initial speeds of the windows, rad/s.
-    starts: Option<Vec<f64>>,
-    basis: DMatrix<f64>,
-    residual: DVector<f64>,
+/// What the columns of an effect are held against: a basis of what fitted parameters can do, the residual that they leave, and how many
+/// samples of each channel these are.
+struct Against<'a> {
+    basis: &'a DMatrix<f64>,
+    residual: &'a DVector<f64>,
+    samples: usize,
 }
 
 impl<'a> Scorer<'a> {
@@ -91,18 +89,37 @@ impl<'a> Scorer<'a> {
 
     /// The best of some `shapes`, or `nothing` where none explains anything.
     fn best_of(&self, nothing: &Prospect, shapes: &[Vec<f64>], amplitudes: &[usize]) -> Prospect {
+        let projector = self.projector(nothing.effect);
+        let columns = self.columns(nothing.effect, shapes, amplitudes, projector, true);
+        let all =
+            Against { basis: &projector.basis, residual: &projector.residual, samples: self.data.counted() };
+        let best = self.best_against(nothing, shapes, amplitudes, &columns, all);
+        let Some(lasting) = &projector.lasting else { return best };
+        let sums = lasting.sums(&columns);
+        let slow = Against { basis: &lasting.basis, residual: &lasting.residual, samples: lasting.count };
+        let slow = self.best_against(nothing, shapes, amplitudes, &sums, slow);
+        if slow.score > best.score { slow } else { best }
+    }
+
+    /// The same by these `columns`, shape by shape.
+    fn best_against(
+        &self,
+        nothing: &Prospect,
+        shapes: &[Vec<f64>],
+        amplitudes: &[usize],
+        columns: &DMatrix<f64>,
+        against: Against,
+    ) -> Prospect {
         let (effect, mut best) = (nothing.effect, nothing.clone());
         let context = self.hypothesis.model.context();
         let parameters: Vec<&Parameter> = amplitudes.iter().map(|k| &effect.info().parameters[*k]).collect();
-        let projector = self.projector(effect);
-        let columns = self.columns(effect, shapes, amplitudes, projector, true);
         let each = columns.ncols() / shapes.len();
         // Products of the columns freed of the basis, in which nothing of the residual lies.
-        let along = tall::tr_mul(&projector.basis, &columns);
-        let whole = tall::gram(&columns);
+        let along = tall::tr_mul(against.basis, columns);
+        let whole = tall::gram(columns);
         let square = |k: usize| whole[(k, k)];
         let gram = &whole - along.tr_mul(&along);
-        let right = tall::tr_mul_vector(&columns, &projector.residual);
+        let right = tall::tr_mul_vector(columns, against.residual);
         for (at, shape) in shapes.iter().enumerate() {
             let own = at * each..(at + 1) * each;
             let length: Vec<f64> = own.clone().map(|k| square(k).sqrt()).collect();
@@ -128,7 +145,7 @@ impl<'a> Scorer<'a> {
             }
             // ‖r‖² − ‖r + F·b‖², with the free columns F and the bounded step b.
             let gain = -(bounded.dot(&right) * 2.0 + bounded.dot(&(&gram * &bounded)));
-            let score = gain / self.data.counted() as f64;
+            let score = gain / against.samples as f64;
             if score > best.score {
                 (best.score, best.start) = (score, shape.clone());
                 for ((k, x), parameter) in amplitudes.iter().zip(bounded.iter()).zip(&parameters) {
@@ -236,47 +253,6 @@ impl Sensitivity<'_> {
     }
 }
 
-impl Projector {
-    /// With the derivatives with respect to what was fitted.
-    fn new(data: &Data, hypothesis: &Hypothesis, rotor_only: bool) -> (Self, DMatrix<f64>) {
-        let mut channels = rescaled(data.channels(true, true), left(data, hypothesis));
-        for run in &mut channels {
-            run.retain(|(c, _)| !(rotor_only && c.is_electrical()));
-        }
-        let experiment = data.experiment(&hypothesis.model, &hypothesis.nuisances, channels.clone());
-        let experiment = experiment.with_plain_speed();
-        let order = experiment.channels().to_vec();
-        let fitted: Vec<usize> = hypothesis
-            .free
-            .iter()
-            .copied()
-            .filter(|k| !(rotor_only && experiment.is_electrical(*k)))
-            .collect();
-        let starts = experiment.estimated_starts(&hypothesis.parameters);
-        let experiment = experiment.with_starts(starts.as_deref());
-        let linear = experiment.linearise(&hypothesis.parameters, &fitted);
-        let basis = orthonormal(&linear.jacobian);
-        let residual = &linear.residual - &basis * basis.tr_mul(&linear.residual);
-        let courses = experiment.courses(&hypothesis.parameters);
-        (Self { channels, order, courses, starts, basis, residual }, linear.jacobian)
-    }
-}
-
-/// What a hypothesis leaves in each channel of each recording, over the floor: of a speed as it is.
-fn left(data: &Data, hypothesis: &Hypothesis) -> Vec<f64> {
-    let mut left: Vec<f64> = hypothesis.squares.iter().map(|(_, s)| s.max(1.0).sqrt()).collect();
-    if data.runs().iter().any(|run| run.wander().is_some()) {
-        let experiment = data.whole(hypothesis).with_plain_speed();
-        let rms = experiment.relative_rms(&experiment.residual(&hypothesis.parameters));
-        for ((left, (channel, _)), rms) in left.iter_mut().zip(&hypothesis.squares).zip(rms) {
-            if !channel.is_electrical() {
-                *left = rms.max(1.0);
-            }
-        }
-    }
-    left
-}
-
 /// Shapes of an effect, of so many amplitudes, that are looked at together.
 pub fn batches(shapes: &[Vec<f64>], amplitudes: usize) -> impl Iterator<Item = &[Vec<f64>]> {
     let most = (COLUMNS / amplitudes.max(1)).clamp(1, SHAPES);
@@ -305,14 +281,14 @@ mod tests {
     use super::*;
     use crate::diagnose::testing::{choice, narrow, setup, speeds};
     use crate::diagnose::{bare, join};
-    use crate::drive::simulate;
+    use crate::drive::{Choice, simulate};
     use crate::monitor::Silent;
     use crate::recording::Recording;
 
     /// A run whose voltages are not known exactly.
-    fn noisy(turned: f64) -> Recording {
+    fn noisy(turned: f64, effects: Vec<Choice>) -> Recording {
         let manoeuvre = speeds(0.6, &[(0.1, 90.0 * turned), (0.3, -80.0 * turned), (0.5, 60.0)]);
-        let recording = simulate(&setup(manoeuvre, Vec::new()), &Silent).unwrap().recording;
+        let recording = simulate(&setup(manoeuvre, effects), &Silent).unwrap().recording;
         let names = ["t", "v_d", "v_q", "i_a", "i_b", "i_c", "theta_e", "omega_e"];
         let column = |name: &str| {
             let mut x = recording.column(name).unwrap().to_vec();
@@ -331,7 +307,7 @@ mod tests {
     #[test]
     fn shapes_show_together_what_they_show_alone() {
         let machine = setup(speeds(0.1, &[(0.0, 1.0)]), Vec::new()).nameplate;
-        let (first, second) = (noisy(1.0), noisy(-1.0));
+        let (first, second) = (noisy(1.0, Vec::new()), noisy(-1.0, Vec::new()));
         for recordings in [&[&first][..], &[&first, &second]] {
             let mut data = join::prepare(recordings, &machine).unwrap();
             let base = bare::fit(&mut data, &Silent).unwrap();
@@ -356,6 +332,20 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_voltage_that_lasts_stands_out_of_the_noise_of_the_others() {
+        let machine = setup(speeds(0.1, &[(0.0, 1.0)]), Vec::new()).nameplate;
+        let recording = noisy(1.0, vec![choice("dead_time", "v_err", 8.0)]);
+        let mut data = join::prepare(&[&recording], &machine).unwrap();
+        let base = bare::fit(&mut data, &Silent).unwrap();
+        let mut scorer = Scorer::new(&data, &base);
+        let score = scorer.score(EffectId::DeadTime).score;
+        // Of each sample it explains next to nothing.
+        assert!(scorer.whole.lasting.take().is_some());
+        let by_samples = scorer.score(EffectId::DeadTime).score;
+        assert!(score > 0.3 && by_samples < 0.3 * score, "{score} {by_samples}");
     }
 
     #[test]

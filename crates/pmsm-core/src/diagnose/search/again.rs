@@ -7,7 +7,7 @@ use super::smaller::{in_place, left_out, reduced};
 use super::variants::Swap;
 use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::scale::{LEAST_GAIN, Scale, loses};
+use crate::diagnose::scale::{LEAST_GAIN, Scale, asks_for, loses};
 use crate::diagnose::verdict::Judged;
 use crate::effect::{Role, Site};
 use crate::effects::EffectId;
@@ -108,14 +108,20 @@ impl Search<'_> {
         Ok(better(same, fewer, scale, seen))
     }
 
-    /// The best set, or the same under the load that was found with what contains one of its effects, if that is better, or, where no load
-    /// steps, as fitted to both runs: a step found in the wrong place, or what the recording hardly shows, must not speak for the wider
-    /// form of an effect.
+    /// The best set, or the same fitted from where the set with what contains one of its effects stands, if that is worth more, or under the
+    /// load that was found with that one, if that is better, or, where no load steps, as fitted to both runs: a shape that ran astray, a
+    /// step found in the wrong place, or what the recording hardly shows, must not speak for the wider form of an effect.
     pub(super) fn as_wider(&self, mut best: Judged, swaps: &[Swap], scale: &Scale) -> Result<Judged> {
         for swap in swaps {
-            let wider = swap.by.is_some_and(|by| by.contains(swap.replaced));
-            if !wider || scale.loss(&swap.judged) >= scale.loss(&best) || self.monitor.cancelled() {
+            let Some(wider) = swap.by.filter(|by| by.contains(swap.replaced)) else { continue };
+            if scale.loss(&swap.judged) >= scale.loss(&best) || self.monitor.cancelled() {
                 continue;
+            }
+            let gained = scale.loss(&swap.judged) + LEAST_GAIN < scale.loss(&best);
+            if gained || asks_for(&swap.judged, &best) {
+                let (model, start) = in_place(&swap.judged.fitted, wider, swap.replaced);
+                let again = self.judge(fitting::fit(self.data, &model, &start, false, self.monitor)?)?;
+                best = better(again, best, scale, &mut []);
             }
             best = if steps(&swap.judged) {
                 let same = self.under_load_of(&swap.judged, &best.fitted, best.refuted)?;
@@ -269,6 +275,11 @@ mod tests {
         assert!(right.excess() < 0.1 && slow.excess() > 0.3, "{}", slow.excess());
 
         let scale = Scale::new([&right, &wide, &slow].into_iter());
+        let (replaced, by) = (EffectId::CoulombFriction, Some(EffectId::StribeckFriction));
+        let swap = Swap { replaced, by, judged: wide.clone() };
+        let found = search(&data).as_wider(slow.clone(), &[swap], &scale).unwrap();
+        assert_eq!(found.fitted.effects(), [EffectId::CoulombFriction]);
+        assert!(found.excess() < 0.1, "{}", found.excess());
         let mut seen = vec![judged(base), slow];
         let found = search(&data).pruned(wide, &scale, &mut seen).unwrap();
         assert_eq!(found.fitted.effects(), [EffectId::CoulombFriction]);

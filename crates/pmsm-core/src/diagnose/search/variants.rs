@@ -9,6 +9,7 @@ use crate::diagnose::fitting;
 use crate::diagnose::power::Shown;
 use crate::diagnose::scale::{LEAST_GAIN, Scale};
 use crate::diagnose::shortlist::Scorer;
+use crate::diagnose::stated_load;
 use crate::diagnose::verdict::Judged;
 use crate::effect::Site;
 use crate::effects::EffectId;
@@ -110,6 +111,9 @@ impl Search<'_> {
         }
         if let Some(fewer) = self.needless(best, way.gone, scale, seen)? {
             return Ok(Some(fewer));
+        }
+        if stated_load::accounts_for(self.data, &best.fitted, way.gone) {
+            return self.without(best, way.gone, seen).map(Some);
         }
         let tried = seen.len();
         let mut fewer = self.without(best, way.gone, seen)?;

@@ -196,6 +196,16 @@ impl Joint<'_> {
         (0..self.runs.len()).flat_map(of).collect()
     }
 
+    /// Samples of the longest means in which the currents of a recording are looked at; see [`Experiment::mean_squares`].
+    pub fn scale_of_currents(&self, residual: &DVector<f64>) -> usize {
+        let of = |run: usize| {
+            let squares = self.runs[run].mean_squares(&self.rows_of_run(run, residual));
+            let channels = self.runs[run].channels.iter().zip(squares);
+            channels.filter(|((c, _), _)| c.is_electrical()).map(|(_, (_, size))| size).max()
+        };
+        (0..self.runs.len()).filter_map(of).max().unwrap_or(1)
+    }
+
     /// [`Experiment::loudness`] in each of [`Joint::blocks`].
     pub fn loudness(&self, residual: &DVector<f64>) -> Vec<f64> {
         let of = |run: usize| self.runs[run].loudness(&self.rows_of_run(run, residual));

@@ -1,0 +1,67 @@
+//! What the derivatives of effects are freed of before they are held against what is left.
+
+use super::lasting::Lasting;
+use crate::basis::orthonormal;
+use crate::diagnose::data::Data;
+use crate::diagnose::fitting::rescaled;
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::experiment::{Channel, Channels, Course};
+use nalgebra::{DMatrix, DVector};
+
+/// Orthonormal basis of what fitted parameters can do, and the residual they leave.
+pub(super) struct Projector {
+    /// Channels with what is left in them.
+    pub(super) channels: Channels,
+    /// The channels in the order of the rows.
+    pub(super) order: Vec<Channel>,
+    /// What the rotor does on each recording. What is scored has no strength and changes nothing of it.
+    pub(super) courses: Vec<Option<Course>>,
+    /// Initial speeds of the windows, rad/s.
+    pub(super) starts: Option<Vec<f64>>,
+    pub(super) basis: DMatrix<f64>,
+    pub(super) residual: DVector<f64>,
+    /// What lasts of it, where the currents are judged by that.
+    pub(super) lasting: Option<Lasting>,
+}
+
+impl Projector {
+    /// With the derivatives with respect to what was fitted.
+    pub(super) fn new(data: &Data, hypothesis: &Hypothesis, rotor_only: bool) -> (Self, DMatrix<f64>) {
+        let mut channels = rescaled(data.channels(true, true), left(data, hypothesis));
+        for run in &mut channels {
+            run.retain(|(c, _)| !(rotor_only && c.is_electrical()));
+        }
+        let experiment = data.experiment(&hypothesis.model, &hypothesis.nuisances, channels.clone());
+        let experiment = experiment.with_plain_speed();
+        let order = experiment.channels().to_vec();
+        let fitted: Vec<usize> = hypothesis
+            .free
+            .iter()
+            .copied()
+            .filter(|k| !(rotor_only && experiment.is_electrical(*k)))
+            .collect();
+        let starts = experiment.estimated_starts(&hypothesis.parameters);
+        let experiment = experiment.with_starts(starts.as_deref());
+        let linear = experiment.linearise(&hypothesis.parameters, &fitted);
+        let basis = orthonormal(&linear.jacobian);
+        let residual = &linear.residual - &basis * basis.tr_mul(&linear.residual);
+        let courses = experiment.courses(&hypothesis.parameters);
+        let lasting = if rotor_only { None } else { Lasting::new(data, hypothesis, &order, &linear) };
+        (Self { channels, order, courses, starts, basis, residual, lasting }, linear.jacobian)
+    }
+}
+
+/// What a hypothesis leaves in each channel of each recording, over the floor: of a speed as it is.
+fn left(data: &Data, hypothesis: &Hypothesis) -> Vec<f64> {
+    let mut left: Vec<f64> = hypothesis.squares.iter().map(|(_, s)| s.max(1.0).sqrt()).collect();
+    if data.runs().iter().any(|run| run.wander().is_some()) {
+        let experiment = data.whole(hypothesis).with_plain_speed();
+        let rms = experiment.relative_rms(&experiment.residual(&hypothesis.parameters));
+        for ((left, (channel, _)), rms) in left.iter_mut().zip(&hypothesis.squares).zip(rms) {
+            if !channel.is_electrical() {
+                *left = rms.max(1.0);
+            }
+        }
+    }
+    left
+}

@@ -1,0 +1,106 @@
+//! What a load does that the machine file states, or that was measured, and that is a little off.
+
+use super::answer::Estimate;
+use super::data::Data;
+use super::hypothesis::Hypothesis;
+use crate::effects::EffectId;
+use crate::recording::Load;
+use crate::signals::Finding;
+use std::collections::BTreeMap;
+
+/// Share of its largest value to which no load is known: class and zero of good torque transducers.
+const KNOWN: f64 = 2e-3;
+
+/// Whether `effect` is friction that differs by direction by no more, at any speed, than the load of each recording may be off: then this
+/// does the same.
+pub fn accounts_for(data: &Data, found: &Hypothesis, effect: EffectId) -> bool {
+    let slot = found.model.slots().iter().find(|slot| slot.effect == effect);
+    let Some(slot) = slot.filter(|_| effect == EffectId::AsymmetricFriction) else { return false };
+    let own = &found.parameters[slot.parameters.clone()];
+    let of = |name: &str| {
+        slot.effect.info().parameters.iter().position(|p| p.name == name).map_or(0.0, |k| own[k])
+    };
+    let (tau_a, b_a) = (of("tau_a"), of("b_a"));
+    data.runs().iter().all(|run| {
+        let signals = &run.signals;
+        let omega_m = signals.context.omega_m_max();
+        let largest = match &signals.load {
+            Load::KnownConstant(value) => value.abs(),
+            Load::Measured => signals.tau_m.iter().flatten().fold(0.0, |most: f64, x| most.max(x.abs())),
+            _ => 0.0,
+        };
+        tau_a.abs().max((tau_a + b_a * omega_m).abs()) <= KNOWN * largest
+    })
+}
+
+/// A torque that is the same in both directions is what a load that is a little off makes, too, where the file states or measures it.
+/// `asymmetric` are the estimates of friction that differs by direction, if it was found.
+pub fn may_be_off(data: &Data, asymmetric: &BTreeMap<String, Estimate>) -> Option<Finding> {
+    let known = |run: &Data| {
+        !matches!(run.signals.load, Load::UnknownConstant | Load::UnknownPiecewise | Load::Locked)
+    };
+    if !data.runs().iter().any(known) {
+        return None;
+    }
+    let torque = asymmetric.get("tau_a")?;
+    let (value, stderr) = torque.value.zip(torque.stderr)?;
+    (value.abs() > stderr).then(|| Finding {
+        finding: format!(
+            "a load that is {:.3} N·m {} than the log or the machine file says would do what tau_a does",
+            value.abs(),
+            if value > 0.0 { "more" } else { "less" }
+        ),
+        consequence: "friction that differs by direction, and a load, a zero or a scale of the torque that is off, are one and the same in this respect"
+            .into(),
+        fix: "compare it with what the load is known to; give [load] kind = \"unknown_constant\" where it is not, and see what is left"
+            .into(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{data, setup, speeds};
+    use crate::drive::Schedule;
+    use crate::model::Model;
+
+    #[test]
+    fn a_load_that_is_stated_may_be_off_and_one_that_is_open_may_not() {
+        let torque = |value: f64, stderr: f64| {
+            let (value, stderr, unit) = (Some(value), Some(stderr), "N m".into());
+            let estimate = Estimate { value, stderr, ci95: None, unit, why_none: None };
+            BTreeMap::from([("tau_a".to_string(), estimate)])
+        };
+        let told = |kind: &str, torque: &BTreeMap<String, Estimate>| {
+            let mut manoeuvre = speeds(0.3, &[(0.1, 50.0), (0.2, -40.0)]);
+            manoeuvre.tau_load = Some(Schedule::constant(1.0).unwrap());
+            manoeuvre.load_kind = Some(kind.into());
+            may_be_off(&data(&setup(manoeuvre, Vec::new())).0, torque).map(|finding| finding.finding)
+        };
+        let said = told("known_constant", &torque(-0.2, 0.05)).unwrap();
+        assert!(said.contains("0.200 N·m less"), "{said}");
+        assert_eq!(told("known_constant", &torque(-0.2, 0.5)), None);
+        assert_eq!(told("known_constant", &BTreeMap::new()), None);
+        assert_eq!(told("unknown_constant", &torque(-0.2, 0.05)), None);
+    }
+
+    #[test]
+    fn what_a_load_may_be_off_by_is_no_friction() {
+        let accounted = |kind: &str, tau_a: f64, b_a: f64| {
+            let mut manoeuvre = speeds(0.3, &[(0.1, 50.0), (0.2, -40.0)]);
+            manoeuvre.tau_load = Some(Schedule::constant(1.0).unwrap());
+            manoeuvre.load_kind = Some(kind.into());
+            let (data, base) = data(&setup(manoeuvre, Vec::new()));
+            let effect = EffectId::AsymmetricFriction;
+            let model = Model::new(data.signals.context, &[effect]);
+            let strengths =
+                effect.info().parameters.iter().map(|p| if p.name == "tau_a" { tau_a } else { b_a });
+            let found = Hypothesis::bare(model, base.own().iter().copied().chain(strengths).collect());
+            assert!(!accounts_for(&data, &found, EffectId::CoulombFriction));
+            accounts_for(&data, &found, effect)
+        };
+        assert!(accounted("known_constant", -1e-3, 0.0) && accounted("measured", 1e-3, 0.0));
+        assert!(!accounted("known_constant", 3e-3, 0.0) && !accounted("known_constant", 1e-3, 1e-3));
+        assert!(!accounted("unknown_constant", 1e-3, 0.0));
+    }
+}
