@@ -65,7 +65,7 @@ def diagnosis(answer: DiagnosisValues) -> str:
     """A diagnosis as text: the finding, where it sits, candidates, parameters, fit, what is left, what is
     not seen, what next.
     """
-    lines = [headline(answer)]
+    lines = [textwrap.fill(headline(answer), WIDTH)]
     if answer.interrupted:
         lines.append("Interrupted: this is the best so far.")
     for item in answer.data_quality:

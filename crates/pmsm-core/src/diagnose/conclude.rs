@@ -10,7 +10,7 @@ use super::hypothesis::Hypothesis;
 use super::locate;
 use super::outputs::Outputs;
 use super::search::Outcome;
-use super::ties::Tie;
+use super::ties::{self, Tie};
 use super::transfer::transfer;
 use super::{able, agree, each, fault, plausible, power, prescribe, reach, stated_load, unmodelled, verdict};
 use crate::effect::{Role, Site};
@@ -72,6 +72,8 @@ pub fn conclude(
         Ok(())
     })?;
     let (first, end) = (outcome.path[0].clone(), outcome.path[last].clone());
+    // Rivals were compared by what they left to the search, which may have left samples out.
+    let searched = outcome.base.held_out_squares();
     (outcome.base, outcome.best) = (first, end);
     let best = &outcome.best;
     let located = fault::located(data, judge, &outcome, verdict);
@@ -131,7 +133,8 @@ pub fn conclude(
     if !unforeseen.is_empty() {
         decide::doubt(&mut ranked, decide::CEILING_UNFORESEEN);
     }
-    let ranking = ranked.par_iter().map(|r| candidate(data, &outcome, r, model_outputs, predicted)).collect();
+    let gains = (searched, predicted);
+    let ranking = ranked.par_iter().map(|r| candidate(data, &outcome, r, model_outputs, gains)).collect();
     let next_experiment = prescribe::next_experiment(data, &ranked, &outcome, verdict, weak, monitor)?;
     let mut data_quality = quality(data, weak, &ties, refuted);
     data_quality.extend(plausible::against_nameplate(data, &model_outputs.base()));
@@ -228,7 +231,7 @@ fn candidate(
     outcome: &Outcome,
     ranked: &Ranked,
     model: &Outputs,
-    predicted: Option<(f64, f64)>,
+    (searched, predicted): (f64, Option<(f64, f64)>),
 ) -> Candidate {
     let info = ranked.effect.info();
     let in_model = outcome.best.fitted.effects().contains(&ranked.effect);
@@ -237,7 +240,7 @@ fn candidate(
     } else {
         Outputs::new(data, &ranked.judged.fitted).effect(ranked.effect)
     };
-    let judged = || (outcome.base.held_out_squares(), ranked.judged.held_out_squares());
+    let judged = || (searched, ranked.judged.held_out_squares());
     let (before, after) = predicted.filter(|_| in_model).unwrap_or_else(judged);
     Candidate {
         effect: info.id.into(),
@@ -254,18 +257,7 @@ fn quality(data: &Data, weak: &[String], found: &[Tie], refuted: bool) -> Vec<Fi
     let mut findings = data.signals.findings.clone();
     let noise: Vec<Vec<Finding>> = data.runs().iter().map(|run| run.input.findings(&run.signals)).collect();
     findings.extend(signals::join::findings(noise.iter().map(Vec::as_slice)));
-    for tie in found {
-        let (others, effect) = (tie.others.join(", "), tie.effect.id());
-        findings.push(Finding {
-            finding: format!(
-                "{} of {effect} is hardly separable from {others} here (correlation {:.2})",
-                tie.parameter, tie.correlation
-            ),
-            consequence: "each can stand in for the others, so that no value of them is worth much by itself"
-                .into(),
-            fix: "record at other speeds, currents and directions as well".into(),
-        });
-    }
+    findings.extend(ties::findings(found));
     if data.signals.kind == Kind::OperatingPoints {
         findings.push(Finding {
             finding: "the samples are far apart compared with the electrical time constants".into(),

@@ -17,8 +17,6 @@ use std::collections::BTreeMap;
 
 /// Parameters that one effect's outputs may depend on.
 const LANES: usize = 8;
-/// Relative standard error from which a parameter is said not to be shown.
-const UNSHOWN: f64 = 0.5;
 /// The form of an effect's equation is itself an approximation: against plants that have the same physics in other forms its
 /// parameters scatter by this factor more than the residuals say, and by the share of its strength that the effect states. Read off
 /// the independent plant in `proof/`.
@@ -180,7 +178,14 @@ impl<'a> Outputs<'a> {
                 let strength = strength.min(value.re.abs());
                 variance = variance * FORM * FORM + (effect.form() * strength).powi(2);
                 let fixed = value.eps.iter().all(|e| *e == 0.0);
-                let why = fixed.then(|| "a whole number, chosen and not estimated".to_string());
+                let parameter = effect.info().parameters.iter().find(|p| p.name == name);
+                let any = parameter.is_some_and(|p| variance.sqrt() > (p.high)(cx) - (p.low)(cx));
+                let why = match () {
+                    () if fixed => Some("a whole number, chosen and not estimated"),
+                    () if any => Some("the recording does not show it: anything within its bounds fits"),
+                    () => None,
+                };
+                let why = why.map(str::to_string);
                 (name.to_string(), estimate(value.re, variance, unit, why))
             })
             .collect()
@@ -207,14 +212,37 @@ fn estimate(value: f64, variance: f64, unit: &str, why: Option<String>) -> Estim
     let stderr = variance.max(0.0).sqrt();
     let why = why.or_else(|| (!stderr.is_finite()).then(|| "the recording does not show it".to_string()));
     let shown = why.is_none();
-    let why = why.or_else(|| {
-        (stderr > UNSHOWN * value.abs()).then(|| "uncertain: the recording hardly shows it".to_string())
-    });
     Estimate {
         value: Some(value),
         stderr: shown.then_some(stderr),
         ci95: shown.then_some([value - Z95 * stderr, value + Z95 * stderr]),
         unit: unit.into(),
         why_none: if shown { None } else { why },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
+
+    #[test]
+    fn a_parameter_that_may_be_anything_within_its_bounds_has_no_uncertainty() {
+        let manoeuvre = speeds(0.5, &[(0.1, 90.0), (0.3, -80.0)]);
+        let (data, base) = data(&setup(manoeuvre, vec![choice("coulomb_friction", "tau_c", 0.3)]));
+        let found = fitted(&data, &base, EffectId::CoulombFriction);
+        let mut outputs = Outputs::new(&data, &found);
+        let last = found.own().len() - 1;
+        let turns_over = outputs.free.iter().position(|k| *k == last).unwrap();
+        let mut told = |stderr: f64| {
+            outputs.covariance[(turns_over, turns_over)] = stderr * stderr;
+            outputs.effect(EffectId::CoulombFriction)
+        };
+        let sure = told(0.01);
+        assert!(sure["w_0"].stderr.is_some() && sure["tau_c"].stderr.is_some());
+        let unsure = told(100.0);
+        assert!(unsure["w_0"].value.is_some() && unsure["w_0"].stderr.is_none());
+        assert!(unsure["w_0"].why_none.as_ref().unwrap().contains("bounds"));
+        assert_eq!(unsure["tau_c"], sure["tau_c"]);
     }
 }

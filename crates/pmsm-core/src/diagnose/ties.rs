@@ -4,6 +4,7 @@ use super::hypothesis::Hypothesis;
 use crate::effect::Role;
 use crate::effects::EffectId;
 use crate::machine::BaseParameter;
+use crate::signals::Finding;
 use nalgebra::DMatrix;
 
 /// Correlation of two estimates from which they are said to be hardly separable.
@@ -54,6 +55,27 @@ pub fn ties(hypothesis: &Hypothesis, free: &[usize], covariance: &DMatrix<f64>, 
         }
     }
     out
+}
+
+/// What the user should know of them: one finding for the parameters of an effect that go with the same others.
+pub fn findings(ties: &[Tie]) -> Vec<Finding> {
+    let alike = |a: &Tie, b: &Tie| a.effect == b.effect && a.others == b.others;
+    let told = |group: &[Tie]| {
+        let names: Vec<&str> = group.iter().map(|tie| tie.parameter).collect();
+        let (is, from) = (if names.len() > 1 { "are" } else { "is" }, group[0].others.join(", "));
+        let most = group.iter().fold(0.0, |most: f64, tie| most.max(tie.correlation));
+        Finding {
+            finding: format!(
+                "{} of {} {is} hardly separable from {from} here (correlation {most:.2})",
+                names.join(", "),
+                group[0].effect.id()
+            ),
+            consequence: "each can stand in for the others, so that no value of them is worth much by itself"
+                .into(),
+            fix: "record at other speeds, currents and directions as well".into(),
+        }
+    };
+    ties.chunk_by(alike).map(told).collect()
 }
 
 #[cfg(test)]
@@ -111,5 +133,20 @@ mod tests {
         // The two of one effect go with each other.
         let covariance = DMatrix::from_row_slice(2, 2, &[1.0, 0.99, 0.99, 1.0]);
         assert!(ties(&hypothesis, &[own.start, own.start + 1], &covariance, 1.5).is_empty());
+    }
+
+    #[test]
+    fn what_goes_with_the_same_parameters_is_told_at_once() {
+        let tie = |parameter: &'static str, others: &[&'static str], correlation: f64| Tie {
+            effect: EffectId::SaturationQ,
+            parameter,
+            doubtful: false,
+            others: others.to_vec(),
+            correlation,
+        };
+        let told = findings(&[tie("k", &["l_q"], 0.96), tie("s", &["l_q"], 0.98), tie("s", &["r_s"], 0.97)]);
+        assert_eq!(told.len(), 2);
+        assert!(told[0].finding.starts_with("k, s of saturation_q are hardly separable from l_q"));
+        assert!(told[0].finding.contains("0.98") && told[1].finding.starts_with("s of saturation_q is"));
     }
 }
