@@ -3,34 +3,35 @@
 use super::answer::Estimate;
 use super::data::Data;
 use super::hypothesis::Hypothesis;
+use super::outputs::Outputs;
 use crate::effects::EffectId;
 use crate::recording::Load;
 use crate::signals::Finding;
 use std::collections::BTreeMap;
 
-/// Share of its largest value to which no load is known: class and zero of good torque transducers.
-const KNOWN: f64 = 2e-3;
+/// Share of its largest value to which no load is known: the class of good torque transducers.
+const KNOWN: f64 = 1e-3;
 
-/// Whether `effect` is friction that differs by direction by no more, at any speed, than the load of each recording may be off: then this
-/// does the same.
+/// Whether `effect` is friction that differs by direction by no more, as far as its estimates tell, than the load of each recording may be
+/// off: then this does the same.
 pub fn accounts_for(data: &Data, found: &Hypothesis, effect: EffectId) -> bool {
-    let slot = found.model.slots().iter().find(|slot| slot.effect == effect);
-    let Some(slot) = slot.filter(|_| effect == EffectId::AsymmetricFriction) else { return false };
-    let own = &found.parameters[slot.parameters.clone()];
-    let of = |name: &str| {
-        slot.effect.info().parameters.iter().position(|p| p.name == name).map_or(0.0, |k| own[k])
+    let off = |run: &Data| match &run.signals.load {
+        Load::KnownConstant(value) => KNOWN * value.abs(),
+        Load::Measured => {
+            KNOWN * run.signals.tau_m.iter().flatten().fold(0.0, |most: f64, x| most.max(x.abs()))
+        }
+        _ => 0.0,
     };
-    let (tau_a, b_a) = (of("tau_a"), of("b_a"));
-    data.runs().iter().all(|run| {
-        let signals = &run.signals;
-        let omega_m = signals.context.omega_m_max();
-        let largest = match &signals.load {
-            Load::KnownConstant(value) => value.abs(),
-            Load::Measured => signals.tau_m.iter().flatten().fold(0.0, |most: f64, x| most.max(x.abs())),
-            _ => 0.0,
-        };
-        tau_a.abs().max((tau_a + b_a * omega_m).abs()) <= KNOWN * largest
-    })
+    let off = data.runs().iter().map(off).fold(f64::INFINITY, f64::min);
+    if effect != EffectId::AsymmetricFriction || off == 0.0 {
+        return false;
+    }
+    let estimates = Outputs::new(data, found).effect(effect);
+    let least = |name: &str| {
+        let known = estimates.get(name).and_then(|e| e.value.zip(e.stderr));
+        known.map_or(0.0, |(value, stderr)| (value.abs() - stderr).max(0.0))
+    };
+    !estimates.is_empty() && least("tau_a") + least("b_a") * data.signals.context.omega_m_max() <= off
 }
 
 /// A torque that is the same in both directions is what a load that is a little off makes, too, where the file states or measures it.
@@ -60,9 +61,8 @@ pub fn may_be_off(data: &Data, asymmetric: &BTreeMap<String, Estimate>) -> Optio
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::testing::{data, setup, speeds};
-    use crate::drive::Schedule;
-    use crate::model::Model;
+    use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
+    use crate::drive::{Choice, Schedule};
 
     #[test]
     fn a_load_that_is_stated_may_be_off_and_one_that_is_open_may_not() {
@@ -86,21 +86,19 @@ mod tests {
 
     #[test]
     fn what_a_load_may_be_off_by_is_no_friction() {
-        let accounted = |kind: &str, tau_a: f64, b_a: f64| {
-            let mut manoeuvre = speeds(0.3, &[(0.1, 50.0), (0.2, -40.0)]);
-            manoeuvre.tau_load = Some(Schedule::constant(1.0).unwrap());
+        let accounted = |kind: &str, present: Vec<Choice>| {
+            let mut manoeuvre = speeds(0.6, &[(0.05, 50.0), (0.2, -40.0), (0.35, 60.0), (0.5, -30.0)]);
+            manoeuvre.tau_load = Some(Schedule::constant(5.0).unwrap());
             manoeuvre.load_kind = Some(kind.into());
-            let (data, base) = data(&setup(manoeuvre, Vec::new()));
-            let effect = EffectId::AsymmetricFriction;
-            let model = Model::new(data.signals.context, &[effect]);
-            let strengths =
-                effect.info().parameters.iter().map(|p| if p.name == "tau_a" { tau_a } else { b_a });
-            let found = Hypothesis::bare(model, base.own().iter().copied().chain(strengths).collect());
+            let (data, base) = data(&setup(manoeuvre, present));
+            let found = fitted(&data, &base, EffectId::AsymmetricFriction);
             assert!(!accounts_for(&data, &found, EffectId::CoulombFriction));
-            accounts_for(&data, &found, effect)
+            accounts_for(&data, &found, EffectId::AsymmetricFriction)
         };
-        assert!(accounted("known_constant", -1e-3, 0.0) && accounted("measured", 1e-3, 0.0));
-        assert!(!accounted("known_constant", 3e-3, 0.0) && !accounted("known_constant", 1e-3, 1e-3));
-        assert!(!accounted("unknown_constant", 1e-3, 0.0));
+        let strong = |name: &str, value: f64| vec![choice("asymmetric_friction", name, value)];
+        assert!(accounted("known_constant", Vec::new()) && accounted("measured", Vec::new()));
+        assert!(!accounted("unknown_constant", Vec::new()));
+        assert!(!accounted("known_constant", strong("tau_a", 0.1)));
+        assert!(!accounted("measured", strong("b_a", 2e-3)));
     }
 }

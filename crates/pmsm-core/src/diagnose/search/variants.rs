@@ -2,7 +2,7 @@
 
 use super::extend::Aim;
 use super::refit::Claim;
-use super::sets::{is_set, same};
+use super::sets::{explains, is_set, same};
 use super::smaller::{in_place, reduced, special_cases};
 use super::{BRANCHES, Search};
 use crate::diagnose::fitting;
@@ -112,16 +112,20 @@ impl Search<'_> {
         if let Some(fewer) = self.needless(best, way.gone, scale, seen)? {
             return Ok(Some(fewer));
         }
-        if stated_load::accounts_for(self.data, &best.fitted, way.gone) {
-            return self.without(best, way.gone, seen).map(Some);
-        }
         let tried = seen.len();
         let mut fewer = self.without(best, way.gone, seen)?;
         if seen.len() == tried {
             fewer = self.fitted_here(best, way.gone, fewer, scale, seen)?;
         }
         let fewer = self.under_same_load(best, way.gone, fewer, scale, seen)?;
-        Ok((scale.loss(&fewer) < scale.loss(best) + LEAST_GAIN).then_some(fewer))
+        let will_do = scale.loss(&fewer) < scale.loss(best) + LEAST_GAIN;
+        let bare = || seen.iter().find(|j| j.fitted.effects().is_empty());
+        // A load that is a little off may make up for what the others leave.
+        let owed = || {
+            bare().is_some_and(|bare| explains(&fewer, bare))
+                && stated_load::accounts_for(self.data, &best.fitted, way.gone)
+        };
+        Ok((will_do || owed()).then_some(fewer))
     }
 
     /// The same set with a special case in place of one effect, refitted unless it was tried before.
