@@ -239,7 +239,7 @@ def test_text_of_an_answer_cannot_become_markup(tmp_path: Path) -> None:
                 ],
                 "model": {"effects": ["dead_time", "saturation_d"], "base": {}},
             },
-            "leaves out inverter dead time, and saturation of the d axis or cross-saturation; this recording",
+            "leaves out inverter dead time, and saturation of the d axis or cross-saturation; this",
         ),
         (
             {"verdict": "ambiguous", "ranking": [{**ANSWER["ranking"][0], "probability": 0.9}]},
