@@ -93,7 +93,7 @@ pub fn weak_parameters(data: &Data, base: &Hypothesis) -> Vec<String> {
 }
 
 /// Whether effects are hard to tell apart on this recording, of which the parameters `weak` are not pinned down: one is asked for at a time
-/// then. Of operating points, whose drop over the winding is small or taken off, all others may be.
+/// then. That r_s stays open makes no grid of operating points poor: its drop may be small there, or taken off.
 pub fn is_poor(data: &Data, weak: &[String]) -> bool {
     let small =
         |name: &String| data.signals.kind == Kind::OperatingPoints && name == BaseParameter::RS.name();

@@ -180,12 +180,11 @@ impl<'a> Outputs<'a> {
                 let fixed = value.eps.iter().all(|e| *e == 0.0);
                 let parameter = effect.info().parameters.iter().find(|p| p.name == name);
                 let any = parameter.is_some_and(|p| variance.sqrt() > (p.high)(cx) - (p.low)(cx));
-                let why = match () {
-                    () if fixed => Some("a whole number, chosen and not estimated"),
-                    () if any => Some("the recording does not show it: anything within its bounds fits"),
-                    () => None,
+                let why = if fixed {
+                    Some("a whole number, chosen and not estimated".to_string())
+                } else {
+                    any.then(|| "the recording does not show it: anything within its bounds fits".to_string())
                 };
-                let why = why.map(str::to_string);
                 (name.to_string(), estimate(value.re, variance, unit, why))
             })
             .collect()
