@@ -13,8 +13,6 @@ pub struct Course {
     pub(super) run: Run,
     /// How the acceleration answers to the torque, once somebody has asked.
     pub(super) gains: OnceLock<Gains>,
-    /// Flux linkage of the measured currents where it is worth knowing, once somebody has asked.
-    pub(super) flux: OnceLock<Option<[Vec<f64>; 2]>>,
     /// Where effects take torque from it, once somebody has asked.
     pub(super) stations: OnceLock<Stations>,
 }

@@ -77,9 +77,9 @@ impl Experiment<'_> {
         };
         let own_flux = OnceLock::new();
         let flux = || {
+            // It is iterated for, so that its last digits are this model's own.
             let own = &p[..self.model.parameter_count()];
-            let known = known.map_or(&own_flux, |known| &known.flux);
-            known.get_or_init(|| mechanical::flux(self.model, self.signals, own)).as_ref()
+            own_flux.get_or_init(|| mechanical::flux(self.model, self.signals, own)).as_ref()
         };
         let columns: Vec<&[usize]> = groups.iter().map(|(_, columns)| *columns).collect();
         let jobs: Vec<_> = groups.iter().zip(of_groups(&mut rows.columns, &columns)).collect();

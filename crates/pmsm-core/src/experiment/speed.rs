@@ -19,14 +19,7 @@ impl<'a> Experiment<'a> {
             let torque = self.torque_at(p).into_owned();
             let starts = self.starts(p, &torque).into_owned();
             let run = self.speed_pass(p, &torque, &starts);
-            Course {
-                torque,
-                starts,
-                run,
-                gains: OnceLock::new(),
-                flux: OnceLock::new(),
-                stations: OnceLock::new(),
-            }
+            Course { torque, starts, run, gains: OnceLock::new(), stations: OnceLock::new() }
         })
     }
 
