@@ -76,15 +76,20 @@ def torque_of(base: dict[str, float], i_d: np.ndarray, i_q: np.ndarray) -> np.nd
 
 
 def speed_residual(
-    base: dict[str, float], drive_torque: np.ndarray, omega_e: np.ndarray, t_s: float, n_p: int
+    base: dict[str, float],
+    drive_torque: np.ndarray,
+    omega_e: np.ndarray,
+    t_s: float,
+    n_p: int,
+    window: float = WINDOW,
 ) -> np.ndarray:
-    """Measured minus free-running electrical speed (n,) in rad/s, window by window.
+    """Measured minus free-running electrical speed (n,) in rad/s, window by window of so many seconds.
 
     drive_torque (n,) in N·m is the air-gap torque minus what is known of the load.
     """
     fall = base["b"] * t_s / base["j"]
     gain = n_p * t_s / base["j"] * (1.0 - 0.5 * fall)
-    return windows(math.exp(-fall), gain, drive_torque, omega_e, round(WINDOW / t_s))
+    return windows(math.exp(-fall), gain, drive_torque, omega_e, round(window / t_s))
 
 
 @njit(cache=True)

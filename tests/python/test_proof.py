@@ -7,6 +7,7 @@ import hashlib
 import json
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +22,15 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 from proof import answers, bench, generate  # noqa: E402
+from proof.case import make_case  # noqa: E402
+from proof.least import least_speed  # noqa: E402
 from proof.lookalikes import lookalikes  # noqa: E402
 from proof.machines import MACHINES, SERVO, SPREAD, another  # noqa: E402
 from proof.manoeuvres import make  # noqa: E402
 from proof.peers import simulate_by  # noqa: E402
 from proof.plan import FOREIGN, KNOWN, Planned, plan  # noqa: E402
 from proof.plant import simulate  # noqa: E402
-from proof.score import Judged, held_out, judge  # noqa: E402
+from proof.score import Judged, columns, held_out, judge  # noqa: E402
 from proof.summary import brier, calibration, headline  # noqa: E402
 from proof.table import markdown, write_results  # noqa: E402
 
@@ -377,3 +380,17 @@ def test_other_simulators_agree_with_the_plant_where_nothing_is_switched_on(simu
     assert np.abs(theirs.truth["omega_m"] - ours.truth["omega_m"]).max() < 1e-5 * SERVO.w_rated
     with pytest.raises(ValueError, match="dead_time"):
         simulate_by(simulator, SERVO, {"dead_time": {"v_err": 1.0}}, manoeuvre, seed=8)
+
+
+@pytest.mark.parametrize("load", ["none", "measured"])
+def test_what_a_true_machine_leaves_follows_from_the_stated_noise(tmp_path: Path, load: str) -> None:
+    noisy = replace(SERVO, noise_i=10.0 * SERVO.noise_i)
+    case = make_case(tmp_path / "open", noisy, {}, load=load, truth_folder=tmp_path / "sealed")
+    run = case["runs"]["validation"]
+    found = least_speed(case, columns(tmp_path / "open" / "validation.parquet"), draws=10)
+    # more than the speed sensor's noise, as much as the noise that was really drawn
+    assert run["least_rms"]["omega_e"] > 1.2 * run["noise_rms"]["omega_e"]
+    assert found.mean() == pytest.approx(run["least_rms"]["omega_e"], abs=3.0 * found.std())
+    # in a shorter free run the rotor is moved less
+    shorter = least_speed(case, columns(tmp_path / "open" / "validation.parquet"), draws=10, window=0.05)
+    assert shorter.mean() < found.mean()
