@@ -106,6 +106,26 @@ impl Plan {
         }
     }
 
+    /// Starts what `warm` does not know from a regression of the equations, if the `cost` of the whole point is then lower.
+    pub fn begin_unknown(&mut self, warm: Warm, signals: &Signals, cost: impl Fn(&[f64]) -> f64) {
+        let unknown: Vec<Target> = self
+            .targets
+            .iter()
+            .copied()
+            .filter(|t| !warm.values.iter().any(|(known, _)| known == t))
+            .collect();
+        if unknown.is_empty() {
+            return;
+        }
+        let indices: Vec<usize> = unknown.iter().map(|t| t.index()).collect();
+        let point = start::regressed(signals, &self.start, &indices);
+        let mut other = self.clone();
+        other.begin(&unknown.iter().map(|t| (*t, point[t.index()])).collect::<Vec<_>>());
+        if cost(&other.start) < cost(&self.start) {
+            *self = other;
+        }
+    }
+
     /// The same plan with the bounds of what `warm` knows drawn in around its start.
     pub fn narrowed(&self, warm: Warm, signals: &Signals) -> Self {
         let mut narrow = self.clone();

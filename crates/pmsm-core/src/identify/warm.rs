@@ -22,7 +22,7 @@ pub struct Warm<'a> {
 }
 
 /// As [`super::identify`] on one stretch of a longer run, from the result of the last stretch. The swarm has a particle on
-/// that result, and its free run starts from the measured values freed of most of their noise (see
+/// that result, or on what a regression tells where nothing is known yet: a few particles find little in a wide range. Its free run starts from the measured values freed of most of their noise (see
 /// [`start::settle`]). True beside the answer if the swarm had to look farther than `warm` says.
 ///
 /// # Errors
@@ -36,7 +36,6 @@ pub fn identify_warm(
 ) -> Result<(Identification, bool)> {
     let mut wide = Plan::new(&mut signals, machine, &request.fit)?;
     wide.begin(warm.values);
-    let narrow = wide.narrowed(warm, &signals);
     let windows = wide.drive.windows(&signals);
     let model = Model::new(signals.context, &[]);
     if wide.drive == Drive::Coupled && request.method != Method::LeastSquares {
@@ -48,6 +47,8 @@ pub fn identify_warm(
         let starts = [&|| wide.first(), &|| wide.regressed(&signals)] as [&dyn Fn() -> Vec<f64>; 2];
         from_starts(&objective, &wide, starts, &search::WARM, monitor)?
     } else {
+        wide.begin_unknown(warm, &signals, |point| objective.fitness(point, f64::INFINITY));
+        let narrow = wide.narrowed(warm, &signals);
         let mut first = by_swarm(&objective, &narrow, request, true, monitor)?;
         widened = !first.interrupted && narrow.on_edge(&first.values, &wide);
         if widened {
