@@ -242,8 +242,11 @@ impl Objective<'_> {
     pub fn linearise_nearby(&self, p: &[f64], free: &[usize]) -> Linearisation {
         let measured = self.measured_starts();
         let around = self.normal(p, free, &measured, true, &|| false);
-        let near = around.filter(|there| self.within(NEAR, &measured, there.course.best()));
-        near.and_then(|there| there.linear).unwrap_or_else(|| self.linearise(p, free, None))
+        let linear = around.and_then(|Nearby { linear, course, .. }| {
+            let near = self.within(NEAR, &measured, course.best());
+            linear.filter(|_| near).or_else(|| self.linear_from(p, free, course.best()))
+        });
+        linear.unwrap_or_else(|| self.linearise(p, free, None))
     }
 
     /// [`Objective::linearise`] on the kernels, around the initial values `starts`; without them around the best ones.
@@ -253,30 +256,35 @@ impl Objective<'_> {
         free: &[usize],
         starts: Option<&Starts>,
     ) -> Option<Linearisation> {
-        let go = || false;
-        let look = |starts: &Starts| -> Option<(f64, Starts)> {
-            let mut better = starts.clone();
-            let mut cost = 0.0;
-            for (sums, start) in self.sums(p, &[], starts, &go, None)?.iter().zip(&mut better) {
-                let (last, error) = (sums.width - 1, sums.explained(None));
-                cost += sums.get(last, last);
-                for k in 0..INITIAL {
-                    start[k] -= error[k];
-                }
-            }
-            Some((cost, better))
-        };
-        let around = |starts: &Starts| self.normal(p, free, starts, true, &go);
-        if let Some(starts) = starts {
-            return around(starts)?.linear;
+        match starts {
+            Some(starts) => self.normal(p, free, starts, true, &|| false)?.linear,
+            None => self.linear_from(p, free, &self.better_on_kernels(p, &self.measured_starts())?.1),
         }
-        // Mostly the first step leads to the best ones, which the run around them tells.
-        let goal = look(&self.measured_starts())?.1;
-        let there = around(&goal)?;
-        if self.within(AT_REST, &goal, there.course.best()) {
+    }
+
+    /// The same around the best initial values. Mostly the first step of a search leads there, the run from the measured ones to `goal`,
+    /// which the run around that tells.
+    fn linear_from(&self, p: &[f64], free: &[usize], goal: &Starts) -> Option<Linearisation> {
+        let around = |starts: &Starts| self.normal(p, free, starts, true, &|| false);
+        let there = around(goal)?;
+        if self.within(AT_REST, goal, there.course.best()) {
             return there.linear;
         }
-        around(&self.settle(look)?)?.linear
+        around(&self.settle(|starts| self.better_on_kernels(p, starts))?)?.linear
+    }
+
+    /// Sum of squares from the initial values `starts`, and the better ones that this run calls for.
+    fn better_on_kernels(&self, p: &[f64], starts: &Starts) -> Option<(f64, Starts)> {
+        let mut better = starts.clone();
+        let mut cost = 0.0;
+        for (sums, start) in self.sums(p, &[], starts, &|| false, None)?.iter().zip(&mut better) {
+            let (last, error) = (sums.width - 1, sums.explained(None));
+            cost += sums.get(last, last);
+            for k in 0..INITIAL {
+                start[k] -= error[k];
+            }
+        }
+        Some((cost, better))
     }
 
     /// Products of columns, segment by segment; `keep` takes the rows, see [`copies::rows`].
