@@ -21,7 +21,7 @@ use std::hint::black_box;
 const SAMPLES: usize = 3300;
 /// Samples of J3. Under three million would not be cut into pieces: the drive forgets where it started in 94,000.
 const LONG: usize = 10_000_000;
-/// Fused multiply-adds and other multiplications of a particle-step, the fitness included: what the ports bound.
+/// Fused multiply-adds and other multiplications of a particle-step with saliency, the fitness included: what the ports bound.
 const PORT_OPERATIONS: usize = 40;
 
 /// The operations of `steps` particle-steps per lane in independent chains: nothing but the ports limits them. Two ports of four cycles
@@ -72,8 +72,9 @@ fn recording(samples: usize) -> (Plant, Recording, Machine) {
     (plant, run.log([0.05, 0.5], 0.0, 1, Load::UnknownConstant), machine)
 }
 
+/// Parameter sets around the plant's, with saliency.
 fn points(plant: &Plant, count: usize) -> Vec<f64> {
-    let truth = [plant.r_s, plant.l_d, plant.l_q, plant.psi_m, plant.j, plant.b, plant.tau_load];
+    let truth = [plant.r_s, plant.l_d, 1.2 * plant.l_q, plant.psi_m, plant.j, plant.b, plant.tau_load];
     (0..count).flat_map(|k| truth.map(|x| x * (0.8 + 0.4 * k as f64 / count as f64))).collect()
 }
 

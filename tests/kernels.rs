@@ -162,6 +162,24 @@ proptest! {
     }
 
     #[test]
+    fn a_set_without_saliency_has_the_same_bits_alone_and_beside_a_salient_one(
+        factors in prop::array::uniform7(0.6..1.6f64), fused: bool, measured: bool,
+    ) {
+        let load = if measured { Load::Measured } else { Load::UnknownConstant };
+        let (plant, signals) = signals(300, 1e-4, None, load);
+        let track = Track::new(&signals, 1.5, 0.01).expect("evenly sampled");
+        let mut both = points(&plant, &[factors, factors]);
+        both[2] = both[1];
+        let rounding = if fused { Rounding::Fused } else { Rounding::Reproducible };
+        for path in Path::ALL {
+            let kernel = Kernel { path, rounding, increments: false };
+            let beside = costs(&track, kernel, &both, &[f64::INFINITY; 2]);
+            prop_assert!(beside[0] != beside[1]);
+            prop_assert_eq!(&costs(&track, kernel, &both[..POINT], &[f64::INFINITY]), &beside[..1]);
+        }
+    }
+
+    #[test]
     fn abandoning_one_set_changes_no_bit_of_another(
         factors in prop::collection::vec(prop::array::uniform7(0.6..1.6f64), 2..60), share in 0.0..2.0f64, slow: bool,
     ) {

@@ -1,7 +1,9 @@
 //! Eight parameter sets side by side, and their way through a stretch of samples.
 
 use super::Kernel;
-use super::step::{COEFFICIENTS, Coefficients, INCREMENTS, STAGES, Sample, Scale, coefficients, state};
+use super::step::{
+    COEFFICIENTS, Coefficients, INCREMENTS, K_1, ROUND, STAGES, Sample, Scale, coefficients, state,
+};
 use crate::lanes::{self, Job, Lane};
 
 /// Parameter sets per block: the widest vector.
@@ -58,11 +60,18 @@ pub struct Stretch<'a> {
 /// their sums.
 pub fn run(kernel: Kernel, blocks: &mut [Block], count: usize, stretch: Stretch<'_>) {
     let (path, rounding) = (kernel.path, kernel.rounding);
-    match (kernel.increments, stretch.has_load) {
-        (false, false) => lanes::run(path, rounding, Run::<STAGES, false, 5> { blocks, count, stretch }),
-        (false, true) => lanes::run(path, rounding, Run::<STAGES, true, 6> { blocks, count, stretch }),
-        (true, false) => lanes::run(path, rounding, Run::<INCREMENTS, false, 5> { blocks, count, stretch }),
-        (true, true) => lanes::run(path, rounding, Run::<INCREMENTS, true, 6> { blocks, count, stretch }),
+    let round = (0..count).all(|column| get(blocks, column, K_1) == 0.0);
+    match (kernel.increments, round, stretch.has_load) {
+        (false, false, false) => {
+            lanes::run(path, rounding, Run::<STAGES, false, 5> { blocks, count, stretch })
+        }
+        (false, false, true) => lanes::run(path, rounding, Run::<STAGES, true, 6> { blocks, count, stretch }),
+        (false, true, false) => lanes::run(path, rounding, Run::<ROUND, false, 5> { blocks, count, stretch }),
+        (false, true, true) => lanes::run(path, rounding, Run::<ROUND, true, 6> { blocks, count, stretch }),
+        (true, _, false) => {
+            lanes::run(path, rounding, Run::<INCREMENTS, false, 5> { blocks, count, stretch })
+        }
+        (true, _, true) => lanes::run(path, rounding, Run::<INCREMENTS, true, 6> { blocks, count, stretch }),
     }
 }
 
@@ -89,13 +98,13 @@ pub fn subtract(kernel: Kernel, blocks: &mut [Block], stretch: Stretch<'_>, to: 
     }
 }
 
-struct Run<'a, const FORM: bool, const LOAD: bool, const N: usize> {
+struct Run<'a, const FORM: u8, const LOAD: bool, const N: usize> {
     blocks: &'a mut [Block],
     count: usize,
     stretch: Stretch<'a>,
 }
 
-impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Run<'_, FORM, LOAD, N> {
+impl<const FORM: u8, const LOAD: bool, const N: usize> Job for Run<'_, FORM, LOAD, N> {
     type Output = ();
     #[inline(always)]
     fn run<V: Lane>(mut self) {
@@ -106,7 +115,7 @@ impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Run<'_, FORM, L
         let vectors = if half { self.count / V::WIDTH } else { self.count.div_ceil(V::WIDTH) };
         let mut first = 0;
         // Four vectors at a time keep the arithmetic busy while each waits for its own results.
-        if const { FORM == STAGES } {
+        if const { FORM != INCREMENTS } {
             while first + 4 <= vectors {
                 self.advance::<V, 4, false, false>(first);
                 first += 4;
@@ -139,7 +148,7 @@ impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Run<'_, FORM, L
     }
 }
 
-impl<const FORM: bool, const LOAD: bool, const N: usize> Run<'_, FORM, LOAD, N> {
+impl<const FORM: u8, const LOAD: bool, const N: usize> Run<'_, FORM, LOAD, N> {
     /// Takes `R` vectors, from number `first` on, and with `HALF` half a one behind them through the samples, with `ONCE` in one step per
     /// sample.
     #[inline(always)]
@@ -178,13 +187,13 @@ impl<const FORM: bool, const LOAD: bool, const N: usize> Run<'_, FORM, LOAD, N> 
     }
 }
 
-struct Subtract<'a, const FORM: bool, const LOAD: bool, const N: usize> {
+struct Subtract<'a, const FORM: u8, const LOAD: bool, const N: usize> {
     blocks: &'a mut [Block],
     stretch: Stretch<'a>,
     to: Differences<'a>,
 }
 
-impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Subtract<'_, FORM, LOAD, N> {
+impl<const FORM: u8, const LOAD: bool, const N: usize> Job for Subtract<'_, FORM, LOAD, N> {
     type Output = ();
     #[inline(always)]
     fn run<V: Lane>(mut self) {
@@ -208,7 +217,7 @@ impl<const FORM: bool, const LOAD: bool, const N: usize> Job for Subtract<'_, FO
     }
 }
 
-impl<const FORM: bool, const LOAD: bool, const N: usize> Subtract<'_, FORM, LOAD, N> {
+impl<const FORM: u8, const LOAD: bool, const N: usize> Subtract<'_, FORM, LOAD, N> {
     /// Takes `R` vectors, from number `first` on, through the samples, with `ONCE` in one step per sample, and writes their errors.
     #[inline(always)]
     fn advance<V: Lane, const R: usize, const ONCE: bool>(&mut self, first: usize) {
@@ -278,7 +287,7 @@ impl<V: Lane> Columns<V> {
 
     /// One step; returns the state before it.
     #[inline(always)]
-    fn step<const FORM: bool, const LOAD: bool>(&mut self, now: &Sample<V>) -> [V; 3] {
+    fn step<const FORM: u8, const LOAD: bool>(&mut self, now: &Sample<V>) -> [V; 3] {
         let before = self.y;
         self.y = self.with.step::<FORM, LOAD>(before, now);
         before
@@ -286,7 +295,7 @@ impl<V: Lane> Columns<V> {
 
     /// One step; the errors of the state before it are added to the sum. The step comes first: nothing waits for the errors.
     #[inline(always)]
-    fn count<const FORM: bool, const LOAD: bool>(&mut self, now: &Sample<V>, show_w: f64) {
+    fn count<const FORM: u8, const LOAD: bool>(&mut self, now: &Sample<V>, show_w: f64) {
         let before = self.step::<FORM, LOAD>(now);
         let e = self.with.errors(before, now, V::constant(show_w));
         self.sum += e[2].mul_add(e[2], e[1].mul_add(e[1], e[0] * e[0]));

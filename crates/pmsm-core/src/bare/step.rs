@@ -13,18 +13,22 @@
 //! Form [`STAGES`] writes the classical method in the values y_2 = y + F(y), y_3 = y + F(y_2), y_4 = y + 2F(y_3) at which F = g·dy/dt
 //! is evaluated, y' = (y_2 + 2y_3 + y_4 − y + F(y_4))/3, with 2W_3 and W_4/3 in place of W_3 and W_4, so that products come out as
 //! large as they are needed: two multiplications and additions in a row per stage and nothing else, as what the last value does
-//! not decide is summed up beforehand. A single vector waits for them, not for its arithmetic. Form [`INCREMENTS`] adds the small
+//! not decide is summed up beforehand. A single vector waits for them, not for its arithmetic. Form [`ROUND`] is the same where K_1 is zero. Form [`INCREMENTS`] adds the small
 //! increments instead, y' = y + (F_1 + 2F_2 + 2F_3 + F_4)/3, and rounds less.
 
 use crate::lanes::Lane;
 
 /// The fast form.
-pub const STAGES: bool = false;
+pub const STAGES: u8 = 0;
+/// The fast form where every l_d = l_q, as with magnets on the surface: the torque is λ·K_2, of the same bits for less work.
+pub const ROUND: u8 = 1;
 /// The accurate form.
-pub const INCREMENTS: bool = true;
+pub const INCREMENTS: u8 = 2;
 
 /// Numbers per parameter set in [`Coefficients`].
 pub const COEFFICIENTS: usize = 27;
+/// Which of them is K_1, zero without saliency.
+pub const K_1: usize = 9;
 
 /// What a parameter set contributes to the equations, one vector each.
 #[derive(Debug, Clone, Copy)]
@@ -165,38 +169,38 @@ impl<V: Lane> Coefficients<V> {
 
     /// One step in the form `FORM`; with `LOAD` the sample's load torque counts.
     #[inline(always)]
-    pub fn step<const FORM: bool, const LOAD: bool>(&self, y: [V; 3], sample: &Sample<V>) -> [V; 3] {
+    pub fn step<const FORM: u8, const LOAD: bool>(&self, y: [V; 3], sample: &Sample<V>) -> [V; 3] {
         let t = if LOAD { sample[5].mul_add(self.load, self.t) } else { self.t };
         let u = [self.u_0 + sample[0], sample[1], t];
-        if FORM == INCREMENTS { self.increments(y, u) } else { self.stages(y, u) }
+        if FORM == INCREMENTS { self.increments(y, u) } else { self.stages::<FORM>(y, u) }
     }
 
     #[inline(always)]
-    fn stages(&self, y: [V; 3], u: [V; 3]) -> [V; 3] {
+    fn stages<const FORM: u8>(&self, y: [V; 3], u: [V; 3]) -> [V; 3] {
         let (third, two_thirds) = (V::constant(1.0 / 3.0), V::constant(2.0 / 3.0));
         // y + F(y) with y in the linear part, so that it need not be added first.
-        let y2 = Self::slope(y, &self.stages[0], u);
+        let y2 = Self::slope::<FORM>(y, &self.stages[0], u);
         let b = [y[0] + u[0], y[1] + u[1], y[2] + u[2]];
-        let y3 = Self::slope(y2, &self.stages[1], [b[0], b[1], b[2] + b[2]]);
-        let y4 = Self::slope(y3, &self.stages[2], [b[0] + u[0], b[1] + u[1], (b[2] + u[2]) * third]);
+        let y3 = Self::slope::<FORM>(y2, &self.stages[1], [b[0], b[1], b[2] + b[2]]);
+        let y4 = Self::slope::<FORM>(y3, &self.stages[2], [b[0] + u[0], b[1] + u[1], (b[2] + u[2]) * third]);
         let z = [
             y3[0].mul_add(two_thirds, ((y2[0] - y[0]) + u[0]) * third),
             y3[1].mul_add(two_thirds, ((y2[1] - y[1]) + u[1]) * third),
             (((y2[2] - y[2]) + u[2]) + y3[2]) * third,
         ];
-        Self::slope(y4, &self.stages[3], z)
+        Self::slope::<FORM>(y4, &self.stages[3], z)
     }
 
     #[inline(always)]
     fn increments(&self, y: [V; 3], u: [V; 3]) -> [V; 3] {
         let (two, third) = (V::constant(2.0), V::constant(1.0 / 3.0));
-        let f1 = Self::slope(y, &self.once, u);
+        let f1 = Self::slope::<INCREMENTS>(y, &self.once, u);
         let y2 = [y[0] + f1[0], y[1] + f1[1], y[2] + f1[2]];
-        let f2 = Self::slope(y2, &self.once, u);
+        let f2 = Self::slope::<INCREMENTS>(y2, &self.once, u);
         let y3 = [y[0] + f2[0], y[1] + f2[1], y[2] + f2[2]];
-        let f3 = Self::slope(y3, &self.once, u);
+        let f3 = Self::slope::<INCREMENTS>(y3, &self.once, u);
         let y4 = [y[0] + f3[0] * two, y[1] + f3[1] * two, y[2] + f3[2] * two];
-        let f4 = Self::slope(y4, &self.once, u);
+        let f4 = Self::slope::<INCREMENTS>(y4, &self.once, u);
         [
             y[0] + ((f1[0] + f4[0]) + (f2[0] + f3[0]) * two) * third,
             y[1] + ((f1[1] + f4[1]) + (f2[1] + f3[1]) * two) * third,
@@ -207,11 +211,12 @@ impl<V: Lane> Coefficients<V> {
     /// The equations, written here alone: `plus` and, of a multiple of F = g·dy/dt at y = ψ, λ, W, all but the constants. The
     /// multiple is in the rates; that of W·λ and W·ψ is in W.
     #[inline(always)]
-    fn slope([psi, lambda, w]: [V; 3], with: &Rates<V>, plus: [V; 3]) -> [V; 3] {
+    fn slope<const FORM: u8>([psi, lambda, w]: [V; 3], with: &Rates<V>, plus: [V; 3]) -> [V; 3] {
+        let torque = if FORM == ROUND { with.k_2 } else { with.k_1.mul_add(psi, with.k_2) };
         [
             w.mul_add(lambda, with.d.neg_mul_add(psi, plus[0])),
             w.neg_mul_add(psi, with.q.neg_mul_add(lambda, plus[1])),
-            lambda.mul_add(with.k_1.mul_add(psi, with.k_2), with.w.neg_mul_add(w, plus[2])),
+            lambda.mul_add(torque, with.w.neg_mul_add(w, plus[2])),
         ]
     }
 }
