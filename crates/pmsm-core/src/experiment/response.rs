@@ -316,7 +316,7 @@ fn added<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::EffectId;
+    use crate::effects::{ALL, EffectId};
     use crate::experiment::Linearisation;
     use crate::experiment::testing::{of_speed, reversing};
     use crate::model::Model;
@@ -366,6 +366,45 @@ mod tests {
                     _ => 1e-4,
                 };
                 assert!(off <= share * run.norm(), "{h} {k}: {off} of {}", run.norm());
+            }
+        }
+    }
+
+    /// Effects share the course of a rotor that none of them moves, and whichever thread comes first asks first.
+    #[test]
+    fn a_shared_course_tells_each_effect_the_same_whoever_asked_first() {
+        let signals = reversing(1e-4, &(0.0..0.0));
+        let windows = mechanical::windows(&signals);
+        for base in [&[][..], &[EffectId::SaturationD], &[EffectId::LoadDependentFriction]] {
+            let with = |more: &[EffectId]| Model::new(signals.context, &[base, more].concat());
+            let point = |more: &[EffectId]| {
+                let typical =
+                    |e: &EffectId| e.info().parameters.iter().map(|x| (x.typical)(&signals.context));
+                let mut p = vec![0.5, 6e-3, 9e-3, 0.1, 2e-3, 1e-3];
+                p.extend(base.iter().flat_map(typical));
+                // Those that are scored have no strength.
+                let scored = more.iter().flat_map(|e| e.info().parameters.iter().zip(typical(e)));
+                p.extend(scored.map(|(x, typical)| if x.role == Role::Amplitude { 0.0 } else { typical }));
+                p.push(0.3);
+                p
+            };
+            let own = with(&[]);
+            let fresh = || of_speed(&own, &signals, Nuisance::unknown(0, 0), &windows).course(&point(&[]));
+            let scored = |effect: EffectId, course: Option<&Course>| {
+                let (model, p) = (with(&[effect]), point(&[effect]));
+                let experiment = of_speed(&model, &signals, Nuisance::unknown(0, 0), &windows);
+                let free: Vec<usize> = (own.parameter_count()..model.parameter_count()).collect();
+                experiment.linearise_along(&p, &free, course).jacobian
+            };
+            let all = ALL.iter().filter(|e| !base.contains(e));
+            let alone: Vec<_> = all.clone().map(|e| scored(*e, fresh().as_ref())).collect();
+            let (forwards, backwards) = (fresh(), fresh());
+            let told: Vec<_> = all.clone().map(|e| scored(*e, forwards.as_ref())).collect();
+            let mut back: Vec<_> = all.clone().rev().map(|e| scored(*e, backwards.as_ref())).collect();
+            back.reverse();
+            for (((effect, alone), told), back) in all.zip(alone).zip(told).zip(back) {
+                assert_eq!(told, alone, "{effect:?} beside {base:?}");
+                assert_eq!(back, alone, "{effect:?} beside {base:?}, asked the other way round");
             }
         }
     }
