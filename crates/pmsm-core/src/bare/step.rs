@@ -13,8 +13,8 @@
 //! Form [`STAGES`] writes the classical method in the values y_2 = y + F(y), y_3 = y + F(y_2), y_4 = y + 2F(y_3) at which F = g·dy/dt
 //! is evaluated, y' = (y_2 + 2y_3 + y_4 − y + F(y_4))/3, with 2W_3 and W_4/3 in place of W_3 and W_4, so that products come out as
 //! large as they are needed: two multiplications and additions in a row per stage and nothing else, as what the last value does
-//! not decide is summed up beforehand. A single vector waits for them, not for its arithmetic. Form [`ROUND`] is the same where K_1 is zero. Form [`INCREMENTS`] adds the small
-//! increments instead, y' = y + (F_1 + 2F_2 + 2F_3 + F_4)/3, and rounds less.
+//! not decide is summed up beforehand. A single vector waits for them, not for its arithmetic. Form [`ROUND`] is the same where K_1 is
+//! zero. Form [`INCREMENTS`] adds the small increments instead, y' = y + (F_1 + 2F_2 + 2F_3 + F_4)/3, and rounds less.
 
 use crate::lanes::Lane;
 

@@ -130,7 +130,7 @@ impl<'a> Outputs<'a> {
                     Some("held at the nameplate value: the recording does not contain it".to_string())
                 };
                 let variance = self.variance_of(index, index);
-                let estimate = estimate(value, variance, p.unit(), why);
+                let estimate = within(estimate(value, variance, p.unit(), why), p.physical_range());
                 let positive = *p != BaseParameter::B;
                 (p.name().to_string(), if positive { shown(estimate) } else { estimate })
             })
@@ -179,16 +179,28 @@ impl<'a> Outputs<'a> {
                 variance = variance * FORM * FORM + (effect.form() * strength).powi(2);
                 let fixed = value.eps.iter().all(|e| *e == 0.0);
                 let parameter = effect.info().parameters.iter().find(|p| p.name == name);
-                let any = parameter.is_some_and(|p| variance.sqrt() > (p.high)(cx) - (p.low)(cx));
+                let bounds = parameter.map(|p| ((p.low)(cx), (p.high)(cx)));
+                let any = bounds.is_some_and(|(low, high)| variance.sqrt() > high - low);
                 let why = if fixed {
                     Some("a whole number, chosen and not estimated".to_string())
                 } else {
                     any.then(|| "the recording does not show it: anything within its bounds fits".to_string())
                 };
-                (name.to_string(), estimate(value.re, variance, unit, why))
+                let estimate = estimate(value.re, variance, unit, why);
+                (name.to_string(), within(estimate, bounds.unwrap_or((f64::NEG_INFINITY, f64::INFINITY))))
             })
             .collect()
     }
+}
+
+/// An interval does not reach beyond what is possible. The value itself stays in it.
+fn within(estimate: Estimate, (low, high): (f64, f64)) -> Estimate {
+    let value = estimate.value;
+    let cut = |[from, to]: [f64; 2]| match value {
+        Some(value) => [from.max(low).min(value), to.min(high).max(value)],
+        None => [from, to],
+    };
+    Estimate { ci95: estimate.ci95.map(cut), ..estimate }
 }
 
 /// A positive parameter whose standard error exceeds its value is not shown; all that is known of it is how large it may be.
@@ -243,5 +255,9 @@ mod tests {
         assert!(unsure["w_0"].value.is_some() && unsure["w_0"].stderr.is_none());
         assert!(unsure["w_0"].why_none.as_ref().unwrap().contains("bounds"));
         assert_eq!(unsure["tau_c"], sure["tau_c"]);
+        // Half as sure as large: the interval ends at zero.
+        let half = told(0.5 * sure["w_0"].value.unwrap().max(1.0));
+        let [low, high] = half["w_0"].ci95.unwrap();
+        assert!(low >= 0.0 && high > half["w_0"].value.unwrap(), "{low} {high}");
     }
 }

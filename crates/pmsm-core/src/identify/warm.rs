@@ -22,8 +22,9 @@ pub struct Warm<'a> {
 }
 
 /// As [`super::identify`] on one stretch of a longer run, from the result of the last stretch. The swarm has a particle on
-/// that result, or on what a regression tells where nothing is known yet: a few particles find little in a wide range. Its free run starts from the measured values freed of most of their noise (see
-/// [`start::settle`]). True beside the answer if the swarm had to look farther than `warm` says.
+/// that result, or on what a regression tells where nothing is known yet: a few particles find little in a wide range. Its
+/// free run starts from the measured values freed of most of their noise (see [`start::settle`]). True beside the answer if the
+/// swarm had to look farther than `warm` says.
 ///
 /// # Errors
 /// Those of [`super::identify`].
