@@ -308,6 +308,10 @@ pub trait Effect {
         let _ = cx;
         Self::INFO.parameters[index].role != Role::Fixed
     }
+    /// Whether with these parameters it does nothing in the recording of what it is named for.
+    fn idles(_p: &[f64], _cx: &Context) -> bool {
+        false
+    }
     /// Multiplies drifting parameters.
     fn drift<T: Real>(p: &[T], x: &[T], env: &Env<T>, cx: &Context, out: &mut Drift<T>) {
         let _ = (p, x, env, cx, out);

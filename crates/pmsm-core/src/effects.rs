@@ -81,6 +81,7 @@ macro_rules! catalogue {
             dispatch! { [$($module::$name),+]
                 fn probes[](cx: &Context) -> Vec<Vec<f64>>;
                 fn fitted[](cx: &Context, index: usize) -> bool;
+                fn idles[](p: &[f64], cx: &Context) -> bool;
                 fn drift[T](p: &[T], x: &[T], env: &Env<T>, cx: &Context, out: &mut Drift<T>) -> ();
                 fn magnet[T](p: &[T], psi_m: T, env: &Env<T>, cx: &Context, out: &mut Magnet<T>) -> ();
                 fn field[T](p: &[T], at: &FieldPoint<T>, base: &Base<T>, cx: &Context, out: &mut Field<T>) -> ();

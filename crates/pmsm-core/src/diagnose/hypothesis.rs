@@ -148,13 +148,15 @@ impl Hypothesis {
         &self.parameters[..self.model.parameter_count()]
     }
 
-    /// Whether an effect of the set was left next to no strength: what is fitted then is not the effect, but the values in which its own
-    /// states begin.
+    /// Whether an effect of the set was left next to no strength, when what is fitted is not the effect, but the values in which its own
+    /// states begin; or does nothing of what it is named for.
     pub fn vanishes(&self, effect: EffectId) -> bool {
         let context = self.model.context();
         let Some(slot) = self.model.slots().iter().find(|s| s.effect == effect) else { return false };
-        let mut strengths = effect.info().parameters.iter().zip(&self.parameters[slot.parameters.clone()]);
+        let own = &self.parameters[slot.parameters.clone()];
+        let mut strengths = effect.info().parameters.iter().zip(own);
         strengths.all(|(p, x)| p.role != Role::Amplitude || x.abs() <= VANISHING * (p.typical)(context).abs())
+            || effect.idles(own, context)
     }
 
     /// The mean square of one channel, over the floor's, in the recording where it is largest.
@@ -202,5 +204,8 @@ mod tests {
         // One strength of several is enough, and what is not in the set is not asked for.
         let load = with(&[EffectId::TimeVaryingLoad], &[0.0, 0.1, 0.0, 2.0]);
         assert!(!load.vanishes(EffectId::TimeVaryingLoad) && !load.vanishes(EffectId::TwoMassShaft));
+        // One that is the same all along does nothing in time.
+        let still = [0.368, 0.554, 1.903 / CX.duration, 0.8 / CX.duration];
+        assert!(with(&[EffectId::TimeVaryingLoad], &still).vanishes(EffectId::TimeVaryingLoad));
     }
 }

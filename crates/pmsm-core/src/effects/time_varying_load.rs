@@ -23,6 +23,19 @@ const fn part(name: &'static str, meaning: &'static str) -> Parameter {
     }
 }
 
+/// Share of the mean in a load's mean square beyond which the mean is what there is of it: a slope with most of a swing on it can be nearly
+/// the same all along, as a load is that is another one than stated. A ramp from nothing has three quarters.
+const CONSTANT: f64 = 0.9;
+/// Instants at which that is looked at.
+const INSTANTS: usize = 64;
+
+/// The load, N·m, at `t`, s.
+#[inline(always)]
+fn torque<T: Real>(p: &[T], t: T) -> T {
+    let (s, c) = (p[3] * (t * TAU)).sin_cos();
+    p[0] * c + p[1] * s + p[2] * t
+}
+
 impl Effect for TimeVaryingLoad {
     const INFO: Info = Info {
         id: "time_varying_load",
@@ -75,11 +88,15 @@ impl Effect for TimeVaryingLoad {
             .collect()
     }
 
+    fn idles(p: &[f64], cx: &Context) -> bool {
+        let load = |k: usize| torque(p, (k as f64 + 0.5) / INSTANTS as f64 * cx.duration);
+        let (sum, squares) = (0..INSTANTS).map(load).fold((0.0, 0.0), |(sum, squares), x| (sum + x, squares + x * x));
+        sum * sum > CONSTANT * squares * INSTANTS as f64
+    }
+
     #[inline(always)]
     fn rotor<T: Real>(p: &[T], _: &[T], at: &Mechanical<T>, _: &Context, out: &mut Rotor<T>) {
-        let t = at.env.t;
-        let (s, c) = (p[3] * (t * TAU)).sin_cos();
-        out.loss += p[0] * c + p[1] * s + p[2] * t;
+        out.loss += torque(p, at.env.t);
     }
 
     fn outputs<T: Real>(p: &[T], _: &Base<T>, _: &Context) -> Vec<Output<T>> {
@@ -108,6 +125,17 @@ mod tests {
         close(load(1.0 / 16.0, 0.0, 0.0), -0.4 + 0.05 / 16.0, 1e-14);
         close(load(2.25, 1.0, -50.0) - load(2.0, 0.0, 50.0), 0.05 * 0.25, 1e-12);
         close(TimeVaryingLoad::outputs(&p, &base(), &CX)[0].2, 0.5, 1e-15);
+    }
+
+    #[test]
+    fn a_load_that_is_the_same_all_along_does_not_vary() {
+        let idles = |p: [f64; 4]| TimeVaryingLoad::idles(&p, &Context { duration: 2.0, ..CX });
+        // Nearest to a constant, with four fifths of a swing in the recording.
+        assert!(idles([0.368, 0.554, 0.952, 0.4]) && idles([-0.368, -0.554, -0.952, 0.4]));
+        // A ramp from nothing, a swing, a swing on a ramp, and nothing.
+        for p in [[0.0, 0.0, 0.5, 3.0], [0.0, 0.3, 0.0, 0.4], [0.2, 0.0, 0.3, 5.0], [0.0; 4]] {
+            assert!(!idles(p), "{p:?}");
+        }
     }
 
     #[test]
