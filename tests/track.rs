@@ -125,6 +125,21 @@ fn the_paper_s_swarm_follows_from_the_first_window_on() {
 }
 
 #[test]
+fn with_bounds_the_swarm_knows_nothing_else_and_without_it_begins_on_a_regression() {
+    let log = Log::of(1, QUIET, |_, _| ());
+    let first = |bounds: [Option<(f64, f64)>; 2]| {
+        let nameplate = Plant::liu().nameplate([1.1, 1.0, 1.0, 1.0, 1.0, 1.0]);
+        let fit = ["r_s", "tau_load"].map(|name| name.parse().unwrap()).into_iter().zip(bounds).collect();
+        let settings = Settings { method: Method::Swarm, fit, ..Settings::default() };
+        let window = follow(Tracker::new(nameplate, settings).unwrap(), &log).remove(0);
+        (window.cost_first.unwrap(), window.cost.unwrap())
+    };
+    let (open, bounded) = (first([None; 2]), first([Some((0.034, 0.85)), Some((-200.0, 200.0))]));
+    assert!(open.0 < 2.0 * open.1, "a regression is near the minimum: {open:?}");
+    assert!(bounded.0 > 10.0 * open.0, "{bounded:?} {open:?}");
+}
+
+#[test]
 fn inertia_and_friction_that_drift_show_as_a_disturbed_load() {
     let log = Log::of(6, QUIET, |k, plant| plant.b = 1.15e-3 * (1.0 + k as f64));
     let windows = follow(tracker(Method::LeastSquares), &log);

@@ -106,14 +106,20 @@ impl Plan {
         }
     }
 
-    /// Starts what `warm` does not know from a regression of the equations, if the `cost` of the whole point is then lower.
-    pub fn begin_unknown(&mut self, warm: Warm, signals: &Signals, cost: impl Fn(&[f64]) -> f64) {
-        let unknown: Vec<Target> = self
-            .targets
-            .iter()
-            .copied()
-            .filter(|t| !warm.values.iter().any(|(known, _)| known == t))
-            .collect();
+    /// Starts what `warm` does not know, and for which `asked` gives no bounds, from a regression of the equations, if the `cost` of the
+    /// whole point is then lower.
+    pub fn begin_unknown(
+        &mut self,
+        warm: Warm,
+        asked: &[(Target, Option<(f64, f64)>)],
+        signals: &Signals,
+        cost: impl Fn(&[f64]) -> f64,
+    ) {
+        let known = |target: &Target| {
+            let bounded = asked.iter().any(|(t, bounds)| t == target && bounds.is_some());
+            bounded || warm.values.iter().any(|(t, _)| t == target)
+        };
+        let unknown: Vec<Target> = self.targets.iter().copied().filter(|t| !known(t)).collect();
         if unknown.is_empty() {
             return;
         }

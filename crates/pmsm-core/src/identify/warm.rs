@@ -22,7 +22,7 @@ pub struct Warm<'a> {
 }
 
 /// As [`super::identify`] on one stretch of a longer run, from the result of the last stretch. The swarm has a particle on
-/// that result, or on what a regression tells where nothing is known yet: a few particles find little in a wide range. Its
+/// that result, or on what a regression tells where neither it nor bounds are known: a few particles find little in a wide range. Its
 /// free run starts from the measured values freed of most of their noise (see [`start::settle`]). True beside the answer if the
 /// swarm had to look farther than `warm` says.
 ///
@@ -48,7 +48,7 @@ pub fn identify_warm(
         let starts = [&|| wide.first(), &|| wide.regressed(&signals)] as [&dyn Fn() -> Vec<f64>; 2];
         from_starts(&objective, &wide, starts, &search::WARM, monitor)?
     } else {
-        wide.begin_unknown(warm, &signals, |point| objective.fitness(point, f64::INFINITY));
+        wide.begin_unknown(warm, &request.fit, &signals, |point| objective.fitness(point, f64::INFINITY));
         let narrow = wide.narrowed(warm, &signals);
         let mut first = by_swarm(&objective, &narrow, request, true, monitor)?;
         widened = !first.interrupted && narrow.on_edge(&first.values, &wide);
