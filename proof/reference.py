@@ -150,7 +150,9 @@ def fit_plain(
     names = ["r_s", "l_d", "l_q", "psi_m"] if refit else []
 
     def electrical(x: np.ndarray) -> np.ndarray:
-        trial = {**base, **{k: base[k] * np.exp(x[2 + c]) for c, k in enumerate(names)}}
+        # a step may be tried that leads nowhere; what it leaves is not finite, and it is refused
+        with np.errstate(over="ignore"):
+            trial = {**base, **{k: base[k] * np.exp(x[2 + c]) for c, k in enumerate(names)}}
         return (measured - currents(trial, log, t_s, x[:2])).ravel()
 
     found = least_squares(
