@@ -23,7 +23,7 @@ sys.path.insert(0, str(ROOT))
 
 from proof import answers, bench, generate  # noqa: E402
 from proof.case import make_case  # noqa: E402
-from proof.least import least_speed  # noqa: E402
+from proof.least import least_speed, left, rightly_named  # noqa: E402
 from proof.lookalikes import lookalikes  # noqa: E402
 from proof.machines import MACHINES, SERVO, SPREAD, another  # noqa: E402
 from proof.manoeuvres import make  # noqa: E402
@@ -394,3 +394,22 @@ def test_what_a_true_machine_leaves_follows_from_the_stated_noise(tmp_path: Path
     # in a shorter free run the rotor is moved less
     shorter = least_speed(case, columns(tmp_path / "open" / "validation.parquet"), draws=10, window=0.05)
     assert shorter.mean() < found.mean()
+
+
+def test_what_is_counted_against_the_least_is_named_rightly() -> None:
+    named = answer("named", (COULOMB, 0.9))
+    assert rightly_named(truth("single", COULOMB), named)
+    assert not rightly_named(truth("single", DRAG), named)
+    assert not rightly_named(truth("single", COULOMB), answer("ambiguous", (COULOMB, 0.9)))
+    assert not rightly_named(truth("single", COULOMB, degraded="noisy"), named)
+    assert not rightly_named(truth("poor", COULOMB), named)
+    assert not rightly_named(truth("clean"), named)
+    pair = answer("named", (COULOMB, 0.9), model={"effects": [DRAG, COULOMB]})
+    assert rightly_named(truth("pair", COULOMB, DRAG), pair)
+    assert not rightly_named(truth("pair", COULOMB, DRAG), named)
+
+
+def test_what_is_left_is_over_the_noise_where_the_model_speaks() -> None:
+    model, measured = np.array([1.0, np.nan, 1.0]), np.array([1.2, 9.0, 0.8])
+    rest = left({"i_q_after": model, "i_q_measured": measured}, {"i_q": 0.1})
+    assert rest == {"i_q": pytest.approx(2.0)}

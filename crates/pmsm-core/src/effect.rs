@@ -309,7 +309,8 @@ pub trait Effect {
         Self::INFO.parameters[index].role != Role::Fixed
     }
     /// Whether with these parameters it does nothing in the recording of what it is named for.
-    fn idles(_p: &[f64], _cx: &Context) -> bool {
+    fn idles(p: &[f64], cx: &Context) -> bool {
+        let _ = (p, cx);
         false
     }
     /// Multiplies drifting parameters.

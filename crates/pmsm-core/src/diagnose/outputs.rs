@@ -130,7 +130,7 @@ impl<'a> Outputs<'a> {
                     Some("held at the nameplate value: the recording does not contain it".to_string())
                 };
                 let variance = self.variance_of(index, index);
-                let estimate = within(estimate(value, variance, p.unit(), why), p.physical_range());
+                let estimate = signed(estimate(value, variance, p.unit(), why), p.physical_range().0);
                 let positive = *p != BaseParameter::B;
                 (p.name().to_string(), if positive { shown(estimate) } else { estimate })
             })
@@ -187,20 +187,16 @@ impl<'a> Outputs<'a> {
                     any.then(|| "the recording does not show it: anything within its bounds fits".to_string())
                 };
                 let estimate = estimate(value.re, variance, unit, why);
-                (name.to_string(), within(estimate, bounds.unwrap_or((f64::NEG_INFINITY, f64::INFINITY))))
+                (name.to_string(), signed(estimate, bounds.map_or(f64::NEG_INFINITY, |(low, _)| low)))
             })
             .collect()
     }
 }
 
-/// An interval does not reach beyond what is possible. The value itself stays in it.
-fn within(estimate: Estimate, (low, high): (f64, f64)) -> Estimate {
-    let value = estimate.value;
-    let cut = |[from, to]: [f64; 2]| match value {
-        Some(value) => [from.max(low).min(value), to.min(high).max(value)],
-        None => [from, to],
-    };
-    Estimate { ci95: estimate.ci95.map(cut), ..estimate }
+/// The interval of what cannot be negative, as its lowest value tells, does not reach below zero. Other bounds are where it was sought.
+fn signed(estimate: Estimate, low: f64) -> Estimate {
+    let least = if low >= 0.0 { 0.0 } else { f64::NEG_INFINITY };
+    Estimate { ci95: estimate.ci95.map(|[from, to]| [from.max(least), to]), ..estimate }
 }
 
 /// A positive parameter whose standard error exceeds its value is not shown; all that is known of it is how large it may be.
@@ -255,9 +251,9 @@ mod tests {
         assert!(unsure["w_0"].value.is_some() && unsure["w_0"].stderr.is_none());
         assert!(unsure["w_0"].why_none.as_ref().unwrap().contains("bounds"));
         assert_eq!(unsure["tau_c"], sure["tau_c"]);
-        // Half as sure as large: the interval ends at zero.
-        let half = told(0.5 * sure["w_0"].value.unwrap().max(1.0));
-        let [low, high] = half["w_0"].ci95.unwrap();
-        assert!(low >= 0.0 && high > half["w_0"].value.unwrap(), "{low} {high}");
+        // Hardly surer than large: the interval ends at zero, and not at a bound above.
+        let value = sure["w_0"].value.unwrap();
+        let [low, high] = told(0.9 * value)["w_0"].ci95.unwrap();
+        assert!(low == 0.0 && high > 2.0 * value, "{low} {high}");
     }
 }
