@@ -30,6 +30,7 @@ pub mod effect;
 pub mod effects;
 pub mod error;
 pub mod experiment;
+mod extent;
 pub mod identify;
 pub mod input_noise;
 pub mod lanes;

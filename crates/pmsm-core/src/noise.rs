@@ -2,6 +2,7 @@
 //! noise on the driving signals does to a free-running simulation.
 
 use crate::experiment::{Channel, Experiment};
+use crate::extent::peak;
 use crate::input_noise::InputNoise;
 use crate::random::normal;
 use crate::real::Real;
@@ -131,7 +132,7 @@ pub fn floors(experiment: &Experiment, p: &[f64]) -> (Vec<Floor>, InputNoise) {
                 }
                 Channel::VD | Channel::VQ => neighbour_noise(&rest(at), signals),
             };
-            let scale = experiment.measured(*channel).iter().fold(0.0f64, |m, x| m.max(x.abs()));
+            let scale = peak(experiment.measured(*channel));
             let sensor = sensor.max(RESOLUTION * scale).max(f64::MIN_POSITIVE);
             Floor { channel: *channel, sensor, driven: 0.0, unsure, swing: 0.0, wander: None }
         })

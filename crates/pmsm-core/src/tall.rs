@@ -5,6 +5,7 @@ use crate::lanes::{self, Job, Lane, Path};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::array::from_fn;
+use std::iter::once;
 use std::ops::Range;
 
 /// Rows of a block: a dozen columns of them fit in the first cache.
@@ -36,8 +37,8 @@ pub fn tr_mul_rows(
 ) -> DMatrix<f64> {
     assert!(first + count <= a.nrows() && second + count <= b.nrows(), "rows of a product");
     let mut out = DMatrix::zeros(a.ncols(), b.ncols());
-    let (a, b) = ((Columns::of(a), first), (Columns::of(b), second));
-    fast(Product { a, b, count, symmetric: false, out: &mut out });
+    let parts = [(first, second, count)];
+    fast(Product { a: Columns::of(a), b: Columns::of(b), parts, symmetric: false, out: &mut out });
     out
 }
 
@@ -67,21 +68,33 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     rest + sums.iter().sum::<f64>()
 }
 
+/// The sum of a column.
+pub fn sum(a: &[f64]) -> f64 {
+    let (groups, rest) = a.as_chunks::<SUMS>();
+    let mut sums = [0.0; SUMS];
+    for group in groups {
+        for k in 0..SUMS {
+            sums[k] += group[k];
+        }
+    }
+    rest.iter().sum::<f64>() + sums.iter().sum::<f64>()
+}
+
 /// AᵀA, symmetric to the bit. Shape: n × p gives p × p.
 pub fn gram(a: &DMatrix<f64>) -> DMatrix<f64> {
     let mut out = DMatrix::zeros(a.ncols(), a.ncols());
-    add_gram(a, 0..a.nrows(), &mut out);
+    add_gram(a, once(0..a.nrows()), &mut out);
     out
 }
 
-/// Adds AᵀA of some `rows` of A to `sums`, which is symmetric and stays so to the bit. Shapes: n × p and p × p.
+/// Adds AᵀA of some `rows` of A, range by range, to `sums`, which is symmetric and stays so to the bit. Shapes: n × p and p × p.
 ///
 /// # Panics
 /// If A does not have these rows, or `sums` not this shape.
-pub fn add_gram(a: &DMatrix<f64>, rows: Range<usize>, sums: &mut DMatrix<f64>) {
-    assert!(rows.end <= a.nrows() && sums.shape() == (a.ncols(), a.ncols()), "shapes of a product");
-    let own = (Columns::of(a), rows.start);
-    fast(Product { a: own, b: own, count: rows.len(), symmetric: true, out: sums });
+pub fn add_gram(a: &DMatrix<f64>, rows: impl IntoIterator<Item = Range<usize>>, sums: &mut DMatrix<f64>) {
+    assert!(sums.shape() == (a.ncols(), a.ncols()), "shapes of a product");
+    let parts = rows.into_iter().map(|rows| (rows.start, rows.start, rows.len()));
+    fast(Product { a: Columns::of(a), b: Columns::of(a), parts, symmetric: true, out: sums });
     sums.fill_lower_triangle_with_upper_triangle();
 }
 
@@ -148,26 +161,28 @@ fn fast<J: Job>(job: J) -> J::Output {
     lanes::reproducible(Path::best(), job)
 }
 
-struct Product<'a> {
-    /// Each with its first row.
-    a: (Columns<'a>, usize),
-    b: (Columns<'a>, usize),
-    /// Number of rows.
-    count: usize,
+struct Product<'a, P> {
+    a: Columns<'a>,
+    b: Columns<'a>,
+    /// First row of each, and number of rows.
+    parts: P,
     /// Whether only the upper triangle is asked for.
     symmetric: bool,
     /// What the product is added to.
     out: &'a mut DMatrix<f64>,
 }
 
-impl Job for Product<'_> {
+impl<P: IntoIterator<Item = (usize, usize, usize)>> Job for Product<'_, P> {
     type Output = ();
     #[inline(always)]
     fn run<V: Lane>(self) {
-        let Self { a: (a, first), b: (b, second), count, symmetric, out } = self;
+        let Self { a, b, parts, symmetric, out } = self;
         let (p, q) = out.shape();
         let mut live = Vec::with_capacity(p);
-        for from in (0..count).step_by(BLOCK) {
+        let blocks = parts.into_iter().flat_map(|(first, second, count)| {
+            (0..count).step_by(BLOCK).map(move |from| (first, second, count, from))
+        });
+        for (first, second, count, from) in blocks {
             let rows = BLOCK.min(count - from);
             let left = |k: usize| a.part(k, first + from, rows);
             // What acts for a while only has zeros elsewhere.
@@ -327,6 +342,7 @@ mod tests {
             let (a, b) = (&a.as_slice()[..count], &b.as_slice()[..count]);
             let expected: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
             assert!((dot(a, b) - expected).abs() < 1e-13);
+            assert!((sum(a) - a.iter().sum::<f64>()).abs() < 1e-13);
         }
     }
 
@@ -359,7 +375,7 @@ mod tests {
             let (from, count) = (rows / 3, rows / 2);
             let part = a.rows(from, count);
             let mut sums = gram(&a);
-            add_gram(&a, from..from + count, &mut sums);
+            add_gram(&a, [from..from + count / 2, from + count / 2..from + count], &mut sums);
             prop_assert!((sums - gram(&a) - part.transpose() * part).amax() < 1e-10);
             let rest = rows - from - count;
             let own = a.rows(from, count).transpose() * b.rows(rest, count);

@@ -37,6 +37,7 @@ use crate::swarm::SwarmSettings;
 use drift::History;
 use intake::Intake;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// Longest window, s.
 const LONGEST: f64 = 3600.0;
@@ -133,7 +134,8 @@ struct Progress {
 pub struct Tracker {
     machine: Machine,
     settings: Settings,
-    progress: Progress,
+    /// Shared with clones until one of them goes on.
+    progress: Arc<Progress>,
 }
 
 impl Tracker {
@@ -145,7 +147,7 @@ impl Tracker {
         settings.validate()?;
         let progress =
             Progress { intake: Intake::new(settings.window), warm: Vec::new(), history: History::default() };
-        Ok(Self { machine, settings, progress })
+        Ok(Self { machine, settings, progress: Arc::new(progress) })
     }
 
     /// What it was told to do.
@@ -201,13 +203,13 @@ impl Tracker {
         &mut self,
         work: impl FnOnce(&mut Progress, &mut Vec<Window>, &Judge) -> Result<()>,
     ) -> Result<Vec<Window>> {
-        let mut progress = self.progress.clone();
+        let mut progress = Progress::clone(&self.progress);
         let mut windows = Vec::new();
         let judge = |cut, warm: &mut _, history: &mut _, monitor: &dyn Monitor| {
             window::judge(cut, &self.machine, &self.settings, warm, history, monitor)
         };
         work(&mut progress, &mut windows, &judge)?;
-        self.progress = progress;
+        self.progress = Arc::new(progress);
         Ok(windows)
     }
 

@@ -70,7 +70,7 @@ pub fn spread(jacobian: &DMatrix<f64>, residual: &DVector<f64>, rows_per_channel
             }
         }
     }
-    let gradient = DVector::from_iterator(dim, columns(&scores, n).map(|own| own.iter().sum()));
+    let gradient = DVector::from_iterator(dim, columns(&scores, n).map(tall::sum));
     let mut covariance = naive.clone();
     if shown.is_empty() {
         return Spread { covariance, blocks: 0, settled: false, information, naive, gradient };
@@ -83,22 +83,21 @@ pub fn spread(jacobian: &DMatrix<f64>, residual: &DVector<f64>, rows_per_channel
     let kept = whitener.ncols();
     let mut meat = DMatrix::zeros(kept, kept);
     let (mut axes, mut white, mut half) = (meat.clone(), meat.clone(), DMatrix::zeros(kept, dim));
-    let (mut share, mut score, mut pull) =
-        (DMatrix::zeros(dim, dim), DVector::zeros(dim), DVector::zeros(kept));
+    let (mut share, mut score) = (DMatrix::zeros(dim, dim), DVector::zeros(dim));
+    let (mut pull, mut corrected) = (DVector::zeros(kept), DVector::zeros(kept));
     for block in 0..blocks {
         let (start, count) = (block * length, length.min(n - block * length));
         share.fill(0.0);
-        for first in (0..rows).step_by(n) {
-            tall::add_gram(jacobian, first + start..first + start + count, &mut share);
-        }
+        let channels = (0..rows).step_by(n).map(|first| first + start..first + start + count);
+        tall::add_gram(jacobian, channels, &mut share);
         for (score, own) in score.iter_mut().zip(columns(&scores, n)) {
-            *score = own[start..start + count].iter().sum();
+            *score = tall::sum(&own[start..start + count]);
         }
         half.gemm_tr(1.0, &whitener, &share, 0.0);
         white.gemm(1.0, &half, &whitener, 0.0);
         pull.gemv_tr(1.0, &whitener, &score, 0.0);
         let rest = |x: f64| (1.0 - x).clamp(LEAST_REST, 1.0).sqrt().recip();
-        let corrected = function_times(&mut white, &mut axes, &pull, rest);
+        function_times(&mut white, &mut axes, &pull, rest, &mut corrected);
         meat.ger(1.0, &corrected, &corrected, 1.0);
     }
     let sandwich = &whitener * meat * whitener.transpose();

@@ -68,10 +68,10 @@ pub fn costs(
 }
 
 impl Pool<'_> {
-    /// Puts every set to the measured values at the beginning of a segment. The last one fills up its vector: a place without a motor
-    /// would fall to numbers too small to be computed at full speed.
+    /// Puts every set to the measured values at the beginning of a segment. The last one fills up its vector, or half of one: a place
+    /// without a motor would fall to numbers too small to be computed at full speed.
     fn restart(&mut self, segment: &Segment) {
-        for column in 0..self.who.len().next_multiple_of(BLOCK) {
+        for column in 0..self.who.len().next_multiple_of(BLOCK / 2) {
             let who = self.who[column.min(self.who.len() - 1)];
             let p = &self.points[POINT * who..][..POINT];
             block::place(&mut self.blocks, column, &segment.scale, p, segment.first);

@@ -15,26 +15,26 @@ const SIGNIFICANT: f64 = 6.0;
 /// Evenly spaced times in place of `t` (s), and the jitter of the stamps as a share of the period, if the unwrapped electrical
 /// angle `theta` (rad) shows at the electrical speed `omega` (rad/s) that the samples are even.
 pub fn even(t: &[f64], segments: &[Range<usize>], theta: &[f64], omega: &[f64]) -> Option<(Vec<f64>, f64)> {
-    let inner = |k: &usize| segments.iter().any(|s| s.start <= *k && k + 1 < s.end);
-    let pairs: Vec<usize> = (0..t.len() - 1).filter(inner).collect();
-    let count = pairs.len() as f64;
-    let period = pairs.iter().map(|k| t[k + 1] - t[*k]).sum::<f64>() / count;
-    let off = |k: usize| t[k + 1] - t[k] - period;
-    let spread = (pairs.iter().map(|k| off(*k).powi(2)).sum::<f64>() / count).sqrt() / period;
+    let pairs = || segments.iter().flat_map(|s| s.start..s.end - 1);
+    let steps: Vec<f64> =
+        segments.iter().flat_map(|s| t[s.clone()].windows(2)).map(|x| x[1] - x[0]).collect();
+    let count = steps.len() as f64;
+    let period = steps.iter().sum::<f64>() / count;
+    let spread = (steps.iter().map(|step| (step - period).powi(2)).sum::<f64>() / count).sqrt() / period;
     if !(SPREAD.0..SPREAD.1).contains(&spread) {
         return None;
     }
-    let point = |k: &usize| {
-        let speed = 0.5 * (omega[*k] + omega[k + 1]);
-        (off(*k) * speed, theta[k + 1] - theta[*k] - period * speed)
+    let point = |k: usize| {
+        let speed = 0.5 * (omega[k] + omega[k + 1]);
+        ((t[k + 1] - t[k] - period) * speed, theta[k + 1] - theta[k] - period * speed)
     };
     let (mut product, mut square) = (0.0, 0.0);
-    for (x, y) in pairs.iter().map(point) {
+    for (x, y) in pairs().map(point) {
         product += x * y;
         square += x * x;
     }
     let slope = product / square;
-    let rest: f64 = pairs.iter().map(point).map(|(x, y)| (y - slope * x).powi(2)).sum();
+    let rest: f64 = pairs().map(point).map(|(x, y)| (y - slope * x).powi(2)).sum();
     let error = (rest / count / square).sqrt();
     let highest = slope + SIGNIFICANT * error;
     if highest.is_nan() || highest >= REAL {

@@ -4,6 +4,7 @@ use super::Finding;
 use super::open_circuit::Calibration;
 use super::turned::to_rotor;
 use crate::error::{Error, Result};
+use crate::extent::peak;
 use crate::recording::Recording;
 use crate::transforms::park;
 
@@ -30,8 +31,8 @@ const ALIKE: f64 = 1e-9;
 fn measured(recording: &Recording) -> [Option<&[f64]>; 3] {
     let logged = PHASES.map(|name| recording.column(name));
     let [Some(a), Some(b), Some(c)] = logged else { return logged };
-    let sum = (0..recording.len()).map(|k| (a[k] + b[k] + c[k]).abs()).fold(0.0, f64::max);
-    let most = [a, b, c].into_iter().flatten().fold(0.0f64, |m, x| m.max(x.abs()));
+    let sums: Vec<f64> = a.iter().zip(b).zip(c).map(|((a, b), c)| a + b + c).collect();
+    let (sum, most) = (peak(&sums), [a, b, c].map(peak).into_iter().fold(0.0, f64::max));
     let step = |samples| step(&[a, b, c], ALIKE * most, samples);
     let rounded = |step: f64| sum <= ROUNDING.1 * step;
     // A few values mostly tell that there is no such step.
@@ -117,12 +118,10 @@ pub fn check_order(phases: &[Vec<f64>; 3], theta: &[f64]) -> Result<()> {
     let stride = pairs.div_ceil(PAIRS).max(1);
     let (mut given, mut interchanged) = (0.0, 0.0);
     for k in (0..pairs).step_by(stride) {
-        let seen = |k: usize, order: [usize; 3]| {
-            let (s, c) = theta[k].sin_cos();
-            park(order.map(|x| phases[x][k]), c, s)
-        };
+        let turned = [k, k + 1].map(|k| theta[k].sin_cos());
         let change = |order: [usize; 3]| {
-            let (now, next) = (seen(k, order), seen(k + 1, order));
+            let seen = |n: usize| park(order.map(|x| phases[x][k + n]), turned[n].1, turned[n].0);
+            let (now, next) = (seen(0), seen(1));
             (next[0] - now[0]).powi(2) + (next[1] - now[1]).powi(2)
         };
         given += change([0, 1, 2]);

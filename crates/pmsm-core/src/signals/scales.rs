@@ -1,20 +1,13 @@
 //! Scales of a run: the largest values that it takes, and the fastest electrical rate.
 
 use super::Signals;
+use crate::extent::{longest, peak};
 use crate::machine::{BaseParameter, Machine};
 
 impl Signals {
     /// Fills the scales of the context.
     pub(super) fn set_scales(&mut self, machine: &Machine, n: usize) {
-        let largest = |x: &Option<[Vec<f64>; 2]>| {
-            let longer = |most: [f64; 3], (d, q): (&f64, &f64)| {
-                let square = d * d + q * q;
-                if square > most[0] { [square, *d, *q] } else { most }
-            };
-            let of = |[d, q]: &[Vec<f64>; 2]| d.iter().zip(q).fold([0.0; 3], longer);
-            x.as_ref().map(of).map_or(0.0, |[_, d, q]| d.hypot(q))
-        };
-        let peak = |x: &[f64]| x.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        let largest = |x: &Option<[Vec<f64>; 2]>| x.as_ref().map_or(0.0, |[d, q]| longest([d, q]));
         let cx = &mut self.context;
         cx.i_max = largest(&self.i).max(1e-9);
         cx.v_max = largest(&self.v).max(1e-9);

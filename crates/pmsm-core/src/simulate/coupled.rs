@@ -8,6 +8,7 @@ use super::electrical::{measured_env, taps};
 use crate::base::Base;
 use crate::effect::Env;
 use crate::effects::{ELECTRICAL_STATES, MECHANICAL_STATES, STATES};
+use crate::extent::peak;
 use crate::model::Model;
 use crate::real::{Carries, Loop, Real};
 use crate::recording::Load;
@@ -210,8 +211,7 @@ impl<T: Real, const E: usize, const M: usize, const N: usize> Slope<T, N> for Rh
 
 /// Fastest rate of the electrical equations in a gap-free segment, rad/s.
 pub fn fastest_rate(signals: &Signals, segment: &Range<usize>) -> f64 {
-    let fastest = signals.omega_e[segment.clone()].iter().fold(0.0f64, |most, omega| most.max(omega.abs()));
-    fastest + signals.context.electrical_rate
+    peak(&signals.omega_e[segment.clone()]) + signals.context.electrical_rate
 }
 
 /// Steps into which a sample interval of `h` seconds is divided where the fastest rate is `rate`.

@@ -1,5 +1,6 @@
 //! White noise of the channels of a window.
 
+use crate::extent::peak;
 use crate::noise::white_noise;
 use crate::signals::Signals;
 
@@ -17,11 +18,7 @@ pub struct Noise {
 /// Read from the longest stretch without a gap. A speed that was differentiated from an angle has no white noise.
 pub fn noise(signals: &Signals) -> Vec<Noise> {
     let Some(longest) = signals.segments.iter().max_by_key(|s| s.len()) else { return Vec::new() };
-    let of = |channel, x: &[f64]| Noise {
-        channel,
-        sigma: white_noise(&x[longest.clone()]),
-        peak: x.iter().fold(0.0, |m, v| m.max(v.abs())),
-    };
+    let of = |channel, x: &[f64]| Noise { channel, sigma: white_noise(&x[longest.clone()]), peak: peak(x) };
     let mut noise = Vec::new();
     if let Some([d, q]) = &signals.i {
         noise.extend([of("i_d", d), of("i_q", q)]);

@@ -7,6 +7,7 @@ use crate::machine::{BaseParameter, Machine};
 use crate::recording::Load;
 use crate::swarm::SwarmSettings;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// Name and version of the format.
 const SCHEMA: &str = "pmsm-rs.tracker/1";
@@ -51,7 +52,7 @@ pub fn write(tracker: &Tracker) -> Result<String> {
         search: s.search,
         seed: s.seed,
         load: s.load,
-        progress: tracker.progress.clone(),
+        progress: Progress::clone(&tracker.progress),
     };
     let check = check(&inner)?;
     serde_json::to_string(&Envelope { schema: SCHEMA.into(), check, tracker: inner }).map_err(|e| fault(&e))
@@ -106,7 +107,7 @@ pub fn read(text: &str) -> Result<Tracker> {
         return refuse("the state of a tracker holds values that no tracker has".into());
     }
     settings.validate()?;
-    Ok(Tracker { machine: checked(&inner.machine)?, settings, progress })
+    Ok(Tracker { machine: checked(&inner.machine)?, settings, progress: Arc::new(progress) })
 }
 
 /// The machine once more through its own checks.

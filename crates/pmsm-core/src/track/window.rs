@@ -142,7 +142,7 @@ pub fn judge(
         other => other,
     };
     let recording = Recording::new(std::mem::take(&mut cut.columns), load)?;
-    let signals = match Signals::new(&recording, machine) {
+    let signals = match Signals::in_rotor_frame(&recording, machine) {
         Ok(signals) => signals,
         Err(error) => return Ok(Window::skipped(cut, samples, error.to_string())),
     };

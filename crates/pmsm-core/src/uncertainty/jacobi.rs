@@ -5,14 +5,15 @@ use nalgebra::{DMatrix, DVector};
 /// Sweeps after which rounding alone is left.
 const SWEEPS: usize = 30;
 
-/// Q·f(Λ)·Qᵀ·`v`, where `a` = Q·Λ·Qᵀ is symmetric: cyclic Jacobi rotations (Golub & Van Loan, "Matrix Computations",
-/// section 8.5). `a` is used up, `axes` holds Q afterwards; both are square and as long as `v`.
+/// Writes Q·f(Λ)·Qᵀ·`v` to `out`, where `a` = Q·Λ·Qᵀ is symmetric: cyclic Jacobi rotations (Golub & Van Loan, "Matrix
+/// Computations", section 8.5). `a` is used up, `axes` holds Q afterwards; both are square and as long as `v` and `out`.
 pub fn function_times(
     a: &mut DMatrix<f64>,
     axes: &mut DMatrix<f64>,
     v: &DVector<f64>,
     f: impl Fn(f64) -> f64,
-) -> DVector<f64> {
+    out: &mut DVector<f64>,
+) {
     let n = v.len();
     axes.fill_with_identity();
     for _ in 0..SWEEPS {
@@ -23,8 +24,9 @@ pub fn function_times(
                 // Also false for NaN.
                 if beside.abs() > f64::EPSILON * (a[(p, p)] * a[(q, q)]).abs().sqrt() {
                     let half = 0.5 * (a[(q, q)] - a[(p, p)]) / beside;
-                    let t = half.signum() / (half.abs() + half.hypot(1.0));
-                    let c = t.hypot(1.0).recip();
+                    // A square beyond all numbers makes no turn, as it should.
+                    let t = half.signum() / (half.abs() + (half * half + 1.0).sqrt());
+                    let c = (t * t + 1.0).sqrt().recip();
                     rotate(a, axes, [p, q], [c, t * c]);
                     turned = true;
                 }
@@ -34,11 +36,11 @@ pub fn function_times(
             break;
         }
     }
-    let mut along = axes.tr_mul(v);
+    out.fill(0.0);
     for k in 0..n {
-        along[k] *= f(a[(k, k)]);
+        let axis = axes.column(k);
+        out.axpy(f(a[(k, k)]) * axis.dot(v), &axis, 1.0);
     }
-    &*axes * along
 }
 
 /// One rotation of rows and columns `p` and `q` by cosine and sine, and of the axes.
@@ -71,7 +73,8 @@ mod tests {
             let eigen = SymmetricEigen::new(a.clone());
             let along = eigen.eigenvectors.tr_mul(&v).component_mul(&eigen.eigenvalues.map(f));
             let expected = &eigen.eigenvectors * along;
-            let found = function_times(&mut a.clone(), &mut DMatrix::zeros(n, n), &v, f);
+            let mut found = v.clone();
+            function_times(&mut a.clone(), &mut DMatrix::zeros(n, n), &v, f, &mut found);
             prop_assert!((found - &expected).norm() <= 1e-12 * (1.0 + expected.norm()));
         }
     }

@@ -5,6 +5,7 @@ use crate::diagnose::shortlist::Sensitivity;
 use crate::experiment::Block;
 use crate::tall;
 use nalgebra::{DMatrix, DVector};
+use std::iter::once;
 use std::ops::Range;
 
 /// A sum of columns: the share of each, the known ones first.
@@ -41,7 +42,7 @@ impl Known {
         }
         let gram = blocks.iter().map(|block| {
             let mut gram = DMatrix::zeros(columns.ncols(), columns.ncols());
-            tall::add_gram(&columns, block.rows.clone(), &mut gram);
+            tall::add_gram(&columns, once(block.rows.clone()), &mut gram);
             gram
         });
         Self { gram: gram.collect(), columns, basis: count, blocks }
@@ -70,7 +71,7 @@ impl Known {
                     return (DMatrix::zeros(known, own), gram);
                 };
                 let rows = block.rows.len();
-                tall::add_gram(&others.columns, first..first + rows, &mut gram);
+                tall::add_gram(&others.columns, once(first..first + rows), &mut gram);
                 let mixed =
                     tall::tr_mul_rows((&self.columns, block.rows.start), (&others.columns, first), rows);
                 (mixed, gram)

@@ -59,7 +59,7 @@ impl<'a> View<'a> {
         let folds: Vec<Vec<Range<usize>>> = blocks.iter().map(all).collect();
         let products = |fold: &Vec<Range<usize>>| {
             let mut sums = DMatrix::zeros(known.ncols(), known.ncols());
-            fold.iter().for_each(|rows| tall::add_gram(&known, rows.clone(), &mut sums));
+            tall::add_gram(&known, fold.iter().cloned(), &mut sums);
             sums
         };
         view.of_folds = folds.iter().map(products).collect();
@@ -100,8 +100,8 @@ impl<'a> View<'a> {
             for range in ranges {
                 let first = range.start;
                 along += tall::tr_mul_rows((&self.known, first), (columns, first), range.len());
-                tall::add_gram(columns, range.clone(), &mut own);
             }
+            tall::add_gram(columns, ranges.iter().cloned(), &mut own);
             let mut jtj = DMatrix::zeros(b + k, b + k);
             jtj.view_mut((0, 0), (b, b)).copy_from(&known.view((0, 0), (b, b)));
             jtj.view_mut((0, b), (b, k)).copy_from(&along.rows(0, b));

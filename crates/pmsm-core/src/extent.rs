@@ -1,0 +1,56 @@
+//! How far long columns reach: the largest magnitude, found in several values at a time. A value that is no number is passed over.
+
+/// Values that are compared side by side.
+const SIDE: usize = 8;
+
+/// The larger one; `most` where `x` is no number.
+#[inline(always)]
+fn larger(most: f64, x: f64) -> f64 {
+    if x > most { x } else { most }
+}
+
+/// The largest of the magnitudes of `x`, zero of nothing.
+pub fn peak(x: &[f64]) -> f64 {
+    let (groups, rest) = x.as_chunks::<SIDE>();
+    let mut most = [0.0; SIDE];
+    for group in groups {
+        for k in 0..SIDE {
+            most[k] = larger(most[k], group[k].abs());
+        }
+    }
+    rest.iter().map(|x| x.abs()).chain(most).fold(0.0, larger)
+}
+
+/// The largest length of the vectors `d`, `q`, of one length each, zero of nothing.
+pub fn longest([d, q]: [&[f64]; 2]) -> f64 {
+    let squares: Vec<f64> = d.iter().zip(q).map(|(d, q)| d * d + q * q).collect();
+    let most = peak(&squares);
+    let at = squares.iter().position(|square| *square == most);
+    at.map_or(0.0, |k| d[k].hypot(q[k]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn nothing_and_what_is_no_number_reach_nowhere() {
+        assert_eq!((peak(&[]), peak(&[f64::NAN; 11])), (0.0, 0.0));
+        assert_eq!((longest([&[], &[]]), longest([&[f64::NAN; 3], &[1.0; 3]])), (0.0, 0.0));
+        let mut x = [1.0; 20];
+        (x[3], x[13]) = (f64::NAN, -4.0);
+        assert_eq!(peak(&x), 4.0);
+    }
+
+    proptest! {
+        #[test]
+        fn it_is_the_largest_wherever_it_stands(x in prop::collection::vec(-1e9..1e9f64, 0..60)) {
+            prop_assert_eq!(peak(&x), x.iter().fold(0.0, |most: f64, x| most.max(x.abs())));
+            let q: Vec<f64> = x.iter().map(|x| x.sin() * 1e9).collect();
+            let lengths = x.iter().zip(&q).map(|(d, q)| d.hypot(*q));
+            let expected = lengths.fold(0.0, f64::max);
+            prop_assert!((longest([&x, &q]) - expected).abs() <= 1e-15 * expected);
+        }
+    }
+}
