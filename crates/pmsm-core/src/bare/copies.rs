@@ -49,21 +49,20 @@ pub fn width(free: usize) -> usize {
     (free + INITIAL + 1).div_ceil(BLOCK) * BLOCK
 }
 
-/// Simulates the recording around a point and hands over the rows stretch by stretch; `all` keeps them behind each other, if it is
-/// given. Returns false once `stop` says so.
+/// Simulates the recording around a point and hands over the rows stretch by stretch, while they are in the cache. Returns false once
+/// `stop` says so.
 pub fn rows(
     track: &Track,
     kernel: Kernel,
     around: Around<'_>,
     stop: &dyn Fn() -> bool,
-    mut all: Option<&mut Vec<f64>>,
     mut sink: impl FnMut(Rows<'_>),
 ) -> bool {
     let varied = around.free.len() + INITIAL;
     // The last column is the point itself.
     let width = width(around.free.len());
     let mut blocks = Block::room(width);
-    let mut again = vec![0.0; if all.is_some() { 0 } else { STRETCH * 3 * width }];
+    let mut room = vec![0.0; STRETCH * 3 * width];
     let (mut counts, mut scale) = (vec![1.0; width], vec![0.0; width]);
     (counts[width - 1], scale[width - 1]) = (0.0, 1.0);
     for (number, segment) in track.segments.iter().enumerate() {
@@ -85,15 +84,7 @@ pub fn rows(
             }
             let stretch =
                 Stretch { samples, pieces: segment.pieces, show_w: segment.show_w, has_load: track.has_load };
-            let count = samples.len() / fields(track.has_load) * 3 * width;
-            let rows = match &mut all {
-                Some(all) => {
-                    let from = all.len();
-                    all.resize(from + count, 0.0);
-                    &mut all[from..]
-                }
-                None => &mut again[..count],
-            };
+            let rows = &mut room[..samples.len() / fields(track.has_load) * 3 * width];
             let differences = Differences { counts: &counts, scale: &scale, rows };
             block::subtract(kernel, &mut blocks, stretch, differences);
             sink(Rows { segment: number, rows });

@@ -201,9 +201,9 @@ impl Objective<'_> {
         record: bool,
         stop: &dyn Fn() -> bool,
     ) -> Option<Nearby> {
-        let mut rows = record.then(|| Recorded::room(self.experiment.signals.len(), free.len()));
-        let all = self.sums(p, free, starts, stop, rows.as_mut().map(Recorded::rows))?;
-        let mut rows = rows.filter(Recorded::is_complete);
+        let mut recorded = record.then(|| Recorded::room(self.experiment.signals.len(), free.len()));
+        let all = self.sums(p, free, starts, stop, recorded.as_mut())?;
+        let mut recorded = recorded.filter(Recorded::is_complete);
         let mut normal = Normal {
             cost: 0.0,
             jtj: DMatrix::zeros(free.len(), free.len()),
@@ -223,9 +223,9 @@ impl Objective<'_> {
                 }
                 slopes.push(-own);
             }
-            if let Some(rows) = &mut rows {
+            if let Some(recorded) = &mut recorded {
                 let segment = &self.experiment.signals.segments[number];
-                rows.project(Kernel::default(), segment, &slopes, &error);
+                recorded.project(Kernel::default(), segment, &slopes, &error);
             }
             for k in 0..INITIAL {
                 start[k] -= error[k];
@@ -233,7 +233,7 @@ impl Objective<'_> {
             course.slopes.push(slopes);
         }
         normal.jtj.fill_upper_triangle_with_lower_triangle();
-        Some(Nearby { normal, course, linear: rows.map(Recorded::linear) })
+        Some(Nearby { normal, course, linear: recorded.map(Recorded::linear) })
     }
 
     /// [`Objective::linearise`] as an uncertainty needs it: around the measured initial values, if the best ones are within half a per cent of the
@@ -287,14 +287,14 @@ impl Objective<'_> {
         Some((cost, better))
     }
 
-    /// Products of columns, segment by segment; `keep` takes the rows, see [`copies::rows`].
+    /// Products of columns, segment by segment; `record` takes the rows.
     fn sums(
         &self,
         p: &[f64],
         free: &[usize],
         starts: &Starts,
         stop: &dyn Fn() -> bool,
-        keep: Option<&mut Vec<f64>>,
+        mut record: Option<&mut Recorded>,
     ) -> Option<Vec<Sums>> {
         let track = self.prepared.track.as_ref().filter(|_| self.drive == Drive::Coupled)?;
         let p: &[f64; POINT] = p.try_into().ok()?;
@@ -309,8 +309,11 @@ impl Objective<'_> {
         let mut all: Vec<Sums> = starts.iter().map(|_| empty()).collect();
         let around = Around { p, free, sizes: &sizes, initial_sizes, starts };
         let kernel = Kernel::default();
-        let done = copies::rows(track, kernel, around, stop, keep, |rows| {
+        let done = copies::rows(track, kernel, around, stop, |rows| {
             copies::accumulate(kernel, rows.rows, free_count, &mut all[rows.segment].values);
+            if let Some(record) = &mut record {
+                record.take(kernel, rows.rows);
+            }
         });
         if !done {
             // Unfinished sums must not be taken for an answer.

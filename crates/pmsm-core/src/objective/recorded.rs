@@ -5,6 +5,7 @@ use crate::bare::copies::{self, INITIAL};
 use crate::experiment::Linearisation;
 use crate::lanes::{self, Job, Lane};
 use nalgebra::{DMatrix, DVector, Vector3};
+use std::array::from_fn;
 use std::ops::Range;
 
 /// Channels of a sample: i_d, i_q, ω_e.
@@ -12,34 +13,45 @@ const CHANNELS: usize = 3;
 /// Numbers of a row that are read at a time; a row has one or two times as many.
 const PART: usize = 8;
 
-/// Rows as they come from the kernels, see [`copies::Rows`], and what becomes of them once it is known what the initial values
+/// A run as its rows come from the kernels, see [`copies::Rows`], and what becomes of it once it is known what the initial values
 /// can still do.
 pub(super) struct Recorded {
-    rows: Vec<f64>,
     linear: Linearisation,
+    /// Derivatives with respect to the initial values, one column each.
+    initial: DMatrix<f64>,
+    /// Number of samples that have come.
+    come: usize,
 }
 
 impl Recorded {
     pub(super) fn room(samples: usize, free: usize) -> Self {
-        let linear = Linearisation {
-            residual: DVector::zeros(CHANNELS * samples),
-            jacobian: DMatrix::zeros(CHANNELS * samples, free),
-        };
-        Self { rows: Vec::with_capacity(CHANNELS * samples * copies::width(free)), linear }
+        let columns = |count| DMatrix::zeros(CHANNELS * samples, count);
+        let linear = Linearisation { residual: DVector::zeros(CHANNELS * samples), jacobian: columns(free) };
+        Self { linear, initial: columns(INITIAL), come: 0 }
     }
 
-    /// Where the rows go, one behind the other.
-    pub(super) fn rows(&mut self) -> &mut Vec<f64> {
-        &mut self.rows
+    fn samples(&self) -> usize {
+        self.linear.residual.len() / CHANNELS
+    }
+
+    /// Takes the rows of the next samples.
+    pub(super) fn take(&mut self, kernel: Kernel, rows: &[f64]) {
+        let (samples, first) = (self.samples(), self.come);
+        let Linearisation { residual, jacobian } = &mut self.linear;
+        let free = jacobian.ncols();
+        let (residual, jacobian) = (residual.as_mut_slice(), jacobian.as_mut_slice());
+        let initial = self.initial.as_mut_slice();
+        let job = Columns { rows, free, residual, jacobian, initial, first, samples };
+        lanes::run(kernel.path, kernel.rounding, job);
+        self.come += rows.len() / (CHANNELS * copies::width(free));
     }
 
     /// Whether the rows of all samples are there: a run that was stopped has not recorded all.
     pub(super) fn is_complete(&self) -> bool {
-        self.rows.len() == copies::width(self.linear.jacobian.ncols()) * self.linear.residual.len()
+        self.come == self.samples()
     }
 
-    /// Writes down residual and derivatives of a segment without what the initial values can still do: derivatives follow
-    /// them by `slopes`, the residual by `error`.
+    /// Takes out of a segment what the initial values can still do: derivatives follow them by `slopes`, the residual by `error`.
     pub(super) fn project(
         &mut self,
         kernel: Kernel,
@@ -47,18 +59,20 @@ impl Recorded {
         slopes: &[Vector3<f64>],
         error: &Vector3<f64>,
     ) {
+        let samples = self.samples();
         let Linearisation { residual, jacobian } = &mut self.linear;
-        let (samples, width) = (residual.len() / CHANNELS, copies::width(slopes.len()));
-        let job = Projection {
-            rows: &self.rows[CHANNELS * width * segment.start..CHANNELS * width * segment.end],
-            residual: residual.as_mut_slice(),
-            jacobian: jacobian.as_mut_slice(),
-            first: segment.start,
-            samples,
-            slopes,
-            error,
-        };
-        lanes::run(kernel.path, kernel.rounding, job);
+        for channel in 0..CHANNELS {
+            let rows = channel * samples + segment.start..channel * samples + segment.end;
+            let part = |column: usize| &self.initial.as_slice()[column * CHANNELS * samples..][rows.clone()];
+            let initial: [&[f64]; INITIAL] = from_fn(part);
+            let follow = |to: &mut [f64], by: [f64; INITIAL]| {
+                lanes::run(kernel.path, kernel.rounding, Follow { to, initial, by });
+            };
+            follow(&mut residual.as_mut_slice()[rows.clone()], (-error).into());
+            for (column, by) in jacobian.as_mut_slice().chunks_exact_mut(CHANNELS * samples).zip(slopes) {
+                follow(&mut column[rows.clone()], (*by).into());
+            }
+        }
     }
 
     pub(super) fn linear(self) -> Linearisation {
@@ -66,34 +80,35 @@ impl Recorded {
     }
 }
 
-/// One segment on its way from rows to columns.
-struct Projection<'a> {
+/// Rows on their way to columns.
+struct Columns<'a> {
     rows: &'a [f64],
+    /// Number of free parameters.
+    free: usize,
     residual: &'a mut [f64],
     jacobian: &'a mut [f64],
-    /// Number of its first sample in the recording, and samples of the recording.
+    initial: &'a mut [f64],
+    /// Number of the first of these samples in the recording, and samples of the recording.
     first: usize,
     samples: usize,
-    slopes: &'a [Vector3<f64>],
-    error: &'a Vector3<f64>,
 }
 
-impl Job for Projection<'_> {
+impl Job for Columns<'_> {
     type Output = ();
     #[inline(always)]
     fn run<V: Lane>(mut self) {
-        match copies::width(self.slopes.len()) / PART {
-            1 => self.columns::<V, 1>(),
-            2 => self.columns::<V, 2>(),
+        match copies::width(self.free) / PART {
+            1 => self.all::<V, 1>(),
+            2 => self.all::<V, 2>(),
             parts => unreachable!("{parts} parts of a row: more than all parameters and initial values"),
         }
     }
 }
 
-impl Projection<'_> {
+impl Columns<'_> {
     /// Of rows of `PARTS` parts.
     #[inline(always)]
-    fn columns<V: Lane, const PARTS: usize>(&mut self) {
+    fn all<V: Lane, const PARTS: usize>(&mut self) {
         let count = self.rows.len() / (CHANNELS * PART * PARTS);
         let full = count - count % V::WIDTH;
         for sample in (0..full).step_by(V::WIDTH) {
@@ -104,11 +119,11 @@ impl Projection<'_> {
         }
     }
 
-    /// As many samples as a vector holds, from number `sample` of the segment on.
+    /// As many samples as a vector holds, from number `sample` of these rows on.
     #[inline(always)]
     fn group<V: Lane, const PARTS: usize>(&mut self, sample: usize) {
-        let (size, free) = (PART * PARTS, self.slopes.len());
-        let begin: [usize; PART] = std::array::from_fn(|lane| CHANNELS * lane);
+        let (size, free) = (PART * PARTS, self.free);
+        let begin: [usize; PART] = from_fn(|lane| CHANNELS * lane);
         for channel in 0..CHANNELS {
             let mut row = [[V::zero(); PART]; PARTS];
             for part in 0..PARTS {
@@ -116,15 +131,46 @@ impl Projection<'_> {
                 row[part] = V::columns::<PART>(records, &begin, size, k);
             }
             let column = |n: usize| row[n / PART][n % PART];
-            let initial: [V; INITIAL] = std::array::from_fn(|k| column(free + k));
-            let follow = |by: &Vector3<f64>| initial[0] * by[0] + initial[1] * by[1] + initial[2] * by[2];
-            let at = channel * self.samples + self.first + sample;
-            (column(size - 1) - follow(self.error)).store(&mut self.residual[at..]);
-            for (k, by) in self.slopes.iter().enumerate() {
-                let at = k * CHANNELS * self.samples + at;
-                (column(k) + follow(by)).store(&mut self.jacobian[at..]);
+            let (length, at) = (CHANNELS * self.samples, channel * self.samples + self.first + sample);
+            column(size - 1).store(&mut self.residual[at..]);
+            for k in 0..free {
+                column(k).store(&mut self.jacobian[k * length + at..]);
+            }
+            for k in 0..INITIAL {
+                column(free + k).store(&mut self.initial[k * length + at..]);
             }
         }
+    }
+}
+
+/// A column that follows the initial values.
+struct Follow<'a> {
+    to: &'a mut [f64],
+    initial: [&'a [f64]; INITIAL],
+    /// By how much it follows each.
+    by: [f64; INITIAL],
+}
+
+impl Job for Follow<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<V: Lane>(mut self) {
+        let full = self.to.len() - self.to.len() % V::WIDTH;
+        for at in (0..full).step_by(V::WIDTH) {
+            self.part::<V>(at);
+        }
+        for at in full..self.to.len() {
+            self.part::<f64>(at);
+        }
+    }
+}
+
+impl Follow<'_> {
+    #[inline(always)]
+    fn part<V: Lane>(&mut self, at: usize) {
+        let moved = |k: usize| V::load(&self.initial[k][at..]) * V::constant(self.by[k]);
+        let follow = moved(0) + moved(1) + moved(2);
+        (V::load(&self.to[at..]) + follow).store(&mut self.to[at..]);
     }
 }
 
@@ -141,7 +187,13 @@ mod tests {
         let samples = skipped + count + BEHIND;
         let mut recorded = Recorded::room(samples, free);
         let numbers = CHANNELS * samples * copies::width(free);
-        recorded.rows().extend((0..numbers).map(|k| (k as f64 * 0.7).sin()));
+        let rows: Vec<f64> = (0..numbers).map(|k| (k as f64 * 0.7).sin()).collect();
+        // They come in parts.
+        let (first, rest) = rows.split_at(CHANNELS * copies::width(free) * samples.min(9));
+        for part in [first, rest] {
+            assert!(!recorded.is_complete());
+            recorded.take(kernel, part);
+        }
         assert!(recorded.is_complete());
         let slopes: Vec<_> = (0..free).map(|k| Vector3::new(0.3, -1.0, 0.1 * k as f64)).collect();
         recorded.project(kernel, &(skipped..skipped + count), &slopes, &Vector3::new(0.5, 2.0, -0.2));
