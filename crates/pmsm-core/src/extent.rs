@@ -23,9 +23,16 @@ pub fn peak(x: &[f64]) -> f64 {
 
 /// The largest length of the vectors `d`, `q`, of one length each, zero of nothing.
 pub fn longest([d, q]: [&[f64]; 2]) -> f64 {
-    let squares: Vec<f64> = d.iter().zip(q).map(|(d, q)| d * d + q * q).collect();
-    let most = peak(&squares);
-    let at = squares.iter().position(|square| *square == most);
+    let square = |(d, q): (&f64, &f64)| d * d + q * q;
+    let ((d_groups, d_rest), (q_groups, q_rest)) = (d.as_chunks::<SIDE>(), q.as_chunks::<SIDE>());
+    let mut most = [0.0; SIDE];
+    for (d, q) in d_groups.iter().zip(q_groups) {
+        for k in 0..SIDE {
+            most[k] = larger(most[k], square((&d[k], &q[k])));
+        }
+    }
+    let most = d_rest.iter().zip(q_rest).map(square).chain(most).fold(0.0, larger);
+    let at = d.iter().zip(q).map(square).position(|square| square == most);
     at.map_or(0.0, |k| d[k].hypot(q[k]))
 }
 

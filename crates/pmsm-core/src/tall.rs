@@ -93,7 +93,10 @@ pub fn gram(a: &DMatrix<f64>) -> DMatrix<f64> {
 /// If A does not have these rows, or `sums` not this shape.
 pub fn add_gram(a: &DMatrix<f64>, rows: impl IntoIterator<Item = Range<usize>>, sums: &mut DMatrix<f64>) {
     assert!(sums.shape() == (a.ncols(), a.ncols()), "shapes of a product");
-    let parts = rows.into_iter().map(|rows| (rows.start, rows.start, rows.len()));
+    let parts = rows.into_iter().map(|rows| {
+        assert!(rows.end <= a.nrows(), "rows of a product");
+        (rows.start, rows.start, rows.len())
+    });
     fast(Product { a: Columns::of(a), b: Columns::of(a), parts, symmetric: true, out: sums });
     sums.fill_lower_triangle_with_upper_triangle();
 }
@@ -333,6 +336,12 @@ mod tests {
         assert!((gram(&a) - &expected).amax() < 1e-10 && (tr_mul(&a, &a) - expected).amax() < 1e-10);
         a[(700, 1)] = f64::NAN;
         assert!(gram(&a)[(1, 1)].is_nan());
+    }
+
+    #[test]
+    #[should_panic(expected = "rows of a product")]
+    fn rows_beyond_the_end_are_not_those_of_the_next_column() {
+        add_gram(&matrix(10, 2, 0.5), [0..4, 8..11], &mut DMatrix::zeros(2, 2));
     }
 
     #[test]
