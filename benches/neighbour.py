@@ -1,4 +1,6 @@
-"""A neighbour on another processor: streams through more memory than the caches hold, as others do on a shared machine.
+"""A neighbour on another processor: streams through more memory than the caches hold.
+
+Others do that on a shared machine.
 
     python benches/neighbour.py 60 & python benches/peers/compare.py J1 LS tracker; wait
 
