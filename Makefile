@@ -1,5 +1,5 @@
 # `make demo` and `make test` need Python >= 3.11, cargo and a C linker, and fetch the rest into .venv and target.
-# Other goals: readme, proof, proof-docs, accuracy, wheel, format, docs, doc, clean.
+# Other goals: readme, proof, proof-docs, accuracy, miri, wheel, format, docs, doc, clean.
 
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -21,13 +21,14 @@ SEED ?= $(shell cat docs/proof/seed)
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md \
   $(shell find crates python -type f -not -name '*.so' -not -name '*.pyc' -not -path '*/target/*')
 
-.PHONY: help need demo built unit test lint rustfmt clippy ruff mypy rust python readme readme-check proof proof-docs accuracy wheel format docs doc clean
+.PHONY: help need demo built unit test lint rustfmt clippy ruff mypy rust python readme readme-check proof proof-docs accuracy miri wheel format docs doc clean
 
 help:
 	@echo 'make demo      install into $(VENV) and diagnose the recording that ships with the package'
 	@echo 'make test      lints, Rust tests, and Python tests against the installed wheel'
 	@echo 'make proof     make 300 sealed cases, diagnose and score them; CASES= SEED= OUT= JOBS=2'
 	@echo 'make accuracy  score the diagnosis on concealed cases, where CONCEALED=folder has them'
+	@echo 'make miri      the unsafe code under Miri; needs a nightly toolchain with miri and rust-src'
 	@echo 'make readme    put real output and the picture into README.md'
 	@echo 'make wheel     build the wheel only'
 	@echo 'make format    rustfmt and ruff format'
@@ -134,6 +135,12 @@ accuracy: $(VENV)/.test
 	@mkdir -p $(ANSWERS)
 	$(BIN)/python $(CONCEALED)/run.py --answers $(ANSWERS) --tool $(BIN)/pmsm-rs $(if $(CASES),--only $(CASES))
 	$(BIN)/python $(CONCEALED)/score.py --answers $(ANSWERS) --out $(ANSWERS).json
+
+# The unsafe code. Miri knows AVX2, and of AVX-512 all but comparisons.
+miri: | need
+	RUSTFLAGS='-Ctarget-feature=+avx2,+fma' cargo +nightly miri test --locked -p pmsm-core --lib lanes::tests
+	RUSTFLAGS='-Ctarget-feature=+avx512f,+avx512vl,+avx512bw,+avx512dq' \
+	  cargo +nightly miri test --locked -p pmsm-core --lib lanes::tests::arithmetic
 
 format:
 	cargo fmt --all

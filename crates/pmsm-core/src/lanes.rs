@@ -199,8 +199,7 @@ pub fn avx2<J: Job>(job: J) -> J::Output {
 
 #[cfg(test)]
 mod tests {
-    //! Runs under Miri, too: `MIRIFLAGS=-Zmiri-disable-isolation RUSTFLAGS=-Ctarget-feature=+avx512f,+avx512vl cargo +nightly
-    //! miri test -p pmsm-core --lib lanes`.
+    //! `make miri` runs them under Miri.
 
     use super::*;
 
