@@ -14,6 +14,7 @@
 //! would fit better than the true ones; so the residual passes a filter that follows them, as the weights do when a straight line is
 //! laid through points with errors in both coordinates (Deming, "Statistical adjustment of data", 1943).
 
+use crate::extent::peak;
 use crate::input_noise::InputNoise;
 use crate::signals::Signals;
 use std::borrow::Cow;
@@ -246,7 +247,7 @@ impl Filter {
 /// exp(h·[[−r_s/l_d, ω·l_q/l_d], [−ω·l_d/l_q, −r_s/l_q]]) to third order in small pieces.
 fn transition(h: f64, omega: f64, r_s: f64, l_d: f64, l_q: f64) -> [f64; 4] {
     let f = [-r_s / l_d, omega * l_q / l_d, -omega * l_d / l_q, -r_s / l_q];
-    let size = h * f.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+    let size = h * peak(&f);
     let pieces = (size / 0.25).ceil().clamp(1.0, 4096.0);
     let f = f.map(|x| x * h / pieces);
     let f2 = product(&f, &f);

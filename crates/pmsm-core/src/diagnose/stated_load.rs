@@ -5,6 +5,7 @@ use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::outputs::Outputs;
 use crate::effects::EffectId;
+use crate::extent::peak;
 use crate::recording::Load;
 use crate::signals::Finding;
 use std::collections::BTreeMap;
@@ -17,9 +18,7 @@ const KNOWN: f64 = 1e-3;
 pub fn accounts_for(data: &Data, found: &Hypothesis, effect: EffectId) -> bool {
     let off = |run: &Data| match &run.signals.load {
         Load::KnownConstant(value) => KNOWN * value.abs(),
-        Load::Measured => {
-            KNOWN * run.signals.tau_m.iter().flatten().fold(0.0, |most: f64, x| most.max(x.abs()))
-        }
+        Load::Measured => KNOWN * run.signals.tau_m.as_deref().map_or(0.0, peak),
         _ => 0.0,
     };
     let off = data.runs().iter().map(off).fold(f64::INFINITY, f64::min);
