@@ -9,7 +9,7 @@ use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::locate;
 use super::outputs::Outputs;
-use super::search::Outcome;
+use super::select::Outcome;
 use super::ties::{self, Tie};
 use super::transfer::transfer;
 use super::{able, agree, each, fault, plausible, power, prescribe, reach, stated_load, unmodelled, verdict};
@@ -52,7 +52,7 @@ pub fn conclude(
         outcome.path.truncate(1);
         outcome.swaps.clear();
         let asked = able::able(data).0;
-        let worth = outcome.scale.worth();
+        let worth = outcome.evidence.samples();
         outcome.shown = power::survey(data, &outcome.base.fitted, &asked, worth, true, monitor);
     }
     let (mut verdict, mut ranked) = decide::decide(&outcome, data.poor);

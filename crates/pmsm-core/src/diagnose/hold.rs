@@ -3,7 +3,7 @@
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
-use super::search::{Outcome, Swap};
+use super::select::{Outcome, Swap};
 use super::transfer::transfer;
 use super::verdict::{UNEXPLAINED, beyond_chance};
 use crate::effect::Site;

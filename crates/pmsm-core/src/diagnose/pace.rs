@@ -6,7 +6,7 @@
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
-use super::search::Outcome;
+use super::select::Outcome;
 use super::transfer::transfer;
 use super::verdict::Judged;
 use crate::error::Result;

@@ -19,7 +19,7 @@ mod words;
 use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::locate::upper_tail;
-use super::scale::{INDISTINGUISHABLE, LEAST_GAIN, PRICE};
+use super::evidence::{DECISIVE, PRIOR, price};
 use super::shortlist::{Scorer, batches, solve};
 use super::verdict::MISMATCH;
 use crate::basis::{freed, orthonormal, orthonormal_beside};
@@ -75,7 +75,7 @@ impl Shown {
     pub fn resembles(&self, found: EffectId) -> bool {
         self.likeness
             .iter()
-            .any(|(e, cosine, nats)| *e == found && *cosine > ALIKE && *nats < INDISTINGUISHABLE)
+            .any(|(e, cosine, nats)| *e == found && *cosine > ALIKE && *nats < DECISIVE)
     }
 }
 
@@ -220,7 +220,7 @@ impl Survey<'_> {
         // The misfit is a mean over recordings.
         let runs = self.best.runs() as f64;
         (gain, variance) = (gain / runs, variance / (runs * runs));
-        let needed = LEAST_GAIN + PRICE * count as f64;
+        let needed = PRIOR + DECISIVE + price(self.worth) * count as f64;
         let spread = (variance + 0.5 * count as f64 * share).sqrt();
         let power = upper_tail((needed - gain) / spread.max(f64::MIN_POSITIVE));
         if self.poor && squares.iter().all(|x| *x <= MISMATCH) { 0.0 } else { power }
@@ -270,7 +270,7 @@ mod tests {
         [EffectId::CoulombFriction, EffectId::QuadraticDrag, EffectId::CoggingTorque, EffectId::SaturationQ];
 
     fn worth(best: &Hypothesis) -> Vec<f64> {
-        vec![crate::diagnose::scale::MOST_WORTH; best.squares.len()]
+        vec![200.0; best.squares.len()]
     }
 
     fn power(shown: &[Shown], effect: EffectId) -> f64 {

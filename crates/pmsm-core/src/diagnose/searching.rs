@@ -1,12 +1,12 @@
 //! The search for the set of effects as the recordings call for it: on all samples, fewer, or half of them, for many effects or one, and once
 //! more where what it finds shows noise that was not seen before.
 
-use super::anew::{settled, settled_anew, unfiltered};
+use super::anew::{settled, unfiltered};
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::pace;
-use super::search::{self, Outcome, Search};
+use super::select::{self, Outcome, Search};
 use super::transfer::transfer;
 use super::verdict;
 use crate::effect::Site;
@@ -27,16 +27,7 @@ pub fn search(
         return Ok(found);
     }
     if !whole.poor {
-        let begun = open(whole, others, monitor).singles(base.clone())?;
-        let anew = begun.explain_most() && settled_anew(whole, others, &begun.base, &begun.best);
-        if !anew || monitor.cancelled() {
-            return open(whole, others, monitor).finish(begun);
-        }
-        *base = fitting::refit(whole, base, monitor)?;
-        return match more_slowly(whole, others, base, monitor)? {
-            Some(found) => Ok(found),
-            None => open(whole, others, monitor).run(base.clone()),
-        };
+        return open(whole, others, monitor).run(base.clone());
     }
     // What a poor recording leaves open a second one must not be held against it, unless it makes nonsense of that one.
     let bare = |data| Ok((data, transfer(data, base, monitor)?));
@@ -72,14 +63,14 @@ fn in_halves(
     let Some((fitted, held_out)) = split.then(|| whole.halves()).flatten() else { return Ok(None) };
     let start = fitting::refit(&fitted, base, monitor)?;
     let held_out = vec![&held_out];
-    let search = Search { data: &fitted, held_out, refuting: Vec::new(), most: search::MOST, monitor };
+    let search = Search { data: &fitted, held_out, refuting: Vec::new(), most: select::MOST, monitor };
     on_whole(whole, search.run(start)?, base, monitor).map(Some)
 }
 
 /// A search for as many effects as there may be, held against all of the other recordings.
 fn open<'a>(data: &'a Data, others: &'a [Data], monitor: &'a dyn Monitor) -> Search<'a> {
     let held_out = others.iter().collect();
-    Search { data, held_out, refuting: Vec::new(), most: search::MOST, monitor }
+    Search { data, held_out, refuting: Vec::new(), most: select::MOST, monitor }
 }
 
 /// The noise measured with the help of what was found, and what comes of a search there, where the bare machine was too far from a speed that

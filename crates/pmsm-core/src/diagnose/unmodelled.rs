@@ -15,7 +15,7 @@ use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::locate::{self, Located};
-use super::scale::Scale;
+use super::evidence::Evidence;
 use super::transfer::transfer;
 use super::verdict::{Judged, UNEXPLAINED};
 use crate::error::Result;
@@ -25,6 +25,7 @@ use crate::recording::Load;
 use choice::Choice;
 use serde::Serialize;
 
+pub use choice::MOST_WORTH;
 pub use rival::rival;
 
 /// Parts laid on one side at most, one after the other.
@@ -209,7 +210,12 @@ impl Trial<'_> {
             }
             None => (self.judged(current.clone(), self.judge)?, self.judged(fit(self.data)?, self.judge)?),
         };
-        if !Scale::new([&before, &after].into_iter()).beats(&after, &before) {
+        let (data, held_out) = match &halves {
+            Some((fitted, held_out)) => (fitted, vec![held_out]),
+            None => (self.data, self.judge.into_iter().collect()),
+        };
+        let evidence = Evidence::new(data, &held_out);
+        if !evidence.prefers(&after, &before) {
             return Ok(None);
         }
         let (left, more) = (after.held_out_squares(), before.held_out_squares());

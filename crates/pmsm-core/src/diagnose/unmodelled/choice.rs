@@ -10,7 +10,6 @@ use super::{Side, candidates};
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::locate::Located;
-use crate::diagnose::scale::{LEAST_GAIN, MOST_WORTH, PRICE};
 use crate::least_squares::Normal;
 use crate::map::{Factor, Part};
 use crate::monitor::Monitor;
@@ -81,6 +80,11 @@ pub fn choose(
     let gain = ((bare - chosen.left) / (bare - floor).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
     (loss(&chosen) < scale.loss(bare, 0) - LEAST_GAIN).then(|| settled(&view, chosen, gain))
 }
+
+/// Most independent samples that one channel is worth, price of a coefficient and least gain, nats.
+pub const MOST_WORTH: f64 = 200.0;
+const PRICE: f64 = 0.5;
+const LEAST_GAIN: f64 = 3.0;
 
 /// What a sum of squares over some channels is worth, by the rule by which effects are compared.
 struct Scale {

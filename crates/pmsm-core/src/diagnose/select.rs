@@ -1,0 +1,265 @@
+//! Selection of the set of effects by evidence: whole sets are grown, pruned and exchanged, each refitted by simulation.
+//!
+//! At a fitted set every absent effect is scored to first order; the whole set is refitted with each of the best few, and the one with
+//! the most evidence is gone on from. What the others make superfluous is dropped. Nothing is asked of an effect by itself: on a bench on
+//! which several things are missing none explains much alone.
+
+mod exchange;
+mod refit;
+mod subset;
+
+use super::able;
+use super::data::Data;
+use super::evidence::Evidence;
+use super::hypothesis::Hypothesis;
+use super::power::{self, Shown};
+use super::shortlist::{Prospect, Scorer};
+use super::transfer::transfer;
+use super::verdict::{self, Judged};
+use crate::effect::Role;
+use crate::effects::EffectId;
+use crate::error::Result;
+use crate::monitor::Monitor;
+use rayon::prelude::*;
+
+pub use exchange::Swap;
+use subset::left_out;
+
+/// Most effects in one set, unless the recording is too poor for more than one.
+pub const MOST: usize = 10;
+/// Effects with which the whole set is refitted before the best of them is gone on from.
+const REFITTED: usize = 3;
+/// Score (mean square in units of what is left in each channel) below which nothing is refitted.
+const LEAST_SCORE: f64 = 0.002;
+
+/// The recording, other runs, and how much may be chosen.
+pub struct Search<'a> {
+    /// The recording.
+    pub data: &'a Data,
+    /// Recordings that are not used for fitting.
+    pub held_out: Vec<&'a Data>,
+    /// Recordings that can only refute a model, with the bare machine on them.
+    pub refuting: Vec<(&'a Data, Hypothesis)>,
+    /// Most effects in one model.
+    pub most: usize,
+    /// Asked whether to go on.
+    pub monitor: &'a dyn Monitor,
+}
+
+/// What came out of a selection.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// The bare machine.
+    pub base: Judged,
+    /// Single effects that were scored beside the bare machine, with what came of their refit.
+    pub singles: Vec<(Prospect, Option<Judged>)>,
+    /// The best set of effects (possibly none).
+    pub best: Judged,
+    /// For each effect of `best`, the sets in which another effect or none is in its place.
+    pub swaps: Vec<Swap>,
+    /// Effects that could not be asked about, and why.
+    pub unfit: Vec<(EffectId, String)>,
+    /// What the recording would have shown of the effects that are not in the best set.
+    pub shown: Vec<Shown>,
+    /// By what the sets were compared.
+    pub evidence: Evidence,
+    /// The way to the best set, one effect more at each step.
+    pub path: Vec<Judged>,
+}
+
+impl Outcome {
+    /// The bare machine and the best set as they are fitted to all samples.
+    pub fn ends(&self) -> (&Judged, &Judged) {
+        (&self.path[0], &self.path[self.path.len() - 1])
+    }
+
+    /// Whether the best set without `effect`, all else fitted anew, has more than noise: then no other parameter makes up for it.
+    pub fn needs(&self, effect: EffectId) -> bool {
+        let without = self.swaps.iter().find(|s| s.replaced == effect && s.by.is_none());
+        without.map_or(&self.base, |s| &s.judged).excess() > verdict::MISMATCH
+    }
+
+    /// The effects of the best set in the order in which the path takes them up.
+    pub fn order(&self) -> Vec<EffectId> {
+        let mut order: Vec<EffectId> = Vec::new();
+        for step in &self.path {
+            let added: Vec<EffectId> =
+                step.fitted.effects().into_iter().filter(|e| !order.contains(e)).collect();
+            order.extend(added);
+        }
+        order
+    }
+}
+
+impl Search<'_> {
+    /// Runs the selection from the fitted bare machine.
+    ///
+    /// # Errors
+    /// Those of the fits; an interruption ends it with the best so far.
+    pub fn run(&self, base: Hypothesis) -> Result<Outcome> {
+        let base = self.judge(base)?;
+        let (able, unfit) = able::able(self.data);
+        let mut seen = vec![base.clone()];
+        let (mut best, singles) = self.grow(&base, &able, &mut seen)?;
+        self.monitor.report("alternatives", 0.85);
+        let mut swaps = Vec::new();
+        let mut shown = Vec::new();
+        for _ in 0..MOST {
+            let t = std::time::Instant::now();
+            best = self.prune(best, &mut seen)?;
+            if std::env::var("PMSM_TRACE").is_ok() { eprintln!("pruned to {:?} {:?}", best.fitted.effects(), t.elapsed()); }
+            let evidence = self.evidence();
+            let absent = absent(&able, &best);
+            let poor = self.most < MOST;
+            shown = power::survey(self.data, &best.fitted, &absent, evidence.samples(), poor, self.monitor);
+            if std::env::var("PMSM_TRACE").is_ok() { eprintln!("surveyed {:?}", t.elapsed()); }
+            swaps = self.exchange(&best, &shown, &mut seen)?;
+            if std::env::var("PMSM_TRACE").is_ok() { eprintln!("exchanged {:?} {:?}", t.elapsed(), swaps.iter().map(|s| (s.replaced, s.by, self.evidence().cost(&s.judged) - self.evidence().cost(&best))).collect::<Vec<_>>()); }
+            let evidence = self.evidence();
+            let better = swaps.iter().filter(|s| evidence.prefers(&s.judged, &best));
+            let better = better.min_by(|a, b| evidence.cost(&a.judged).total_cmp(&evidence.cost(&b.judged)));
+            let Some(better) = better.map(|s| s.judged.clone()) else { break };
+            best = better;
+        }
+        let evidence = self.evidence();
+        let path = path(&base, &best, &seen, &evidence);
+        Ok(Outcome { base, singles, best, swaps, unfit, shown, evidence, path })
+    }
+
+    /// Adds effects one at a time as long as the evidence of the recording grows: the largest set, and what single effects came to.
+    fn grow(
+        &self,
+        base: &Judged,
+        able: &[EffectId],
+        seen: &mut Vec<Judged>,
+    ) -> Result<(Judged, Vec<(Prospect, Option<Judged>)>)> {
+        let mut best = base.clone();
+        let mut singles = Vec::new();
+        let evidence = self.evidence();
+        let cost = |set: &Judged| evidence.cost_on_recording(&set.fitted);
+        while best.fitted.effects().len() < self.most && !self.monitor.cancelled() {
+            let larger = self.extended(&best, &absent(able, &best))?;
+            let sets = larger.iter().filter_map(|(_, set)| set.as_ref());
+            let next = sets.min_by(|a, b| cost(a).total_cmp(&cost(b))).cloned();
+            trace(&best, &larger, &cost);
+            if singles.is_empty() {
+                singles = larger;
+            }
+            match next {
+                Some(next) if cost(&next) < cost(&best) => best = self.renewed(next)?,
+                _ => break,
+            }
+            seen.push(best.clone());
+            let share = best.fitted.effects().len() as f64 / MOST as f64;
+            self.monitor.report("effects", 0.2 + 0.6 * share);
+        }
+        if best.held_out.len() < self.held_out.len() {
+            best = self.judge(best.fitted)?;
+        }
+        Ok((best, singles))
+    }
+
+    /// A set with those of its effects that have a whole number among their parameters, such as an order, at the number that explains most
+    /// beside the others: it was chosen when the others were not there.
+    fn renewed(&self, mut set: Judged) -> Result<Judged> {
+        let effects = set.fitted.effects();
+        let evidence = self.evidence();
+        let chosen = |e: &EffectId| e.info().parameters.iter().any(|p| p.role == Role::Fixed);
+        for effect in effects.iter().copied().filter(chosen) {
+            let Some((model, parameters, free)) = left_out(&set.fitted, effect) else { continue };
+            if effects.len() == 1 || self.monitor.cancelled() {
+                continue;
+            }
+            let nuisances = set.fitted.nuisances.clone();
+            let without = Hypothesis::on(self.data, model, parameters, free, nuisances);
+            let prospect = Scorer::new(self.data, &without).score(effect);
+            let slot = set.fitted.model.slots().iter().find(|s| s.effect == effect).expect("it is in the set");
+            let own = &set.fitted.parameters[slot.parameters.clone()];
+            let same = effect.info().parameters.iter().zip(own).zip(&prospect.start);
+            let mut numbers = same.filter(|((p, _), _)| p.role == Role::Fixed);
+            if prospect.score == 0.0 || numbers.all(|((_, a), b)| a == b) {
+                continue;
+            }
+            let Some(fitted) = self.refit(&Judged { fitted: without, ..set.clone() }, &prospect)? else { continue };
+            if evidence.cost_on_recording(&fitted) < evidence.cost_on_recording(&set.fitted) {
+                if std::env::var("PMSM_TRACE").is_ok() { eprintln!("renewed {effect:?} {:?} {:?}", prospect.start, fitted.squares); }
+                set = Judged { fitted, held_out: Vec::new(), refuted: false };
+            }
+        }
+        Ok(set)
+    }
+
+    /// Scores `candidates` beside a set and refits it with each of the best of them.
+    fn extended(
+        &self,
+        parent: &Judged,
+        candidates: &[EffectId],
+    ) -> Result<Vec<(Prospect, Option<Judged>)>> {
+        let scorer = Scorer::new(self.data, &parent.fitted);
+        let score = |effect: &EffectId| match self.monitor.cancelled() {
+            true => Prospect::nothing(*effect, parent.fitted.model.context()),
+            false => scorer.score(*effect),
+        };
+        let mut prospects: Vec<Prospect> = candidates.par_iter().map(score).collect();
+        prospects.sort_by(|a, b| b.score.total_cmp(&a.score));
+        let refit = |(rank, prospect): (usize, Prospect)| -> Result<(Prospect, Option<Judged>)> {
+            let asked = rank < REFITTED && prospect.score > LEAST_SCORE && !self.monitor.cancelled();
+            let set = if asked { self.refit(parent, &prospect)? } else { None };
+            Ok((prospect, set.map(|fitted| Judged { fitted, held_out: Vec::new(), refuted: false })))
+        };
+        prospects.into_par_iter().enumerate().map(refit).collect()
+    }
+
+    /// By what sets are compared.
+    fn evidence(&self) -> Evidence {
+        Evidence::new(self.data, &self.held_out)
+    }
+
+    /// A fitted set with what it predicts of the other recordings.
+    fn judge(&self, fitted: Hypothesis) -> Result<Judged> {
+        let on = |data: &Data| transfer(data, &fitted, self.monitor);
+        let held_out: Result<Vec<Hypothesis>> = self.held_out.iter().map(|data| on(data)).collect();
+        let held_out = held_out?;
+        let mut refuted = false;
+        for (data, bare) in &self.refuting {
+            refuted |= !fitted.effects().is_empty() && verdict::refutes(&on(data)?, bare);
+        }
+        Ok(Judged { fitted, held_out, refuted })
+    }
+}
+
+fn trace(best: &Judged, larger: &[(Prospect, Option<Judged>)], cost: &dyn Fn(&Judged) -> f64) {
+    if std::env::var("PMSM_TRACE").is_ok() {
+        let round = |h: &Hypothesis| h.squares.iter().map(|x| (x.1 * 100.0).round() / 100.0).collect::<Vec<_>>();
+        eprintln!("at {:?} cost {:.1} squares {:?}", best.fitted.effects(), cost(best), round(&best.fitted));
+        for (p, s) in larger.iter().filter(|(p, _)| p.score > LEAST_SCORE) {
+            eprintln!("   {:?} {:.4} {:?}", p.effect, p.score, s.as_ref().map(|s| (cost(s), round(&s.fitted))));
+        }
+    }
+}
+
+/// Those effects that are not in a set.
+fn absent(able: &[EffectId], set: &Judged) -> Vec<EffectId> {
+    let effects = set.fitted.effects();
+    able.iter().copied().filter(|e| !effects.contains(e)).collect()
+}
+
+/// From the bare machine to the best set, through the best subsets that were fitted.
+fn path(base: &Judged, best: &Judged, seen: &[Judged], evidence: &Evidence) -> Vec<Judged> {
+    let goal = best.fitted.effects();
+    let mut path = vec![base.clone()];
+    for size in 1..goal.len() {
+        let so_far = path[path.len() - 1].fitted.effects();
+        let step = seen.iter().filter(|set| {
+            let effects = set.fitted.effects();
+            effects.len() == size
+                && effects.iter().all(|e| goal.contains(e))
+                && so_far.iter().all(|e| effects.contains(e))
+        });
+        path.extend(step.min_by(|a, b| evidence.cost(a).total_cmp(&evidence.cost(b))).cloned());
+    }
+    if !goal.is_empty() {
+        path.push(best.clone());
+    }
+    path
+}
