@@ -18,21 +18,22 @@ pub fn search(
     whole: &mut Data,
     others: &mut [Data],
     base: &mut Hypothesis,
+    from: Option<&Hypothesis>,
     monitor: &dyn Monitor,
 ) -> Result<Outcome> {
-    if let Some(found) = more_slowly(whole, others, base, monitor)? {
+    if let Some(found) = more_slowly(whole, others, base, from, monitor)? {
         return Ok(found);
     }
     if let Some(found) = in_halves(whole, others, base, monitor)? {
         return Ok(found);
     }
     if !whole.poor {
-        return open(whole, others, monitor).run(base.clone());
+        return open(whole, others, from, monitor).run(base.clone());
     }
     // What a poor recording leaves open a second one must not be held against it, unless it makes nonsense of that one.
     let bare = |data| Ok((data, transfer(data, base, monitor)?));
     let refuting = others.iter().map(bare).collect::<Result<Vec<_>>>()?;
-    Search { data: whole, held_out: Vec::new(), refuting, most: 1, monitor }.run(base.clone())
+    Search { data: whole, held_out: Vec::new(), refuting, most: 1, from: None, monitor }.run(base.clone())
 }
 
 /// The search at a slower pace, if the recordings allow for one, and what it finds fitted to every sample.
@@ -40,13 +41,14 @@ fn more_slowly(
     whole: &Data,
     others: &[Data],
     base: &Hypothesis,
+    from: Option<&Hypothesis>,
     monitor: &dyn Monitor,
 ) -> Result<Option<Outcome>> {
     let Some((slower, theirs)) = pace::slower(whole, others) else { return Ok(None) };
     let start = fitting::carried_over(&slower, base, monitor)?;
     let found = match in_halves(&slower, &theirs, &start, monitor)? {
         Some(found) => found,
-        None => open(&slower, &theirs, monitor).run(start)?,
+        None => open(&slower, &theirs, from, monitor).run(start)?,
     };
     pace::on_every_sample(whole, others, found, base, monitor).map(Some)
 }
@@ -63,14 +65,20 @@ fn in_halves(
     let Some((fitted, held_out)) = split.then(|| whole.halves()).flatten() else { return Ok(None) };
     let start = fitting::refit(&fitted, base, monitor)?;
     let held_out = vec![&held_out];
-    let search = Search { data: &fitted, held_out, refuting: Vec::new(), most: select::MOST, monitor };
+    let search =
+        Search { data: &fitted, held_out, refuting: Vec::new(), most: select::MOST, from: None, monitor };
     on_whole(whole, search.run(start)?, base, monitor).map(Some)
 }
 
 /// A search for as many effects as there may be, held against all of the other recordings.
-fn open<'a>(data: &'a Data, others: &'a [Data], monitor: &'a dyn Monitor) -> Search<'a> {
+fn open<'a>(
+    data: &'a Data,
+    others: &'a [Data],
+    from: Option<&Hypothesis>,
+    monitor: &'a dyn Monitor,
+) -> Search<'a> {
     let held_out = others.iter().collect();
-    Search { data, held_out, refuting: Vec::new(), most: select::MOST, monitor }
+    Search { data, held_out, refuting: Vec::new(), most: select::MOST, from: from.cloned(), monitor }
 }
 
 /// The noise measured with the help of what was found, and what comes of a search there, where the bare machine was too far from a speed that
@@ -98,7 +106,7 @@ pub fn judged_finer(
         return Ok(None);
     }
     let mut base = fitting::refit(&again, &outcome.base.fitted, monitor)?;
-    let anew = search(&mut again, &mut theirs, &mut base, monitor)?;
+    let anew = search(&mut again, &mut theirs, &mut base, Some(&best.fitted), monitor)?;
     let fewer = anew.best.fitted.effects().len() < effects.len() && !monitor.cancelled();
     Ok(fewer.then_some((again, theirs, anew)))
 }

@@ -11,12 +11,13 @@ mod subset;
 use super::able;
 use super::data::Data;
 use super::evidence::Evidence;
+use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::power::{self, Shown};
 use super::shortlist::{Prospect, Scorer};
 use super::transfer::transfer;
 use super::verdict::{self, Judged};
-use crate::effect::Role;
+use crate::effect::{Role, Site};
 use crate::effects::EffectId;
 use crate::error::Result;
 use crate::monitor::Monitor;
@@ -29,6 +30,8 @@ use subset::left_out;
 pub const MOST: usize = 10;
 /// Effects with which the whole set is refitted before the best of them is gone on from.
 const REFITTED: usize = 3;
+/// Share of the leading score from which an effect of the same side is refitted, too.
+const RIVAL: f64 = 0.5;
 /// Score (mean square in units of what is left in each channel) below which nothing is refitted.
 const LEAST_SCORE: f64 = 0.002;
 
@@ -42,6 +45,8 @@ pub struct Search<'a> {
     pub refuting: Vec<(&'a Data, Hypothesis)>,
     /// Most effects in one model.
     pub most: usize,
+    /// The set from which it begins, where noise was measured anew with its help; the bare machine where there is none.
+    pub from: Option<Hypothesis>,
     /// Asked whether to go on.
     pub monitor: &'a dyn Monitor,
 }
@@ -105,17 +110,17 @@ impl Search<'_> {
         let mut swaps = Vec::new();
         let mut shown = Vec::new();
         for _ in 0..MOST {
-            let t = std::time::Instant::now();
-            best = self.prune(best, &mut seen)?;
-            if std::env::var("PMSM_TRACE").is_ok() { eprintln!("pruned to {:?} {:?}", best.fitted.effects(), t.elapsed()); }
             let evidence = self.evidence();
-            let absent = absent(&able, &best);
             let poor = self.most < MOST;
-            shown = power::survey(self.data, &best.fitted, &absent, evidence.samples(), poor, self.monitor);
-            if std::env::var("PMSM_TRACE").is_ok() { eprintln!("surveyed {:?}", t.elapsed()); }
-            swaps = self.exchange(&best, &shown, &mut seen)?;
-            if std::env::var("PMSM_TRACE").is_ok() { eprintln!("exchanged {:?} {:?}", t.elapsed(), swaps.iter().map(|s| (s.replaced, s.by, self.evidence().cost(&s.judged) - self.evidence().cost(&best))).collect::<Vec<_>>()); }
-            let evidence = self.evidence();
+            let absent = absent(&able, &best);
+            let surveyed =
+                power::survey(self.data, &best.fitted, &absent, evidence.samples(), poor, self.monitor);
+            if let Some(simpler) = self.simpler(&best, &surveyed.worth, &mut seen)? {
+                best = simpler;
+                continue;
+            }
+            swaps = self.exchange(&best, &surveyed, &mut seen)?;
+            shown = surveyed.absent;
             let better = swaps.iter().filter(|s| evidence.prefers(&s.judged, &best));
             let better = better.min_by(|a, b| evidence.cost(&a.judged).total_cmp(&evidence.cost(&b.judged)));
             let Some(better) = better.map(|s| s.judged.clone()) else { break };
@@ -137,18 +142,31 @@ impl Search<'_> {
         let mut singles = Vec::new();
         let evidence = self.evidence();
         let cost = |set: &Judged| evidence.cost_on_recording(&set.fitted);
+        if let Some(from) = &self.from {
+            let fitted = fitting::carried_over(self.data, from, self.monitor)?;
+            best = Judged { fitted, held_out: Vec::new(), refuted: false };
+        }
         while best.fitted.effects().len() < self.most && !self.monitor.cancelled() {
             let larger = self.extended(&best, &absent(able, &best))?;
             let sets = larger.iter().filter_map(|(_, set)| set.as_ref());
             let next = sets.min_by(|a, b| cost(a).total_cmp(&cost(b))).cloned();
             trace(&best, &larger, &cost);
+            let worth = next.filter(|next| cost(next) < cost(&best));
+            let beside = worth.as_ref().and_then(|next| other_side(next, &larger, cost(&best), &cost));
             if singles.is_empty() {
                 singles = larger;
             }
-            match next {
-                Some(next) if cost(&next) < cost(&best) => best = self.renewed(next)?,
-                _ => break,
+            let Some(mut next) = worth else { break };
+            if let Some(prospect) = beside
+                && let Some(fitted) = self.refit(&next, &prospect)?
+            {
+                let both = Judged { fitted, held_out: Vec::new(), refuted: false };
+                if cost(&both) < cost(&next) {
+                    seen.push(next);
+                    next = both;
+                }
             }
+            best = self.renewed(next)?;
             seen.push(best.clone());
             let share = best.fitted.effects().len() as f64 / MOST as f64;
             self.monitor.report("effects", 0.2 + 0.6 * share);
@@ -163,6 +181,9 @@ impl Search<'_> {
     /// beside the others: it was chosen when the others were not there.
     fn renewed(&self, mut set: Judged) -> Result<Judged> {
         let effects = set.fitted.effects();
+        if set.excess() <= verdict::MISMATCH {
+            return Ok(set);
+        }
         let evidence = self.evidence();
         let chosen = |e: &EffectId| e.info().parameters.iter().any(|p| p.role == Role::Fixed);
         for effect in effects.iter().copied().filter(chosen) {
@@ -202,12 +223,19 @@ impl Search<'_> {
         };
         let mut prospects: Vec<Prospect> = candidates.par_iter().map(score).collect();
         prospects.sort_by(|a, b| b.score.total_cmp(&a.score));
-        let refit = |(rank, prospect): (usize, Prospect)| -> Result<(Prospect, Option<Judged>)> {
-            let asked = rank < REFITTED && prospect.score > LEAST_SCORE && !self.monitor.cancelled();
+        // Those that lead on their side, and those that may be what leads.
+        let mut leading: Vec<EffectId> = Vec::new();
+        for moves in [true, false] {
+            let side = || prospects.iter().filter(|p| is_mechanical(p.effect) == moves && p.score > LEAST_SCORE);
+            let top = side().next().map_or(0.0, |p| p.score);
+            leading.extend(side().take(REFITTED).filter(|p| p.score >= RIVAL * top).map(|p| p.effect));
+        }
+        let refit = |prospect: Prospect| -> Result<(Prospect, Option<Judged>)> {
+            let asked = leading.contains(&prospect.effect) && !self.monitor.cancelled();
             let set = if asked { self.refit(parent, &prospect)? } else { None };
             Ok((prospect, set.map(|fitted| Judged { fitted, held_out: Vec::new(), refuted: false })))
         };
-        prospects.into_par_iter().enumerate().map(refit).collect()
+        prospects.into_par_iter().map(refit).collect()
     }
 
     /// By what sets are compared.
@@ -236,6 +264,34 @@ fn trace(best: &Judged, larger: &[(Prospect, Option<Judged>)], cost: &dyn Fn(&Ju
             eprintln!("   {:?} {:.4} {:?}", p.effect, p.score, s.as_ref().map(|s| (cost(s), round(&s.fitted))));
         }
     }
+}
+
+fn is_mechanical(effect: EffectId) -> bool {
+    effect.info().site == Site::Mechanical
+}
+
+/// The best refitted effect of the motion where `next` took up one of the currents or sensors, or the other way round, that is worth its
+/// place by itself: as it was fitted.
+fn other_side(
+    next: &Judged,
+    larger: &[(Prospect, Option<Judged>)],
+    without: f64,
+    cost: &dyn Fn(&Judged) -> f64,
+) -> Option<Prospect> {
+    let added = *next.fitted.effects().last()?;
+    // A sensor changes what is measured of both.
+    if added.info().site == Site::Sensor {
+        return None;
+    }
+    let others = larger.iter().filter_map(|(p, set)| Some((p, set.as_ref()?)));
+    let others = others.filter(|(p, set)| {
+        p.effect.info().site != Site::Sensor
+            && is_mechanical(p.effect) != is_mechanical(added)
+            && cost(set) < without
+    });
+    let (prospect, set) = others.min_by(|a, b| cost(a.1).total_cmp(&cost(b.1)))?;
+    let slot = set.fitted.model.slots().last()?;
+    Some(Prospect { start: set.fitted.parameters[slot.parameters.clone()].to_vec(), ..prospect.clone() })
 }
 
 /// Those effects that are not in a set.

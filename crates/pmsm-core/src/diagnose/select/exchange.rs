@@ -3,7 +3,7 @@
 use super::Search;
 use super::subset::{in_place, reduced, special_cases};
 use crate::diagnose::fitting;
-use crate::diagnose::power::Shown;
+use crate::diagnose::power::{Shown, Surveyed};
 use crate::diagnose::shortlist::Scorer;
 use crate::diagnose::verdict::Judged;
 use crate::effects::EffectId;
@@ -12,6 +12,8 @@ use rayon::prelude::*;
 
 /// To first order a rival may lose this many nats more than it does once refitted.
 const FIRST_ORDER: f64 = 20.0;
+/// Nats to first order from which an effect is needed, whatever a refit without it could make up for.
+const SURE: f64 = 60.0;
 /// Rivals of one effect that are refitted in its place.
 const RIVALS: usize = 2;
 
@@ -27,23 +29,25 @@ pub struct Swap {
 }
 
 impl Search<'_> {
-    /// Drops effects without which the evidence is larger, the most superfluous first, and puts special cases in place of wider ones.
-    pub(super) fn prune(&self, mut best: Judged, seen: &mut Vec<Judged>) -> Result<Judged> {
-        loop {
-            let ways: Vec<(EffectId, Option<EffectId>)> = ways(&best.fitted.effects());
-            let tried = self.each(&best, &ways, seen)?;
-            let evidence = self.evidence();
-            let simpler = tried.into_iter().min_by(|a, b| evidence.cost(a).total_cmp(&evidence.cost(b)));
-            match simpler {
-                Some(simpler) if !evidence.prefers(&best, &simpler) && !self.monitor.cancelled() => {
-                    if std::env::var("PMSM_TRACE").is_ok() {
-                        eprintln!("prune {:?} -> {:?}: {:.1} {:.1} elsewhere {:.1} {:.1}", best.fitted.effects(), simpler.fitted.effects(), evidence.cost(&best), evidence.cost(&simpler), evidence.cost_elsewhere(&best), evidence.cost_elsewhere(&simpler));
-                    }
-                    best = simpler;
-                }
-                _ => return Ok(best),
-            }
-        }
+    /// The set with less that has more evidence, if there is one: without an effect, or with a special case of it. What is worth much to
+    /// first order is not asked.
+    pub(super) fn simpler(
+        &self,
+        best: &Judged,
+        worth: &[(EffectId, f64)],
+        seen: &mut Vec<Judged>,
+    ) -> Result<Option<Judged>> {
+        let effects = best.fitted.effects();
+        let weak = worth.iter().filter(|(_, nats)| *nats < SURE).map(|(e, _)| (*e, None));
+        let narrower = effects.iter().flat_map(|gone| {
+            let instead = special_cases(*gone).filter(|e| !effects.contains(e));
+            instead.map(|narrow| (*gone, Some(narrow)))
+        });
+        let ways: Vec<(EffectId, Option<EffectId>)> = weak.chain(narrower).collect();
+        let evidence = self.evidence();
+        let tried = self.each(best, &ways, seen)?;
+        let simpler = tried.into_iter().min_by(|a, b| evidence.cost(a).total_cmp(&evidence.cost(b)));
+        Ok(simpler.filter(|simpler| !evidence.prefers(best, simpler) && !self.monitor.cancelled()))
     }
 
     /// The sets in which the first of each pair is taken out of `best`, with the second in its place, as fitted before or now.
@@ -81,25 +85,28 @@ impl Search<'_> {
         whole.filter(|set| is_set(&set.fitted.effects(), wanted)).last()
     }
 
-    /// For each effect of the best set, the set without it, and those with another effect in its place that may do as well as it to first
-    /// order.
+    /// Sets beside the best one that may have as much evidence to first order: without one of its effects, or with another in its place.
     pub(super) fn exchange(
         &self,
         best: &Judged,
-        shown: &[Shown],
+        surveyed: &Surveyed,
         seen: &mut Vec<Judged>,
     ) -> Result<Vec<Swap>> {
-        let effects = best.fitted.effects();
-        let ways: Vec<(EffectId, Option<EffectId>)> = effects.iter().map(|e| (*e, None)).collect();
+        let loses = |s: &Shown, found: EffectId, nats: f64| nats * (1.0 - s.cosine(found).powi(2));
+        let open = |found: EffectId, nats: f64| {
+            nats < SURE || surveyed.absent.iter().any(|s| loses(s, found, nats) < FIRST_ORDER)
+        };
+        let asked: Vec<(EffectId, f64)> =
+            surveyed.worth.iter().copied().filter(|(e, nats)| open(*e, *nats)).collect();
+        let ways: Vec<(EffectId, Option<EffectId>)> = asked.iter().map(|(e, _)| (*e, None)).collect();
         let without = self.each(best, &ways, seen)?;
-        let evidence = self.evidence();
         let mut out: Vec<Swap> = Vec::new();
         let mut tasks = Vec::new();
-        for (replaced, fewer) in effects.iter().zip(&without) {
+        for ((replaced, nats), fewer) in asked.iter().zip(&without) {
             out.push(Swap { replaced: *replaced, by: None, judged: fewer.clone() });
-            let worth = evidence.cost(fewer) - evidence.cost(best);
-            let loses = |s: &Shown| worth * (1.0 - s.cosine(*replaced).powi(2));
-            let mut rivals: Vec<&Shown> = shown.iter().filter(|s| loses(s) < FIRST_ORDER).collect();
+            let loses = |s: &Shown| loses(s, *replaced, *nats);
+            let mut rivals: Vec<&Shown> =
+                surveyed.absent.iter().filter(|s| loses(s) < FIRST_ORDER).collect();
             rivals.sort_by(|a, b| loses(a).total_cmp(&loses(b)));
             tasks.extend(rivals.into_iter().take(RIVALS).map(|s| (*replaced, s.effect, fewer)));
         }
@@ -124,16 +131,6 @@ impl Search<'_> {
         out.extend(swaps);
         Ok(out)
     }
-}
-
-/// Ways to make a set simpler: each effect dropped, or with a special case of it in its place.
-fn ways(effects: &[EffectId]) -> Vec<(EffectId, Option<EffectId>)> {
-    let fewer = effects.iter().map(|gone| (*gone, None));
-    let narrower = effects.iter().flat_map(|gone| {
-        let instead = special_cases(*gone).filter(|e| !effects.contains(e));
-        instead.map(|narrow| (*gone, Some(narrow)))
-    });
-    fewer.chain(narrower).collect()
 }
 
 /// Whether both hold the same effects.
