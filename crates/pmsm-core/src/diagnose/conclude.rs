@@ -53,7 +53,7 @@ pub fn conclude(
         outcome.swaps.clear();
         let asked = able::able(data).0;
         let worth = outcome.evidence.samples();
-        outcome.shown = power::survey(data, &outcome.base.fitted, &asked, worth, true, monitor).absent;
+        outcome.shown = power::survey(data, &outcome.base.fitted, &asked, worth, true, monitor);
     }
     let (mut verdict, mut ranked) = decide::decide(&outcome, data.poor);
     if monitor.cancelled() && matches!(verdict, Verdict::Unknown | Verdict::NoMismatch) {

@@ -101,12 +101,20 @@ struct Survey<'a> {
     found: Vec<Found>,
 }
 
-/// What a recording shows beside a set of effects.
-pub struct Surveyed {
-    /// Of effects that are not in the set.
-    pub absent: Vec<Shown>,
-    /// Nats that each effect of the set is worth to first order, all other parameters giving way.
-    pub worth: Vec<(EffectId, f64)>,
+/// Nats that each effect of a fitted set is worth to first order, all other parameters giving way. `samples` is what each channel counts.
+pub fn worth(data: &Data, best: &Hypothesis, samples: &[f64]) -> Vec<(EffectId, f64)> {
+    let scorer = Scorer::new(data, best);
+    let blocks = scorer.experiment().blocks();
+    let (jacobian, _) = scorer.fitted();
+    let of = |effect: &EffectId| {
+        let trace = trace(&scorer, best, *effect, jacobian).trace;
+        let nats = |(block, n): (&Block, &f64)| {
+            let rows = trace.rows(block.rows.start, block.rows.len());
+            0.5 * n * (rows.norm_squared() / block.counted.max(1) as f64).ln_1p()
+        };
+        (*effect, blocks.iter().zip(samples).map(nats).sum())
+    };
+    best.effects().par_iter().map(of).collect()
 }
 
 /// Judges what the recording would have shown of each of `absent` beside the effects of `best`. `worth` is what each channel counts,
@@ -119,36 +127,27 @@ pub fn survey(
     worth: &[f64],
     poor: bool,
     monitor: &dyn Monitor,
-) -> Surveyed {
+) -> Vec<Shown> {
     let scorer = Scorer::new(data, best);
     let blocks = scorer.experiment().blocks();
-    let nats = |trace: &DMatrix<f64>| -> f64 {
-        let of = |(block, n): (&Block, &f64)| {
-            let rows = trace.rows(block.rows.start, block.rows.len());
-            0.5 * n * (rows.norm_squared() / block.counted.max(1) as f64).ln_1p()
-        };
-        blocks.iter().zip(worth).map(of).sum()
-    };
-    let mut found_worth = Vec::new();
     let (jacobian, basis) = scorer.fitted();
     let (mut found, mut columns) = (Vec::new(), Vec::new());
     let mut at = basis.ncols();
     for effect in best.effects() {
         let Trace { alone, trace, size } = trace(&scorer, best, effect, jacobian);
-        found_worth.push((effect, nats(&trace)));
         let end = at + alone.ncols();
         found.push(Found { effect, alone: at..end, trace: end, size });
         at = end + 1;
         columns.extend([alone, trace]);
     }
     let fitted = Fitted::new(jacobian, basis);
-    let known = Known::new(basis.clone(), &columns, blocks.clone());
+    let known = Known::new(basis.clone(), &columns, blocks);
     let survey = Survey { scorer, best, worth, poor, fitted, known, found };
     let judged: Vec<Option<Shown>> = absent
         .par_iter()
         .map(|effect| if monitor.cancelled() { None } else { survey.judge(*effect) })
         .collect();
-    Surveyed { absent: judged.into_iter().flatten().collect(), worth: found_worth }
+    judged.into_iter().flatten().collect()
 }
 
 /// What a found effect does to the residual.
@@ -298,18 +297,18 @@ mod tests {
     #[test]
     fn reversals_show_what_one_speed_hides() {
         let (poor, base) = data(&setup(narrow(), Vec::new()));
-        let hidden = survey(&poor, &base, &ASKED, &worth(&base), false, &Silent).absent;
+        let hidden = survey(&poor, &base, &ASKED, &worth(&base), false, &Silent);
         assert!(power(&hidden, EffectId::CoulombFriction) < 0.1, "{hidden:?}");
         let rich = speeds(1.0, &[(0.1, 100.0), (0.4, -100.0), (0.6, -100.0), (0.9, 100.0)]);
         let (rich, base) = data(&setup(rich, Vec::new()));
-        let seen = survey(&rich, &base, &ASKED, &worth(&base), false, &Silent).absent;
+        let seen = survey(&rich, &base, &ASKED, &worth(&base), false, &Silent);
         assert!(power(&seen, EffectId::CoulombFriction) > 0.9, "{seen:?}");
     }
 
     #[test]
     fn what_absorbs_a_hidden_effect_is_named() {
         let (poor, base) = data(&setup(narrow(), Vec::new()));
-        let hidden = survey(&poor, &base, &[EffectId::CoulombFriction], &worth(&base), false, &Silent).absent;
+        let hidden = survey(&poor, &base, &[EffectId::CoulombFriction], &worth(&base), false, &Silent);
         assert!(hidden[0].size.1 < 0.5 * hidden[0].size.0);
         assert!(hidden[0].absorbed_by.contains(&"b".to_string()), "{hidden:?}");
         assert!(hidden[0].why(&[]).contains("the fitted b"), "{}", hidden[0].why(&[]));
@@ -321,13 +320,13 @@ mod tests {
         let (poor, base) = data(&setup(narrow(), effects.clone()));
         let best = fitted(&poor, &base, EffectId::CoulombFriction);
         let asked = [EffectId::AsymmetricFriction, EffectId::CoggingTorque];
-        let shown = survey(&poor, &best, &asked, &worth(&best), false, &Silent).absent;
+        let shown = survey(&poor, &best, &asked, &worth(&best), false, &Silent);
         assert!(shown[0].resembles(EffectId::CoulombFriction), "{shown:?}");
         assert!(!shown[1].resembles(EffectId::CoulombFriction), "{shown:?}");
         let rich = speeds(1.0, &[(0.1, 100.0), (0.4, -100.0), (0.6, -100.0), (0.9, 100.0)]);
         let (rich, base) = data(&setup(rich, effects));
         let best = fitted(&rich, &base, EffectId::CoulombFriction);
-        let shown = survey(&rich, &best, &asked, &worth(&best), false, &Silent).absent;
+        let shown = survey(&rich, &best, &asked, &worth(&best), false, &Silent);
         assert!(!shown[0].resembles(EffectId::CoulombFriction), "{shown:?}");
     }
 
@@ -336,7 +335,7 @@ mod tests {
         let effects = vec![choice("coulomb_friction", "tau_c", 1.0)];
         let (data, base) = data(&setup(narrow(), effects));
         let best = fitted(&data, &base, EffectId::CoulombFriction);
-        let shown = survey(&data, &best, &[EffectId::StribeckFriction], &worth(&best), false, &Silent).absent;
+        let shown = survey(&data, &best, &[EffectId::StribeckFriction], &worth(&best), false, &Silent);
         assert!(shown[0].power < 0.5, "{shown:?}");
         let why = shown[0].why(&[EffectId::CoulombFriction]);
         assert!(why.contains("special case") && why.contains("cannot be excluded"), "{why}");
@@ -348,7 +347,7 @@ mod tests {
             let rich = speeds(1.0, &[(0.1, 100.0), (0.4, -100.0), (0.6, -100.0), (0.9, 100.0)]);
             let (data, base) = data(&setup(rich, vec![choice("coulomb_friction", "tau_c", tau_c)]));
             let best = fitted(&data, &base, EffectId::CoulombFriction);
-            survey(&data, &best, &[EffectId::StribeckFriction], &worth(&best), false, &Silent).absent[0].power
+            survey(&data, &best, &[EffectId::StribeckFriction], &worth(&best), false, &Silent)[0].power
         };
         let (large, small) = (power(1.0), power(0.02));
         assert!(large > 0.3 && small < 0.1, "{large} {small}");

@@ -111,16 +111,22 @@ impl Search<'_> {
         let mut shown = Vec::new();
         for _ in 0..MOST {
             let evidence = self.evidence();
-            let poor = self.most < MOST;
-            let absent = absent(&able, &best);
-            let surveyed =
-                power::survey(self.data, &best.fitted, &absent, evidence.samples(), poor, self.monitor);
-            if let Some(simpler) = self.simpler(&best, &surveyed.worth, &mut seen)? {
+            let worth = power::worth(self.data, &best.fitted, evidence.samples());
+            stamp("worth");
+            if let Some(simpler) = self.simpler(&best, &worth, &mut seen)? {
                 best = simpler;
                 continue;
             }
-            swaps = self.exchange(&best, &surveyed, &mut seen)?;
-            shown = surveyed.absent;
+            stamp("simpler");
+            let (absent, poor) = (absent(&able, &best), self.most < MOST);
+            shown = power::survey(self.data, &best.fitted, &absent, evidence.samples(), poor, self.monitor);
+            stamp("surveyed");
+            swaps = self.exchange(&best, &worth, &shown, &mut seen)?;
+            stamp("exchanged");
+            if std::env::var("PMSM_TRACE").is_ok() {
+                eprintln!("worth {:?}", worth);
+                for s in &swaps { eprintln!("   {:?} by {:?} {:.1}", s.replaced, s.by, evidence.cost(&s.judged) - evidence.cost(&best)); }
+            }
             let better = swaps.iter().filter(|s| evidence.prefers(&s.judged, &best));
             let better = better.min_by(|a, b| evidence.cost(&a.judged).total_cmp(&evidence.cost(&b.judged)));
             let Some(better) = better.map(|s| s.judged.clone()) else { break };
@@ -166,7 +172,9 @@ impl Search<'_> {
                     next = both;
                 }
             }
+            stamp("both sides");
             best = self.renewed(next)?;
+            stamp("renewed");
             seen.push(best.clone());
             let share = best.fitted.effects().len() as f64 / MOST as f64;
             self.monitor.report("effects", 0.2 + 0.6 * share);
@@ -219,9 +227,11 @@ impl Search<'_> {
         let scorer = Scorer::new(self.data, &parent.fitted);
         let score = |effect: &EffectId| match self.monitor.cancelled() {
             true => Prospect::nothing(*effect, parent.fitted.model.context()),
-            false => scorer.score(*effect),
+            false => { let t = std::time::Instant::now(); let s = scorer.score(*effect); if std::env::var("PMSM_TRACE").is_ok_and(|x| x == "3") { eprintln!("t {:?} {:.3}", effect, t.elapsed().as_secs_f64()); } s },
         };
+        stamp("score");
         let mut prospects: Vec<Prospect> = candidates.par_iter().map(score).collect();
+        stamp("scored");
         prospects.sort_by(|a, b| b.score.total_cmp(&a.score));
         // Those that lead on their side, and those that may be what leads.
         let mut leading: Vec<EffectId> = Vec::new();
@@ -235,7 +245,9 @@ impl Search<'_> {
             let set = if asked { self.refit(parent, &prospect)? } else { None };
             Ok((prospect, set.map(|fitted| Judged { fitted, held_out: Vec::new(), refuted: false })))
         };
-        prospects.into_par_iter().map(refit).collect()
+        let out = prospects.into_par_iter().map(refit).collect();
+        stamp("refitted");
+        out
     }
 
     /// By what sets are compared.
@@ -256,6 +268,12 @@ impl Search<'_> {
     }
 }
 
+pub static T0: std::sync::LazyLock<std::time::Instant> = std::sync::LazyLock::new(std::time::Instant::now);
+pub fn stamp(what: &str) {
+    if std::env::var("PMSM_TRACE").is_ok() {
+        eprintln!("{:8.3} {what}", T0.elapsed().as_secs_f64());
+    }
+}
 fn trace(best: &Judged, larger: &[(Prospect, Option<Judged>)], cost: &dyn Fn(&Judged) -> f64) {
     if std::env::var("PMSM_TRACE").is_ok() {
         let round = |h: &Hypothesis| h.squares.iter().map(|x| (x.1 * 100.0).round() / 100.0).collect::<Vec<_>>();

@@ -26,8 +26,11 @@ const SHAPES: usize = 8;
 const COLUMNS: usize = 12;
 
 /// Strengths, over the typical one, at which an effect is tried whose trace changes with it, and factors by which the best is refined.
-const STRENGTHS: [f64; 3] = [0.2, 0.6, 1.2];
+const STRENGTHS: [f64; 2] = [0.3, 1.0];
 const FINER: [f64; 6] = [1.25, 1.12, 1.06, 2.0, 1.1, 1.03];
+
+/// Score below which the best is not refined.
+const LEAST_TRIAL: f64 = 0.01;
 
 /// The most promising start for fitting one more effect.
 #[derive(Debug, Clone)]
@@ -119,7 +122,7 @@ impl<'a> Scorer<'a> {
         let coarse = probes.iter().flat_map(|shape| STRENGTHS.map(|share| with(shape, share))).collect();
         let mut best = best_of(coarse, nothing);
         for step in FINER {
-            if best.score == 0.0 {
+            if best.score < LEAST_TRIAL {
                 break;
             }
             let around = |k: usize, times: f64| {

@@ -3,7 +3,7 @@
 use super::Search;
 use super::subset::{in_place, reduced, special_cases};
 use crate::diagnose::fitting;
-use crate::diagnose::power::{Shown, Surveyed};
+use crate::diagnose::power::Shown;
 use crate::diagnose::shortlist::Scorer;
 use crate::diagnose::verdict::Judged;
 use crate::effects::EffectId;
@@ -89,15 +89,16 @@ impl Search<'_> {
     pub(super) fn exchange(
         &self,
         best: &Judged,
-        surveyed: &Surveyed,
+        worth: &[(EffectId, f64)],
+        shown: &[Shown],
         seen: &mut Vec<Judged>,
     ) -> Result<Vec<Swap>> {
         let loses = |s: &Shown, found: EffectId, nats: f64| nats * (1.0 - s.cosine(found).powi(2));
         let open = |found: EffectId, nats: f64| {
-            nats < SURE || surveyed.absent.iter().any(|s| loses(s, found, nats) < FIRST_ORDER)
+            nats < SURE || shown.iter().any(|s| loses(s, found, nats) < FIRST_ORDER)
         };
         let asked: Vec<(EffectId, f64)> =
-            surveyed.worth.iter().copied().filter(|(e, nats)| open(*e, *nats)).collect();
+            worth.iter().copied().filter(|(e, nats)| open(*e, *nats)).collect();
         let ways: Vec<(EffectId, Option<EffectId>)> = asked.iter().map(|(e, _)| (*e, None)).collect();
         let without = self.each(best, &ways, seen)?;
         let mut out: Vec<Swap> = Vec::new();
@@ -106,7 +107,7 @@ impl Search<'_> {
             out.push(Swap { replaced: *replaced, by: None, judged: fewer.clone() });
             let loses = |s: &Shown| loses(s, *replaced, *nats);
             let mut rivals: Vec<&Shown> =
-                surveyed.absent.iter().filter(|s| loses(s) < FIRST_ORDER).collect();
+                shown.iter().filter(|s| loses(s) < FIRST_ORDER).collect();
             rivals.sort_by(|a, b| loses(a).total_cmp(&loses(b)));
             tasks.extend(rivals.into_iter().take(RIVALS).map(|s| (*replaced, s.effect, fewer)));
         }
