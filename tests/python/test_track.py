@@ -208,8 +208,9 @@ def test_batches_must_fit_together(simulated: pm.Simulation, columns: dict[str, 
 
 
 def test_ctrl_c_takes_nothing_in(simulated: pm.Simulation, columns: dict[str, np.ndarray]) -> None:
-    swarm = pm.Swarm(particles=2000, iterations=2000)
-    tracker = pm.Tracker(simulated.machine, method="pso", swarm=swarm)
+    # on one thread minutes of work, on any processor
+    swarm = pm.Swarm(particles=2000, iterations=1_000_000)
+    tracker = pm.Tracker(simulated.machine, method="pso", swarm=swarm, threads=1)
     before = tracker.state()
     timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
