@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable
 from importlib import import_module
@@ -26,6 +27,11 @@ settings.load_profile("fixed")
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = Path(pmsm_rs.__file__).resolve().parent
+
+# Each worker of pytest-xdist keeps the compiled functions of the proof for itself: two that save different
+# versions of a function at the same moment give them one name.
+if (worker := os.environ.get("PYTEST_XDIST_WORKER")) is not None:
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(ROOT / ".pytest_cache" / "numba" / worker))
 
 Columns = dict[str, NDArray[np.float64]]
 
