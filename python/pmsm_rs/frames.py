@@ -5,6 +5,7 @@ arrays.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,12 +25,8 @@ def frame_source(data: Any, max_bytes: int) -> Source:
         return from_arrays(None, {name: data[name] for name in data.dtype.names})
     if _is_pandas(data):
         names = [str(name) for name in data.columns]
-        twice = next((name for name in names if names.count(name) > 1), None)
-        if twice is not None:
-            raise refuse(
-                DataError, f"two columns are called '{twice}'", column=twice, fix="rename one of them"
-            )
-        return from_arrays(None, {name: data.iloc[:, i].to_numpy() for i, name in enumerate(names)})
+        arrays = {name: data.iloc[:, i].to_numpy() for i, name in enumerate(names)}
+        return replace(from_arrays(None, arrays), names=tuple(names))
     if hasattr(data, "__arrow_c_stream__"):
         import arro3.core
 

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._core import DataError
-from .columns import Rules, assemble
+from .columns import assemble
 from .errors import refuse
 from .formats.sniff import is_number, name_and_unit, skipped, split
 from .formats.source import Source
+from .rules import Rules
 
 NAME = "standard input"
 _CHUNK = 1 << 16
@@ -97,6 +98,7 @@ class _Table(Protocol):
 
     names: tuple[str, ...]
     units: dict[str, str]
+    headers: dict[str, str]
 
     def row(self, line: str, number: int) -> list[float]:
         """The values of a line in the order of `names`. Raises DataError for a line that is no row."""
@@ -110,6 +112,11 @@ class _Text:
         fields = [name_and_unit(field) for field in split(header, self.separator)]
         self.names = tuple(name for name, _ in fields)
         self.units = {name: unit for name, unit in fields if unit}
+        self.headers = {
+            name: text
+            for (name, _), text in zip(fields, split(header, self.separator), strict=True)
+            if text != name
+        }
         if header.lstrip().startswith("["):
             raise _bad("this is no JSON object", number, 'send objects such as {"t": 0.0, "i_d": 1.0}')
         if len(self.names) < 2 or all(is_number(name, False) for name in self.names):
@@ -143,6 +150,7 @@ class _Objects:
     def __init__(self, line: str, number: int) -> None:
         self.names = tuple(self._object(line, number))
         self.units: dict[str, str] = {}
+        self.headers: dict[str, str] = {}
         if not self.names:
             raise _bad("the object is empty", number, 'send objects such as {"t": 0.0, "i_d": 1.0}')
 
@@ -196,5 +204,5 @@ def _columns(table: _Table, rows: list[tuple[int, list[float]]], rules: Rules | 
     def place(row: int) -> tuple[int, str]:
         return rows[row][0], f"line {rows[row][0]}"
 
-    source = Source(NAME, table.names, read, units=table.units, place=place)
+    source = Source(NAME, table.names, read, units=table.units, place=place, headers=table.headers)
     return assemble(source, rules, finite=False, first=first)

@@ -51,7 +51,7 @@ def open_file(file: Path, max_bytes: int) -> Source:
         line = _line_of(text, layout, row)
         return line, f"line {line}"
 
-    source = Source(name, layout.names, read, units=layout.units, place=place)
+    source = Source(name, layout.names, read, units=layout.units, place=place, headers=layout.headers)
     return source if axis is None else scope.timed(source, axis)
 
 

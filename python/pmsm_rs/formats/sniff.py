@@ -22,7 +22,9 @@ _IN_UNIT = re.compile(r"^(?P<name>.*?)\s*\bin\s+(?P<unit>\S+)$")
 
 @dataclass(frozen=True)
 class Layout:
-    """What was found. Lines count from 0; `units` has an entry for each column that states one."""
+    """What was found. Lines count from 0; `units` has an entry for each column that states one, `headers` for
+    each whose header is more than its name. A name may stand twice.
+    """
 
     separator: str
     comma: bool
@@ -30,6 +32,7 @@ class Layout:
     first_line: int
     names: tuple[str, ...]
     units: dict[str, str]
+    headers: dict[str, str]
 
 
 def skipped(line: str) -> bool:
@@ -136,8 +139,8 @@ def _with_separator(
         return None
     above = [i for i in fields if i < first]
     header = _header(lines, fields, above, first, width, numeric, comma, separator, file)
-    names, units = _names(*header[1:], file=file)
-    return Layout(separator, comma, header[0], first, names, units), count
+    names, units, headers = _names(*header[1:])
+    return Layout(separator, comma, header[0], first, names, units, headers), count
 
 
 def _decimal_comma(fields: dict[int, list[str]]) -> bool:
@@ -213,27 +216,25 @@ def _is_units_row(fields: list[str], numeric: list[int]) -> bool:
 
 
 def _names(
-    header: list[str], below: list[str] | None, *, file: str
-) -> tuple[tuple[str, ...], dict[str, str]]:
+    header: list[str], below: list[str] | None
+) -> tuple[tuple[str, ...], dict[str, str], dict[str, str]]:
     names: list[str] = []
+    known: set[str] = set()
     units: dict[str, str] = {}
-    for c, text in enumerate(header):
-        name, unit = name_and_unit(text.strip())
+    headers: dict[str, str] = {}
+    for c, field in enumerate(header):
+        text = field.strip()
+        name, unit = name_and_unit(text)
         unit = unit or (below[c].strip("[]() ") if below else None)
         if not name:
             name = f"column {c + 1}"
-        if name in names:
-            # Two headers that differ in their units only are two columns; two that do not are a mistake.
-            if text.strip() in names or header.count(text) > 1:
-                raise refuse(
-                    DataError,
-                    f"two columns are called '{name}'",
-                    file=file,
-                    column=name,
-                    fix="rename one of them",
-                )
-            name = text.strip()
+        if name in known and headers.get(name, name) != text:
+            # Two headers that differ in their units only are two columns.
+            name = text
         names.append(name)
+        known.add(name)
         if unit:
             units[name] = unit
-    return tuple(names), units
+        if text and text != name:
+            headers[name] = text
+    return tuple(names), units, headers

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._core import DataError
 from ..errors import did_you_mean, refuse
+from ..units import is_unit
 from .selection import Selection
+from .sniff import name_and_unit
 
 MISSING_FIX = "fill the gap, cut the rows, or leave the column out (NAME = false in [columns])"
 PLAIN_FIX = "store one real number per row"
@@ -42,7 +45,8 @@ class Source:
     """A recording as it lies in its file or frame: names, stated units, and the way to the numbers.
 
     `read(names)` gives one 1-D float64 array per name; `place(row)` turns a row (from 0) into the number and
-    the words under which the user finds it.
+    the words under which the user finds it. `headers` are the headers to the letter where a name is only a
+    part of it. A name may stand twice: then neither column can be read.
     """
 
     file: str | None
@@ -51,16 +55,49 @@ class Source:
     units: Mapping[str, str] = field(default_factory=dict)
     place: Callable[[int], tuple[int, str]] = _row_from_zero
     resolve: Callable[[str], str | None] = lambda _name: None
+    headers: Mapping[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def twice(self) -> frozenset[str]:
+        """Names that more than one column has."""
+        return frozenset(name for name, count in Counter(self.names).items() if count > 1)
+
+    @cached_property
+    def _by_header(self) -> dict[str, str]:
+        """Column by its header to the letter, and by its name without the unit where that is the only one."""
+        short = [(name_and_unit(name)[0], name) for name in self.names]
+        count = Counter(part for part, _ in short)
+        only = {part: name for part, name in short if count[part] == 1}
+        return {**only, **{text: name for name, text in self.headers.items()}}
+
+    def header(self, column: str) -> str:
+        """The header of `column` to the letter."""
+        return self.headers.get(column, column)
 
     def unit(self, column: str) -> str | None:
         """The unit that the file states for `column` or for the array of which it is a part."""
-        return self.units.get(column, self.units.get(Selection.of(column).name))
+        stated = self.units.get(column, self.units.get(Selection.of(column).name))
+        if stated is None and column in self.names:
+            # Formats without a place for units have them in the name.
+            stated = name_and_unit(column)[1]
+            stated = stated if stated is not None and is_unit(stated) else None
+        return stated
 
     def find(self, wanted: str, canonical: str) -> str:
-        """The column called `wanted` here. Raises DataError naming what there is."""
+        """The column called `wanted` here, be it by its name or by its header to the letter. Raises DataError
+        naming what there is, and where two columns are called so.
+        """
+        if wanted in self.twice or (wanted not in self.names and self._by_header.get(wanted) in self.twice):
+            raise refuse(
+                DataError,
+                f"two columns are called '{wanted}'",
+                file=self.file,
+                column=wanted,
+                fix="rename one of them",
+            )
         if wanted in self.names:
             return wanted
-        other = self.resolve(wanted)
+        other = self.resolve(wanted) or self._by_header.get(wanted)
         if other is not None:
             return other
         raise refuse(
@@ -68,7 +105,7 @@ class Source:
             f"there is no column '{wanted}' for {canonical}",
             file=self.file,
             column=wanted,
-            fix=did_you_mean(wanted, self.names),
+            fix=did_you_mean(wanted, {*self.names, *self.headers.values()}),
         )
 
 
