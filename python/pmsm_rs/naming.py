@@ -123,7 +123,7 @@ def _with_unit(own: Sequence[str], beside: tuple[str, ...]) -> Meaning | None:
         if _is_unit_or_phase(own, whole.quantity):
             return replace(whole, columns=(), sure=False)
         return whole
-    for count in (3, 2, 1):
+    for count in (1, 2, 3):
         if len(own) <= count:
             continue
         head = _interpret([*words_of(own[:-count]), *beside])

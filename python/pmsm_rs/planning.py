@@ -124,9 +124,11 @@ def _guess(draft: _Draft, columns: Iterable[str]) -> None:
     source = draft.source
     plain = {normal(name) for name in source.names}
     log = next((table for marks, table in LOGS.values() if marks <= plain), {})
-    columns = list(columns)
-    pair = any(_is_q_current(name, source) for name in source.names) or "i_q" in draft.given
-    for column in columns:
+    meanings = {column: meaning(column, source.unit(column)) for column in columns}
+    pair = "i_q" in draft.given or any(
+        found is not None and found.sure and found.columns == ("i_q",) for found in meanings.values()
+    )
+    for column, found in meanings.items():
         stated, key = source.unit(column), normal(column)
         unit, beside = unit_and_words(stated)
         if key in log:
@@ -139,7 +141,7 @@ def _guess(draft: _Draft, columns: Iterable[str]) -> None:
             draft.claim(column, "t", stated, _EXACT)
         elif key in TEMPERATURES:
             _temperature(draft, column, TEMPERATURES[key], stated)
-        elif (found := meaning(column, stated)) is not None:
+        elif found is not None:
             if log and (len(found.columns) != 1 or not found.sure):
                 # The names of this log are documented: what its table leaves out is none of the motor's.
                 continue
@@ -147,11 +149,6 @@ def _guess(draft: _Draft, columns: Iterable[str]) -> None:
                 draft.unused[column] = Unused(column, "number", "it may be the number of something")
                 continue
             _take(draft, column, found)
-
-
-def _is_q_current(name: str, source: Source) -> bool:
-    found = meaning(name, source.unit(name))
-    return found is not None and found.sure and found.columns == ("i_q",)
 
 
 def _temperature(draft: _Draft, column: str, name: str, stated: str | None) -> None:
@@ -167,10 +164,10 @@ def _take(draft: _Draft, column: str, found: Meaning) -> None:
     if found.other:
         return
     dimension = found.quantity
-    if dimension in {"angle", "speed", "torque", "time"} and found.unit is not None:
+    unassumed = dimension in {"angle", "speed", "torque", "time"}
+    if unassumed and found.unit is not None and canonical(found.unit, dimension) is None:
         # Names of these are names of much else, which the unit tells: a position in mm is no angle.
-        if canonical(found.unit, dimension) is None:
-            found = replace(found, sure=False, columns=())
+        found = replace(found, sure=False, columns=())
     if dimension in {"torque", "time"} and not found.sure:
         return
     if not found.sure or not found.columns:

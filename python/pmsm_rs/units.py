@@ -114,6 +114,7 @@ def canonical(text: str, dimension: str) -> str | None:
     return None
 
 
+@lru_cache(maxsize=4096)
 def is_unit(text: str) -> bool:
     """Whether `text` is a unit of any dimension."""
     return any(canonical(text, dimension) is not None for dimension in UNITS)

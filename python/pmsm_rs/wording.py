@@ -53,7 +53,7 @@ def name_and_slash(name: str) -> tuple[str, str | None]:
     if slash and is_unit(tail):
         return head, tail.strip()
     head, _, tail = name.rpartition(" ")
-    return (head, tail) if head and "/" in tail and is_unit(tail) else (name, None)
+    return (head.removesuffix(" in"), tail) if head and "/" in tail and is_unit(tail) else (name, None)
 
 
 def chunks(segment: str) -> list[str]:

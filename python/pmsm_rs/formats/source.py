@@ -77,7 +77,7 @@ class Source:
     def unit(self, column: str) -> str | None:
         """The unit that the file states for `column` or for the array of which it is a part."""
         stated = self.units.get(column, self.units.get(Selection.of(column).name))
-        if stated is None and column in self.names:
+        if stated is None:
             # Formats without a place for units have them in the name.
             stated = name_and_unit(column)[1]
             stated = stated if stated is not None and is_unit(stated) else None
