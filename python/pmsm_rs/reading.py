@@ -166,7 +166,7 @@ def _questions(kind: str | None, load: str | None, account: Account) -> dict[str
     if not mechanical:
         sentences.append(f"Nothing was asked of the motion: {_no_motion(kind, load, account)}.")
     elif not angle:
-        sentences.append(f"Nothing was asked over the rotor angle: {_none('angle', account, 'none')}.")
+        sentences.append(f"Nothing was asked of the rotor angle: {_none('angle', account, 'none')}.")
     return {"electrical": electrical, "mechanical": mechanical, "why_not": " ".join(sentences) or None}
 
 
