@@ -214,7 +214,7 @@ def _detail(quantity: str, own: Sequence[str], axis: list[str], letter: int | No
             axis.append(AXES[word])
         elif word in ROLES or word in NEUTRAL or word in NEUTRAL_FOR.get(quantity, ()):
             pass
-        elif not electric and word in FRAMED:
+        elif FRAMED.get(word, ("", ""))[0] == quantity:
             frames |= {FRAMED[word][1]} - {""}
         elif not electric and word in FRAMES:
             frames.add(FRAMES[word])

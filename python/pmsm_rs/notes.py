@@ -11,6 +11,9 @@ from .vocabulary import COMMANDED, ESTIMATED
 
 
 def look_alike(source: Source, column: str, found: Meaning) -> Unused:
+    """A column that looks like a quantity but is not taken for it: some word of its name is not known, or no
+    column can be made of it.
+    """
     article = "an" if found.quantity == "angle" else "a"
     if found.sure:
         why = (
@@ -25,9 +28,10 @@ def look_alike(source: Source, column: str, found: Meaning) -> Unused:
     elif found.columns:
         why = f"{looks}, but not every word of its name is known"
     else:
-        why = f"{looks}, but of what is not clear from its name"
+        why = f"{looks}, but its name does not say which"
     could_be = candidates(found)
-    return Unused(column, found.quantity, why, line_for(source, column, found, could_be[0]), could_be)
+    use = line_for(source, column, found, could_be[0])
+    return Unused(column, _quantity(found), why, use, could_be if len(could_be) > 1 else ())
 
 
 def never_taken(source: Source, column: str, found: Meaning) -> Unused:
@@ -35,10 +39,15 @@ def never_taken(source: Source, column: str, found: Meaning) -> Unused:
     if found.quantity == "torque":
         kind = "command" if found.role == COMMANDED else "estimate"
         return Unused(column, "torque", f"it is a torque {kind}, never the measured load torque")
-    quantity = "DC-link voltage" if found.columns == ("v_dc",) else found.quantity
+    quantity = _quantity(found)
     kind = {COMMANDED: "a reference", ESTIMATED: "an estimate"}.get(found.role or "", "no plain value")
-    why = f"it is {kind} of the {quantity}, not what was measured"
+    why = f"it is {kind} of the {quantity}, not the {quantity} itself"
     return Unused(column, quantity, why, line_for(source, column, found, found.columns[0]))
+
+
+def _quantity(found: Meaning) -> str:
+    """The quantity by which a note is told; the DC link is no voltage of the motor."""
+    return "DC-link voltage" if found.columns == ("v_dc",) else found.quantity
 
 
 def line_for(source: Source, column: str, found: Meaning, name: str) -> str:

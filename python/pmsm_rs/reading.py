@@ -123,9 +123,10 @@ def warnings(read: Mapping[str, Any]) -> list[dict[str, str]]:
 def _fix(entry: Mapping[str, Any]) -> str:
     if not entry["use"]:
         return "Log phase values, or those of the d and q axes."
-    first, *others = entry["could_be"] or ["the right one"]
-    which = f"{first} (or {', '.join(others)} in its place)" if others else first
-    return f"If it is {which}, add to [columns]: {entry['use']}"
+    first, *others = entry["could_be"] or [""]
+    if not others:
+        return f"If it is the right one, add to [columns]: {entry['use']}"
+    return f"If it is {first} (or {', '.join(others)} in its place), add to [columns]: {entry['use']}"
 
 
 _WITHOUT: Final = {

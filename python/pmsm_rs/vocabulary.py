@@ -82,7 +82,7 @@ FRAMES: Final[dict[str, str]] = {
 COMMANDED, MEASURED, FILTERED, ESTIMATED = "commanded", "measured", "filtered", "estimated"
 ROLES: Final[dict[str, str]] = {
     **_words(
-        "ref refs reference cmd cmds command commanded set setpoint sp soll sollwert target tgt demand "
+        "ref refs reference cmd cmds command commanded set setpoint soll sollwert target tgt demand "
         "demanded dem des desired req request requested star goal vorgabe",
         COMMANDED,
     ),
