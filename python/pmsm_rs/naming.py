@@ -13,6 +13,7 @@ from .units import canonical, dimension_of, is_unit
 from .vocabulary import (
     AIRGAP,
     AXES,
+    BESIDE_TIME,
     BETWEEN,
     COMMANDED,
     DC,
@@ -195,7 +196,7 @@ def _interpret(given: Sequence[str]) -> Meaning | None:
 
 def _is_symbol(word: str, own: Sequence[str]) -> bool:
     """Whether a letter stands for a speed or an angle: not where it is the only word left of a sentence."""
-    return all(w == word or w in FRAMES or w in ROLES or w in NEUTRAL or is_unit(w) for w in own)
+    return all(w == word or w in FRAMES or w in ROLES or w in NEUTRAL or w == "r" or is_unit(w) for w in own)
 
 
 def _detail(quantity: str, own: Sequence[str], axis: list[str], letter: int | None) -> Meaning:
@@ -225,6 +226,9 @@ def _detail(quantity: str, own: Sequence[str], axis: list[str], letter: int | No
         else:
             unknown = True
     role, clear = _role(own)
+    if quantity == "voltage" and FILTERED in {ROLES.get(word) for word in own}:
+        # A commanded voltage acts; what a filter makes of it does not.
+        role = FILTERED
     sure = clear and not unknown
     axes = tuple(dict.fromkeys(axis))
     if electric:
@@ -281,7 +285,7 @@ def _role(own: Sequence[str]) -> tuple[str | None, bool]:
 
 def _time(own: Sequence[str]) -> Meaning | None:
     """A time, with its unit where a name has one behind it (`time_us`)."""
-    text = " ".join(own)
+    text = " ".join(word for word in own if word not in BESIDE_TIME)
     if text in TIMES:
         return Meaning("time", ("t",), unit=TIMES[text])
     head, _, tail = text.rpartition(" ")

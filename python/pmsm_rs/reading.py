@@ -195,12 +195,13 @@ def _currents(account: Account) -> bool:
 
 
 def _none(quantity: str, account: Account, none: str) -> str:
-    """That there is no such quantity, or none that was recognised."""
-    lost = [entry.column for entry in account.unused if entry.quantity == quantity]
-    if not lost:
+    """That there is no such quantity, or none that was recognised among the columns that were not used."""
+    if not account.ignored:
         return f"the {account.what} has {none}"
+    lost = [entry.column for entry in account.unused if entry.quantity == quantity]
+    which = f" (ignored: {names(lost)})" if lost else ""
     was = "were" if quantity in {"voltage", "current"} else "was"
-    return f"the {account.what} has {none} that {was} recognised (ignored: {names(lost)})"
+    return f"the {account.what} has {none} that {was} recognised{which}"
 
 
 def names(columns: Sequence[str]) -> str:

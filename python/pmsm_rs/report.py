@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -25,6 +26,8 @@ VERDICTS = {
     "unknown": ("Unknown physics", "doubt"),
     "undetermined": ("Undetermined", "poor"),
 }
+_LITERAL = re.compile(r"((?<!\w)'[^']*'(?!\w)|\b\w+ = \{[^{}]*\})")
+"""A name in quotes, or a line of TOML."""
 _IN_PART = ("No mismatch in what was asked", "doubt")
 
 
@@ -161,10 +164,17 @@ def template(name: str) -> Template:
 
 
 def _typeset(text: str) -> str:
-    """`text` escaped, its symbols with subscripts."""
+    """`text` escaped, its symbols with subscripts; names in quotes and lines of TOML stay as they are, so
+    that they can be copied.
+    """
     from markupsafe import Markup, escape
 
-    return Markup(words.subscripted(str(escape(text)), "<sub>", "</sub>"))
+    parts = _LITERAL.split(text)
+    parts[::2] = [words.subscripted(str(escape(part)), "<sub>", "</sub>") for part in parts[::2]]
+    parts[1::2] = [
+        str(escape(part)) if part.startswith("'") else f"<code>{escape(part)}</code>" for part in parts[1::2]
+    ]
+    return Markup("".join(parts))
 
 
 def _leading(answer: DiagnosisValues) -> Candidate | None:

@@ -14,6 +14,7 @@ from ._core import DataError, Machine, NotIdentifiableError, Recording, UsageErr
 from .answers import Diagnosis, Identification
 from .errors import NothingToAsk, did_you_mean, expect_whole, fact, refuse
 from .reading import Account, told, warnings
+from .words import lower_first
 
 if TYPE_CHECKING:
     from .config import MachineFile
@@ -195,7 +196,7 @@ def diagnose(
         )
     except (DataError, NotIdentifiableError) as error:
         raise _in_file(error, recordings) from error
-    return Diagnosis.of(_complete(json.loads(answer), recordings), traces)
+    return Diagnosis.of(_complete(json.loads(answer), recordings, validation), traces)
 
 
 def _expect_recordings(*given: object) -> None:
@@ -245,11 +246,17 @@ def _in_file(
     return named
 
 
-def _complete(data: dict[str, Any], recordings: Sequence[Recording]) -> dict[str, Any]:
+def _complete(
+    data: dict[str, Any], recordings: Sequence[Recording], validation: Recording | None = None
+) -> dict[str, Any]:
     """The core's answer with what only this side knows: the files, and what was read of them."""
     for entry, recording in zip(data.get("recordings", ()), recordings, strict=False):
         entry["file"] = _file(recording)
-    return _with_read(data, [_read(recording) for recording in recordings])
+    complete = _with_read(data, [_read(recording) for recording in recordings])
+    if validation is not None:
+        lost = [_of("Validation run", finding) for finding in warnings(_read(validation))]
+        complete["data_quality"] += lost
+    return complete
 
 
 def _read(recording: Recording) -> dict[str, Any]:
@@ -261,12 +268,21 @@ def _with_read(data: dict[str, Any], reads: Sequence[Mapping[str, Any]]) -> dict
     """The answer with `read`, an object for one recording and a list of them for several, and with a finding
     for each column that was not used though it may be needed.
     """
-    findings = [finding for read in reads for finding in warnings(read)]
-    known = dict.fromkeys(json.dumps(finding) for finding in findings)
+    each = [warnings(read) for read in reads]
+    findings = [
+        finding if all(finding in other for other in each) else _of(f"Recording {count}", finding)
+        for count, own in enumerate(each, 1)
+        for finding in own
+    ]
+    once = [finding for k, finding in enumerate(findings) if finding not in findings[:k]]
     head = {"schema": data["schema"], "verdict": data["verdict"]}
     head["read"] = reads[0] if len(reads) == 1 else list(reads)
-    head["data_quality"] = [*(json.loads(text) for text in known), *data["data_quality"]]
+    head["data_quality"] = [*once, *data["data_quality"]]
     return head | {name: value for name, value in data.items() if name not in head}
+
+
+def _of(run: str, finding: Mapping[str, str]) -> dict[str, str]:
+    return {**finding, "finding": f"{run}: {lower_first(finding['finding'])}"}
 
 
 def _file(recording: Recording) -> str | None:

@@ -107,7 +107,7 @@ SUPPLY: Final = _set(
 )
 """The supply of the drive, which is no quantity of the motor."""
 OTHER: Final = SUPPLY | _set(
-    "err error diff dev deviation delta fehler abweichung max min limit lim sat rated nominal nenn peak "
+    "err error diff dev deviation delta fehler abweichung max min limit lim rated nominal nenn peak "
     "offset gain kp ki kd integral integrator ff feedforward decoupling std variance status flag fault mode "
     "state index counter crc hours ripple bemf emf flux psi power accel acceleration beschleunigung jerk "
     "inertia resistance inductance efficiency temp temperature temperatur pwm duty carrier switching "
@@ -116,17 +116,22 @@ OTHER: Final = SUPPLY | _set(
 """Words that make of a name another quantity, such as a control error, a limit or a supply."""
 
 NEUTRAL: Final = _set(
-    "motor mot mtr machine rotor stator s r f lr foc ctrl control controller drive inverter inv servo axis "
-    "achse phase phases phasen ph value val wert data sig signal log of the at circuit component comp root "
+    "motor mot mtr machine rotor stator foc ctrl control controller drive inverter inv servo axis "
+    "achse phase phases phasen ph value val wert data sig signal log of the at circuit component root "
     "var vars motorvars dq abc angular rotational encoder enc resolver hall pmsm gm point odrv strang "
     "winding wicklung link"
 )
 """Words that say nothing more about the quantity."""
 NEUTRAL_FOR: Final[dict[str, frozenset[str]]] = {
-    "voltage": frozenset({"out", "output", "terminal", "klemme"}),
-    "current": frozenset({"in"}),
+    # Of the stator, and of the rotor; s of a speed is that of the field, r of a current that of a cage.
+    "voltage": frozenset({"s", "out", "output", "terminal", "klemme"}),
+    "current": frozenset({"s", "in"}),
+    "angle": frozenset({"r"}),
+    "speed": frozenset({"r"}),
 }
 """Words that say nothing more beside one quantity."""
+TYPES: Final = frozenset({"f", "lr", "fl"})
+"""Letters in front of a name that tell the type of a variable, as in `fActVelo`."""
 NUMBERED: Final = frozenset({"axis", "motor", "m", "odrv", "servo", "drive", "inverter", "achse"})
 """Words behind which a number tells one device from another."""
 
@@ -141,16 +146,21 @@ TORQUE_FORMING: Final[dict[str, str]] = {
 """Beside a current: the axis that it flows in."""
 
 TIMES: Final[dict[str, str | None]] = {
-    **dict.fromkeys(("t", "time", "times", "zeit", "timestamp", "x axis", "source"), None),
+    **dict.fromkeys(
+        ("t", "time", "times", "zeit", "timestamp", "time stamp", "zeitstempel", "x axis", "source"), None
+    ),
     **dict.fromkeys(("seconds", "sekunden", "secs"), "s"),
     **dict.fromkeys(("millis", "milliseconds", "millisekunden"), "ms"),
     **dict.fromkeys(("micros", "microseconds", "mikrosekunden"), "us"),
 }
 """Names of a time, and the unit that some of them say."""
+BESIDE_TIME: Final = frozenset({"elapsed", "relative", "rel", "log"})
+"""Words that say nothing more beside a time."""
 
 KNOWN: Final = frozenset(
     {*QUANTITIES, *SYMBOLS, *VECTORS, *FRAMED, *DC, *DC_WORDS, *AXES, *BETWEEN, *FRAMES, *ROLES}
-    | {*OTHER, *NEUTRAL, *LOAD, *AIRGAP, *TORQUE_FORMING, "in", "out", "output", "terminal", "klemme"}
+    | {*OTHER, *NEUTRAL, *LOAD, *AIRGAP, *TORQUE_FORMING, *TIMES, *BESIDE_TIME}
+    | {word for words in NEUTRAL_FOR.values() for word in words} - {"s", "r"}
     | {"zwischenkreisspannung"}
 )
 """Every word."""

@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Final
 
 from .units import is_unit
-from .vocabulary import AXES, FRAMES, KNOWN, NEUTRAL, NUMBERED, ROLES
+from .vocabulary import AXES, FRAMES, KNOWN, NEUTRAL, NUMBERED, ROLES, TYPES
 
 LONGEST: Final = 200
 """Characters of a name that are read; a longer one is none that a tool gives a column."""
@@ -107,7 +107,7 @@ def words(segment: str) -> list[str]:
 def words_of(own: Sequence[str]) -> list[str]:
     """Chunks in lower case without the numbers of devices (`axis0`) and of parameters (`r0078`)."""
     out: list[str] = []
-    for chunk in own:
+    for chunk in own[1:] if len(own) > 1 and own[0] in TYPES else own:
         word = chunk.lower()
         if word.isdigit() and out and out[-1] in NUMBERED:
             if out[-1] == "m":

@@ -70,7 +70,11 @@ DOUBTFUL = {
         "Rotor angle (deg)",
     ),
 }
-TIMES = several("time_s t_us Time_ms timestamp_us micros millis Zeit_s", "Time [s]", "Zeit (s)")
+TIMES = several(
+    "time_s t_us Time_ms timestamp_us TimeStamp_us micros millis Zeit_s elapsed_time_s",
+    "Time [s]",
+    "Zeit (s)",
+)
 OTHER_VOLTAGES = several(
     "Vq Uq u_q usq vqs Vq_ref VqRef uq_soll Uq* u_q_cmd voltage_q VoltageQ q_axis_voltage Vqd.q Vdq.q "
     "Querspannung voltage_q_setpoint v_q_star Vq_out"
@@ -78,7 +82,7 @@ OTHER_VOLTAGES = several(
 STRANGERS = several(
     "iq_error iq_max vd_integral v_alpha i_beta Valpha v_ab Uab battery_voltage input_voltage current_in idc "
     "profile_id vesc_id omega_max speed_limit Voltage_V Current_A i1 u_L2 speed_meters_per_sec wheel_speed "
-    "T_motor status AccX y CH1 Vd_pu iq_raw torque Torque_cmd tau_est"
+    "T_motor status AccX y CH1 Vd_pu iq_raw torque Torque_cmd tau_est Vd_sat i_r_d Vd_comp Iq2 Vd_1"
 )
 LINKS = several("Vdc v_dc vbus u_zk dc_link_voltage vbus_voltage VdcBus_V")
 
@@ -268,6 +272,19 @@ def test_a_position_in_millimetres_is_no_angle(columns: Columns, tmp_path: Path)
     recording = pm.load(written(columns, tmp_path, {"theta_e": "Position [mm]"})[0])
     assert "theta_e" not in recording.names
     assert recording.account.missed == {"angle"}
+
+
+def test_a_single_letter_refuses_no_file(columns: Columns) -> None:
+    del columns["omega_e"]
+    recording = pm.load({**columns, "N": columns["i_d"]})
+    assert "omega_m" not in recording.names
+    assert recording.account.missed == {"speed"}
+
+
+def test_a_filtered_command_is_not_preferred_to_the_command(columns: Columns) -> None:
+    log = {**columns, "v_d_ref_filt": columns["v_d"]}
+    log["v_d_ref"] = log.pop("v_d")
+    assert pm.load(log).account.columns["v_d"].source == "v_d_ref"
 
 
 def test_id_is_a_current_only_beside_iq(columns: Columns) -> None:
