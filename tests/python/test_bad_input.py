@@ -253,7 +253,7 @@ BAD: dict[str, tuple[str, bytes | Callable[[], bytes], list[str], int | None]] =
         None,
     ),
     "mat cut short": ("r.mat", mat_bytes(**plausible())[:5000], [".mat", "cannot be read"], None),
-    "mat without arrays": ("r.mat", mat_bytes(text="nothing"), ["no numeric"], None),
+    "mat without arrays": ("r.mat", mat_bytes(text="nothing"), ["no columns of numbers"], None),
     "gzip": ("r.csv.gz", b"\x1f\x8b\x08" + bytes(100), ["gzip", "unpack"], None),
     "a spreadsheet": ("r.xls", b"\xd0\xcf\x11\xe0" + bytes(100), ["spreadsheet"], None),
     "pickle": ("r.pkl", pickle.dumps(plausible()), ["NUL"], None),
