@@ -37,7 +37,7 @@ _TYPES: Final = {
     12: "i8",
     13: "u8",
 }
-# Classes of arrays; others, such as handles of functions, have no size. Numeric are double, single and integers.
+# Classes of arrays; others, such as handles of functions, have no size. The last ten are of numbers.
 _CLASSES: Final = range(1, 16)
 _NUMERIC: Final = range(6, 16)
 _CHAR: Final = 4
