@@ -12,7 +12,7 @@ import numpy as np
 from ._core import DataError
 from .errors import refuse
 from .formats.arrow import from_stream
-from .formats.gate import Member, admit, checked_limit, kind_of, one_by_one
+from .formats.gate import UNKNOWN, Member, admit, checked_limit, kind_of, one_by_one
 from .formats.listed import array_of, shape_of
 from .formats.source import Source
 from .quantities import CANONICAL
@@ -56,7 +56,7 @@ def _arrays(columns: list[tuple[str, Any]], max_bytes: int) -> Source:
 
 def _member(name: str, values: Any) -> Member:
     if isinstance(values, list | tuple):
-        return Member(name, shape=shape_of(values))
+        return Member(name, kind=UNKNOWN, shape=shape_of(values))
     ready = values.dtype == np.float64 and values.flags.c_contiguous and values.flags.aligned
     return Member(name, kind=kind_of(values.dtype), shape=values.shape, held=ready)
 

@@ -22,6 +22,11 @@ from .source import MISSING_FIX, Source
 _NUMBER_BYTES: Final = 8
 # Fields that are decoded at a time. The decoder reserves room for each of them before it reads the first.
 _BATCH_FIELDS: Final = 1 << 20
+# What the description of a column takes: 3.6 kB as measured with 400 000 columns.
+_COLUMN_BYTES: Final = 4096
+# The sample from which the layout is found: whole lines, as many as fit, and these few however long they are.
+_SAMPLE_CHARACTERS: Final = 1 << 20
+_FEWEST_LINES: Final = 8
 _BLANKS: Final = r"[^\S\n]"
 
 
@@ -29,8 +34,15 @@ def open_file(file: Path, max_bytes: int) -> Source:
     """The columns of a text file. Raises DataError where it is no text or has no table."""
     name = str(file)
     text, axis = scope.uncounted(_text(file.read_bytes(), name))
-    head = text[: 1 << 20].split("\n", SAMPLE_LINES)[:SAMPLE_LINES]
-    layout = scope.seconds(sniff(head, name))
+    layout = scope.seconds(sniff(_sample(text), name))
+    needed = len(layout.columns) * _COLUMN_BYTES
+    if needed > max_bytes:
+        raise refuse(
+            DataError,
+            f"its {len(layout.columns)} columns need {needed} bytes, more than the {max_bytes} allowed",
+            file=name,
+            fix="export fewer columns, or raise max_bytes",
+        )
     counted = next((k for k, column in enumerate(layout.columns) if axis and column.name == "X"), None)
     if counted is not None:
         layout = scope.timed(layout)
@@ -53,6 +65,16 @@ def open_file(file: Path, max_bytes: int) -> Source:
         return line, f"line {line}"
 
     return admit(name, members, fetch, max_bytes, place=place)
+
+
+def _sample(text: str) -> list[str]:
+    """The first lines of the text."""
+    first = text.split("\n", _FEWEST_LINES)[:_FEWEST_LINES]
+    if sum(map(len, first)) >= _SAMPLE_CHARACTERS:
+        return first
+    lines = text[:_SAMPLE_CHARACTERS].split("\n", SAMPLE_LINES)
+    # The last one may be cut, or holds the rest.
+    return lines[:-1] if len(lines) > SAMPLE_LINES or len(text) > _SAMPLE_CHARACTERS else lines
 
 
 def _text(data: bytes, file: str) -> str:
@@ -96,9 +118,10 @@ def _read(text: str, layout: Layout, lines: int, wanted: list[Wanted]) -> dict[i
 
     width = len(layout.columns)
     names = {item.index: item.column for item in wanted}
-    number, words = arrow.DataType.float64(), arrow.DataType.string()
+    # Fields of the type null are passed over, whatever they hold, and take no room.
+    number, ignored = arrow.DataType.float64(), arrow.DataType.null()
     schema = arrow.Schema(
-        [arrow.Field(f"c{i}", number if i in names else words, nullable=True) for i in range(width)]
+        [arrow.Field(f"c{i}", number if i in names else ignored, nullable=True) for i in range(width)]
     )
     parts: dict[int, list[NDArray[np.float64]]] = {i: [] for i in names}
     rows = 0

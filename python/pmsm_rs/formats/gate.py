@@ -34,6 +34,9 @@ _SHOWN: Final = 4
 
 NUMBER, COMPLEX, BOOLEAN, TEXT = "number", "complex", "boolean", "text"
 DATE, DURATION, OBJECT = "date", "duration", "object"
+UNKNOWN: Final = "unknown"
+"""The kind of values that only reading them tells."""
+
 _KINDS: Final = {
     "f": NUMBER,
     "i": NUMBER,
@@ -102,7 +105,7 @@ class Member:
     @property
     def is_note(self) -> bool:
         """Whether it is a single remark, such as a string, and no column: found only by its name."""
-        barred = self.why is not None or self.kind not in (NUMBER, COMPLEX)
+        barred = self.why is not None or self.kind not in (NUMBER, COMPLEX, UNKNOWN)
         return barred and self.shape is not None and math.prod(self.shape) <= 1
 
     @property
@@ -207,7 +210,8 @@ def admit(
         except Refused as refused:
             raise _refusal(refused, file, place) from refused
         name = directory.names[indices[0]]
-        return name + column[len(part.name) :] if directory.is_settled(name) else column
+        settled = len(indices) == 1 and directory.is_settled(name)
+        return name + column[len(part.name) :] if settled else column
 
     def read(columns: Iterable[str]) -> dict[str, NDArray[np.float64]]:
         try:
@@ -228,7 +232,8 @@ class _Directory:
 
     def __init__(self, members: Sequence[Member]) -> None:
         self.members = members
-        ends = Counter(member.name for member in members if not member.is_note)
+        places = {(member.group, member.name) for member in members if not member.is_note}
+        ends = Counter(name for _, name in places)
         # Columns without a group go by their own name, also where a group has another one of that name.
         self.names = [
             member.path if member.group and ends[member.name] + member.is_note > 1 else member.name
@@ -268,10 +273,9 @@ class _Directory:
                 if reading.name in table:
                     return table[reading.name], reading
             cuts = [at for at, sign in enumerate(reading.name) if sign == "/"]
-            for at in cuts:
-                found = self._by_path.get((reading.name[:at], reading.name[at + 1 :]))
-                if found is not None:
-                    return found, reading
+            ways = [self._by_path.get((reading.name[:at], reading.name[at + 1 :]), []) for at in cuts]
+            if found := [index for way in ways for index in way]:
+                return found, reading
         for reading in readings:
             if reading.name in self._by_end:
                 paths = [self.members[index].path for index in self._by_end[reading.name]]
@@ -344,7 +348,8 @@ def _fits(shape: tuple[int, ...], wanted: Wanted) -> None:
 def _shaped(shape: tuple[int, ...], wanted: Wanted) -> None:
     _fits(shape, wanted)
     part, column = wanted.part, shown(wanted.column)
-    if part.column is None and not part.flat and sum(n != 1 for n in shape) > 1:
+    # Without values it is an empty column, whatever its other dimensions are.
+    if part.column is None and not part.flat and 0 not in shape and sum(n != 1 for n in shape) > 1:
         raise Refused(
             f"it has {len(shape)} dimensions {shape}",
             f'pick one column of it, as in from = "{column}[:,0]", or all its values, "{column}[:]"',

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .._core import DataError
 from ..errors import refuse
-from .gate import Member, Refused, admit, one_by_one
+from .gate import UNKNOWN, Member, Refused, admit, one_by_one
 from .listed import array_of, shape_of
 from .source import Source
 
@@ -54,7 +54,9 @@ def open_file(file: Path, max_bytes: int) -> Source:
     if not columns:
         raise refuse(DataError, "it holds no lists of numbers", file=name, fix=_FIX)
     try:
-        members = [Member(column, group, shape=shape_of(values)) for group, column, values in columns]
+        members = [
+            Member(column, group, kind=UNKNOWN, shape=shape_of(values)) for group, column, values in columns
+        ]
     except Refused as refused:
         raise refuse(DataError, refused.problem, file=name, fix=refused.fix) from refused
 

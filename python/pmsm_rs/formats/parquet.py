@@ -11,8 +11,8 @@ from .source import Source
 from .thrift import Compact, Malformed
 
 _NUMBER_BYTES = 8
-# Room for a hundred thousand pieces of columns; the walk through it takes about a second per two megabytes.
-_MAX_FOOTER = 16 << 20
+# Room for some fifty thousand pieces of columns; the walk through it takes about a second per megabyte.
+_MAX_FOOTER = 8 << 20
 
 
 def _declared(file: Path) -> tuple[int, int]:
@@ -42,7 +42,7 @@ def _file_meta_data(at: Compact) -> tuple[int, int]:
             rows = at.integer(kind)
         elif number == 4:
             groups = True
-            total += sum(_row_group(at) for _ in at.structures(kind))
+            total += sum(_row_group(at) for _ in range(at.structures(kind)))
         else:
             at.skip(kind)
     if rows < 0 or not groups:
@@ -52,13 +52,14 @@ def _file_meta_data(at: Compact) -> tuple[int, int]:
 
 def _row_group(at: Compact) -> int:
     """Bytes of the columns (field 1, required)."""
-    total = None
+    total, chunks = 0, 0
     for number, kind in at.fields():
         if number == 1:
-            total = sum(_column_chunk(at) for _ in at.structures(kind))
+            chunks = at.structures(kind)
+            total += sum(_column_chunk(at) for _ in range(chunks))
         else:
             at.skip(kind)
-    if total is None:
+    if not chunks:
         raise Malformed("the footer has a row group without columns")
     return total
 

@@ -38,14 +38,14 @@ class Compact:
             raise Malformed("the footer has something else where a whole number should be")
         return self._zigzag()
 
-    def structures(self, kind: int) -> range:
-        """One number for each structure in a field that must be a list of them."""
+    def structures(self, kind: int) -> int:
+        """How many structures follow in a field that must be a list of them."""
         if kind != _LIST:
             raise Malformed("the footer has something else where a list should be")
         size, element = self._list()
         if element != _STRUCT and size:
             raise Malformed("the footer has a list of something else where structures should be")
-        return range(size)
+        return size
 
     def structure(self, kind: int) -> None:
         """Checks that a field is a structure, whose fields follow."""
@@ -67,9 +67,7 @@ class Compact:
         elif kind == _BINARY:
             self._pass(self._varint())
         elif kind in (_LIST, _SET):
-            size, element = self._list()
-            for _ in range(size):
-                self._element(element, depth)
+            self._skip_items(*self._list(), depth)
         elif kind == _MAP:
             size = self._bounded(self._varint())
             kinds = self._byte() if size else 0
@@ -77,10 +75,21 @@ class Compact:
                 self._element(kinds >> 4, depth)
                 self._element(kinds & 0x0F, depth)
         elif kind == _STRUCT:
-            for _, inner in self.fields():
-                self.skip(inner, depth + 1)
+            while head := self._byte():
+                if not head >> 4:
+                    self._varint()
+                self.skip(head & 0x0F, depth + 1)
         else:
             raise Malformed(f"the footer has a field of unknown kind {kind}")
+
+    def _skip_items(self, size: int, element: int, depth: int) -> None:
+        if element in (_TRUE, _FALSE, _BYTE):
+            self._pass(size)
+        elif element == _DOUBLE:
+            self._pass(8 * size)
+        else:
+            for _ in range(size):
+                self.skip(element, depth + 1)
 
     def _element(self, kind: int, depth: int) -> None:
         # Within lists and maps a truth value takes a byte of its own.
