@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from .errors import shown
 from .results import DiagnosisValues
-from .words import EQUATIONS, listed, lower_first, title, visible
+from .words import EQUATIONS, listed, lower_first, title
 
 _NAMED: Final = 3
 """Columns that a headline names; the findings name the others."""
@@ -46,10 +47,10 @@ def missed(answer: DiagnosisValues) -> list[dict[str, Any]]:
 
 def _passed_over(answer: DiagnosisValues) -> list[str]:
     told = " ".join(not_asked(answer))
-    entries = [entry for entry in missed(answer) if visible(entry["column"]) not in told]
+    entries = [entry for entry in missed(answer) if shown(entry["column"]) not in told]
     if not entries:
         return []
-    named = [f"'{visible(entry['column'])}'" for entry in entries[:_NAMED]]
+    named = [f"'{shown(entry['column'])}'" for entry in entries[:_NAMED]]
     more = [f"{len(entries) - _NAMED} more"] if len(entries) > _NAMED else []
     kinds = listed(list(dict.fromkeys(_a(entry["quantity"]) for entry in entries)), "or")
     verb, look = ("was", "looks") if len(entries) == 1 else ("were", "look")

@@ -200,10 +200,6 @@ def _choose(draft: _Draft) -> None:
             draft.problems.append(_rivals(draft.source, first, slot))
             continue
         [claim] = first
-        if claim.column in draft.source.twice:
-            problem = f"two columns are called '{claim.column}'"
-            draft.problems.append(Problem(problem, "rename one of them", claim.column))
-            continue
         rule = Rule(claim.column, claim.unit)
         try:
             draft.plan[claim.name] = replace(rule, unit=unit_of(claim.name, rule, draft.source))

@@ -11,9 +11,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from .errors import shown
 from .quantities import CANONICAL
 from .rules import Rule, Rules
-from .words import listed, visible
+from .words import listed
 
 _SHOWN: Final = 6
 """Names in a sentence; more make it unreadable."""
@@ -107,7 +108,7 @@ def warnings(read: Mapping[str, Any]) -> list[dict[str, str]]:
     missed = [entry for entry in read["not_used"] if entry["missed"]]
     out = [
         {
-            "finding": f"The column '{visible(entry['column'])}' was not used: {entry['why']}.",
+            "finding": f"The column '{shown(entry['column'])}' was not used: {entry['why']}.",
             "consequence": _WITHOUT[entry["quantity"]],
             "fix": _fix(entry),
         }
@@ -206,5 +207,5 @@ def _none(quantity: str, account: Account, none: str) -> str:
 
 def names(columns: Sequence[str]) -> str:
     """Names of columns as a sentence shows them."""
-    shown = ", ".join(visible(name) for name in columns[:_SHOWN])
-    return shown + (f" and {len(columns) - _SHOWN} more" if len(columns) > _SHOWN else "")
+    first = ", ".join(shown(name) for name in columns[:_SHOWN])
+    return first + (f" and {len(columns) - _SHOWN} more" if len(columns) > _SHOWN else "")

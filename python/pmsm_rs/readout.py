@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
+from .errors import shown
 from .quantities import CANONICAL
-from .words import number, visible
+from .words import number
 
 _NAMED: Final = 12
 """Ignored columns that are named; files of thousands of columns exist."""
@@ -20,9 +21,9 @@ def origin(name: str, entry: Mapping[str, Any]) -> str:
         return f"every {number(entry['period'])} s"
     if entry.get("value") is not None:
         return f"the constant {number(entry['value'])}"
-    source = visible(str(entry["from"]))
+    source = shown(str(entry["from"]))
     if entry.get("file"):
-        source += f" of {visible(entry['file'])}"
+        source += f" of {shown(entry['file'])}"
     if entry["scale"] != 1.0:
         source += f" times {number(entry['scale'], 6)}"
     if entry.get("offset"):
@@ -52,7 +53,7 @@ def ignored(read: Mapping[str, Any]) -> str:
     told = {entry["column"] for entry in read["not_used"]}
     names = sorted(read["ignored"], key=lambda name: name not in told)
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join(visible(name) for name in names[:_NAMED]) + more
+    return ", ".join(shown(name) for name in names[:_NAMED]) + more
 
 
 def reasons(read: Mapping[str, Any]) -> list[str]:
@@ -60,7 +61,7 @@ def reasons(read: Mapping[str, Any]) -> list[str]:
     grouped: dict[str, list[str]] = {}
     for entry in read["not_used"]:
         if not entry["missed"]:
-            grouped.setdefault(entry["why"], []).append(visible(entry["column"]))
+            grouped.setdefault(entry["why"], []).append(shown(entry["column"]))
     return [f"{_some(names)}: {why}" for why, names in grouped.items()]
 
 

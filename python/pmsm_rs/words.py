@@ -35,8 +35,6 @@ CHANNELS = {
     "v_q": ("v_q", "V"),
 }
 """Symbol and unit of the channels that are compared with the model."""
-_LONGEST_NAME = 80
-"""Characters of a foreign name that are shown: longer ones are cut, so that a line stays readable."""
 _GREEK = {"psi": "ψ", "tau": "τ", "omega": "ω", "theta": "θ", "phi": "φ", "lambda": "λ"}
 _SUBSCRIPT = re.compile(r"(?<![\w])([A-Za-zα-ωΑ-Ωϑ]{1,6})_([A-Za-z0-9]+)")
 
@@ -142,9 +140,3 @@ def subscripted(text: str, opening: str, closing: str) -> str:
 def listed(items: list[str], last: str = "and") -> str:
     """'a, b and c'."""
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {last} {items[-1]}" if items else ""
-
-
-def visible(text: str) -> str:
-    """A name from a file as it may be shown: control characters escaped, long ones cut."""
-    plain = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
-    return plain if len(plain) <= _LONGEST_NAME else f"{plain[: _LONGEST_NAME - 1]}…"

@@ -190,7 +190,7 @@ def shells(folder: Path) -> Iterator[tuple[str, str, bytes, tuple[str, ...]]]:
     yield "prose", "prose.csv", b"Dear colleague,\nthe bench is broken again.\nBest regards\n", ("no table",)
     yield "header only", "header.csv", csv.splitlines()[0], ("no rows",)
     yield "nested without end", "deep.json", b'{"a":' * 30_000, ("JSON",)
-    yield "a name twice", "twice.json", b'{"t": [1, 2], "t": [3, 4]}', ("twice",)
+    yield "a name twice", "twice.json", b'{"t": [1, 2], "t": [3, 4]}', ("two columns",)
     yield "a name twice", "twice.csv", csv.replace(b"v_d", b"i_d", 1), ("two columns",)
     records = [{"t": 1e-3 * k, "i_d": 0.0, "i_q": 1.0, "omega_e": 5.0} for k in range(40)]
     lines = [json.dumps(record) for record in records]

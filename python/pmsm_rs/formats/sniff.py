@@ -6,33 +6,37 @@ import csv
 import re
 from collections import Counter
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from .._core import DataError
-from ..errors import refuse
+from ..errors import refuse, shown
 from ..units import is_unit
 
 SAMPLE_LINES = 400
 _SEPARATORS = (",", ";", "\t", "|", " ")
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
+# No part of these can match the same characters in two ways, so that a long field takes time in proportion.
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?$")
 _COMMA_NUMBER = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?$")
 _NO_NUMBER = frozenset({"", "nan", "inf", "-inf", "+inf", "null", "na", "n/a"})
-_BRACKETED = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]\s*$")
-_IN_UNIT = re.compile(r"^(?P<name>.*?)\s*\bin\s+(?P<unit>\S+)$")
+
+
+class Column(NamedTuple):
+    """A column by its header: name, stated unit, and the header as it is written."""
+
+    name: str
+    unit: str | None
+    header: str
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What was found. Lines count from 0; `units` has an entry for each column that states one, `headers` for
-    each whose header is more than its name. A name may stand twice.
-    """
+    """What was found. Lines count from 0; two columns may have one name."""
 
     separator: str
     comma: bool
     header_line: int
     first_line: int
-    names: tuple[str, ...]
-    units: dict[str, str]
-    headers: dict[str, str]
+    columns: tuple[Column, ...]
 
 
 def skipped(line: str) -> bool:
@@ -42,9 +46,14 @@ def skipped(line: str) -> bool:
 
 
 def split(line: str, separator: str) -> list[str]:
-    """The fields of one line, without quotes and outer blanks."""
+    """The fields of one line, without quotes and outer blanks.
+
+    Raises csv.Error on quotes that hold more than a field may.
+    """
     if separator == " ":
         return line.split()
+    if '"' not in line:
+        return [field.strip() for field in line.split(separator)]
     return [field.strip() for field in next(csv.reader([line], delimiter=separator), [])]
 
 
@@ -55,10 +64,15 @@ def is_number(field: str, comma: bool) -> bool:
 
 def name_and_unit(field: str) -> tuple[str, str | None]:
     """Name and stated unit of a header field: 'speed [rpm]', 'speed (rpm)', 'C1 in V', 'in s'."""
-    for pattern in (_BRACKETED, _IN_UNIT):
-        part = pattern.match(field)
-        if part and (pattern is _BRACKETED or is_unit(part["unit"])):
-            return part["name"].strip() or "column", part["unit"].strip()
+    if field.rstrip()[-1:] in {"]", ")"}:
+        inner = field.rstrip()[:-1]
+        behind = max(inner.rfind("]"), inner.rfind(")")) + 1
+        opening = min((at for sign in "[(" if (at := inner.find(sign, behind)) >= 0), default=-1)
+        if opening >= 0:
+            return inner[:opening].strip() or "column", inner[opening + 1 :].strip()
+    words = field.rsplit(None, 2)
+    if len(words) > 1 and words[-2] == "in" and is_unit(words[-1]):
+        return (words[0] if len(words) == 3 else "").strip() or "column", words[-1]
     return field, None
 
 
@@ -77,8 +91,8 @@ def sniff(lines: list[str], file: str) -> Layout:
             continue
         if found is not None:
             layout, count = found
-            if (count, len(layout.names)) > best[:2]:
-                best = (count, len(layout.names), layout)
+            if (count, len(layout.columns)) > best[:2]:
+                best = (count, len(layout.columns), layout)
     if best[2] is not None:
         return best[2]
     if trouble is not None:
@@ -139,8 +153,7 @@ def _with_separator(
         return None
     above = [i for i in fields if i < first]
     header = _header(lines, fields, above, first, width, numeric, comma, separator, file)
-    names, units, headers = _names(*header[1:])
-    return Layout(separator, comma, header[0], first, names, units, headers), count
+    return Layout(separator, comma, header[0], first, _columns(*header[1:])), count
 
 
 def _decimal_comma(fields: dict[int, list[str]]) -> bool:
@@ -177,7 +190,7 @@ def _header(
                 bad = next(c for c in numeric if not is_number(below[c], comma))
                 raise refuse(
                     DataError,
-                    f"'{below[bad]}' is no number",
+                    f"'{shown(below[bad])}' is no number",
                     file=file,
                     row=last + 1,
                     place=f"line {last + 1}",
@@ -215,26 +228,10 @@ def _is_units_row(fields: list[str], numeric: list[int]) -> bool:
     )
 
 
-def _names(
-    header: list[str], below: list[str] | None
-) -> tuple[tuple[str, ...], dict[str, str], dict[str, str]]:
-    names: list[str] = []
-    known: set[str] = set()
-    units: dict[str, str] = {}
-    headers: dict[str, str] = {}
-    for c, field in enumerate(header):
-        text = field.strip()
-        name, unit = name_and_unit(text)
+def _columns(header: list[str], below: list[str] | None) -> tuple[Column, ...]:
+    columns = []
+    for c, text in enumerate(header):
+        name, unit = name_and_unit(text.strip())
         unit = unit or (below[c].strip("[]() ") if below else None)
-        if not name:
-            name = f"column {c + 1}"
-        if name in known and headers.get(name, name) != text:
-            # Two headers that differ in their units only are two columns.
-            name = text
-        names.append(name)
-        known.add(name)
-        if unit:
-            units[name] = unit
-        if text and text != name:
-            headers[name] = text
-    return tuple(names), units, headers
+        columns.append(Column(name or f"column {c + 1}", unit or None, text.strip()))
+    return tuple(columns)
