@@ -195,7 +195,7 @@ def _interpret(given: Sequence[str]) -> Meaning | None:
 
 
 def _is_symbol(word: str, own: Sequence[str]) -> bool:
-    """Whether a letter stands for a speed or an angle: not where it is the only word left of a sentence."""
+    """Whether a letter means a speed or an angle: not where it is one word of a sentence."""
     return all(w == word or w in FRAMES or w in ROLES or w in NEUTRAL or w == "r" or is_unit(w) for w in own)
 
 

@@ -80,9 +80,11 @@ def planned(source: Source, rules: Rules, *, whole: bool) -> tuple[dict[str, Rul
     taken = {rule.source for rule in draft.plan.values()}
     _guess(draft, [name for name in dict.fromkeys(source.names) if name not in taken])
     _choose(draft)
-    for column, found in _settled(draft).items():
+    doubts = _settled(draft)
+    for column, found in doubts.items():
         _doubt(draft, column, found)
-    if "t" not in draft.plan and not any(found.quantity == "time" for found in draft.doubts.values()):
+    told = rules.get("t") is not None or any(found.quantity == "time" for found in doubts.values())
+    if "t" not in draft.plan and not told:
         draft.problems.append(_no_time(source))
     if whole:
         _ask(draft)
@@ -292,7 +294,12 @@ def _ask(draft: _Draft) -> None:
     currents = {"i_d", "i_q"} <= have or len({"i_a", "i_b", "i_c"} & have) > 1
     if not currents and not have & {"tau_e", "tau_m"} and not {"v_a", "v_b", "v_c"} <= have:
         wanted = "the currents i_d, i_q or i_a, i_b, i_c with theta_e, or the motor torque tau_e"
-        draft.problems.append(Problem(lacks, _how(draft, ("current",), wanted), "i_q"))
+        axes = {"i_d": "i_q", "i_q": "i_d"}
+        lone = next((axis for axis in axes if axis in have), None)
+        lost = axes[lone] if lone is not None else "i_q"
+        if lone is not None:
+            wanted = f'{lost} (or {lost} = {{ value = 0.0, unit = "A" }} if it was held at zero)'
+        draft.problems.append(Problem(lacks, _how(draft, ("current",), wanted), lost))
 
 
 def _how(draft: _Draft, quantities: tuple[str, ...], wanted: str) -> str:

@@ -1,5 +1,5 @@
-"""The account of what was read: which column became what, which were not used, and which questions that
-leaves.
+"""The account of what was read: which column became what, which were not used, and which questions could be
+asked.
 """
 
 from __future__ import annotations

@@ -78,7 +78,7 @@ _SPELLINGS: Final = {
     **dict.fromkeys(("°", "degree", "degrees"), "deg"),
     **dict.fromkeys(("turn", "turns", "revolution", "revolutions"), "rev"),
     **dict.fromkeys(("r/min", "1/min", "u/min", "rev/min", "min-1", "min^-1", "min⁻¹", "upm"), "rpm"),
-    **dict.fromkeys(("rev/s", "rps"), "Hz"),
+    **dict.fromkeys(("rev/s", "turns/s", "turn/s", "rps"), "Hz"),
     **dict.fromkeys(("r/s", "rads", "radps", "rads-1", "rads^-1", "rads⁻¹", "rad/sec"), "rad/s"),
     "°/s": "deg/s",
     **dict.fromkeys(("nm", "newtonmeter"), "N·m"),

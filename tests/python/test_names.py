@@ -62,7 +62,7 @@ ANGLES = {
 DOUBTFUL = {
     ("omega_e", "omega_m"): several(
         "speed motor_speed velocity omega w wr SPEED_MEAS ActVelo vel_estimate MAIN.fbAxis.fActVelo",
-        *("speed [rad/s]", "Rotor speed (rad/s)", "encoder.vel_estimate [rev/s]"),
+        *("speed [rad/s]", "Rotor speed (rad/s)", "encoder.vel_estimate [turns/s]"),
     ),
     ("theta_e", "theta_m"): several(
         "theta angle position pos phi Winkel Rotorlage RotorWinkel rotor_angle ActPos pos_estimate "
@@ -285,6 +285,16 @@ def test_a_filtered_command_is_not_preferred_to_the_command(columns: Columns) ->
     log = {**columns, "v_d_ref_filt": columns["v_d"]}
     log["v_d_ref"] = log.pop("v_d")
     assert pm.load(log).account.columns["v_d"].source == "v_d_ref"
+
+
+def test_one_axis_alone_is_refused_with_the_line_for_the_other(columns: Columns, tmp_path: Path) -> None:
+    line = 'i_d = { value = 0.0, unit = "A" }'
+    file, machine = written(columns, tmp_path, {"i_d": "x"})
+    with pytest.raises(pm.DataError, match="column 'i_d': is missing") as caught:
+        pm.load(file, machine)
+    assert line in str(caught.value)
+    written(columns, tmp_path, {"i_d": "x"}, f"[columns]\n{line}\n")
+    assert pm.load(file, machine).kind == "full"
 
 
 def test_id_is_a_current_only_beside_iq(columns: Columns) -> None:
