@@ -111,14 +111,29 @@ def _given(draft: _Draft) -> None:
             found = replace(rule, source=draft.source.find(rule.source, name))
             draft.plan[name] = replace(found, unit=unit_of(name, found, draft.source))
         except DataError as error:
-            draft.problems.append(
-                Problem(str(fact(error, "problem")), str(fact(error, "fix")), str(fact(error, "column")))
-            )
+            draft.problems.append(_of(error))
+            continue
+        if found.source in draft.source.twice:
+            draft.problems.append(_which(draft.source, found.source or ""))
     speeds = {name for name, rule in draft.given.items() if rule is not None} & {"n", "omega_m"}
     if len(speeds) > 1:
         draft.problems.append(
             Problem("both n and omega_m are there", "leave one of them out in [columns]", "n")
         )
+
+
+def _of(error: DataError) -> Problem:
+    """A refusal as one problem of several."""
+    return Problem(str(fact(error, "problem")), str(fact(error, "fix")), str(fact(error, "column")))
+
+
+def _which(source: Source, column: str) -> Problem:
+    """That several columns have the name, in the words with which reading it is refused."""
+    try:
+        source.read([column])
+    except DataError as error:
+        return _of(error)
+    raise AssertionError(f"'{column}' was read though several columns have that name")
 
 
 def _guess(draft: _Draft, columns: Iterable[str]) -> None:
@@ -202,11 +217,14 @@ def _choose(draft: _Draft) -> None:
             draft.problems.append(_rivals(draft.source, first, slot))
             continue
         [claim] = first
+        if claim.column in draft.source.twice:
+            draft.problems.append(_which(draft.source, claim.column))
+            continue
         rule = Rule(claim.column, claim.unit)
         try:
             draft.plan[claim.name] = replace(rule, unit=unit_of(claim.name, rule, draft.source))
         except DataError as error:
-            draft.problems.append(Problem(str(fact(error, "problem")), str(fact(error, "fix")), claim.column))
+            draft.problems.append(_of(error))
         for other in claims:
             if other is not claim:
                 why = f"{claim.column} was taken for {claim.name}"

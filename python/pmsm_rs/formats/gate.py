@@ -224,7 +224,16 @@ def admit(
             raise _refusal(refused, file, place) from refused
         return {item.column: part for item, part in zip(wanted, values, strict=True)}
 
-    return Source(file, directory.listed, read, directory.units, place, resolve, directory.headers)
+    return Source(
+        file,
+        directory.listed,
+        read,
+        directory.units,
+        place,
+        resolve,
+        directory.headers,
+        frozenset(name for name in directory.listed if not directory.is_settled(name)),
+    )
 
 
 class _Directory:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -84,8 +85,6 @@ def sniff(lines: list[str], file: str) -> Layout:
     for separator in _SEPARATORS:
         try:
             found = _with_separator(lines, rows, separator, file)
-        except csv.Error:
-            continue
         except DataError as error:
             trouble = trouble or error
             continue
@@ -120,7 +119,11 @@ def _quoted(line: str) -> list[str]:
 def _with_separator(
     lines: list[str], rows: dict[int, str], separator: str, file: str
 ) -> tuple[Layout, int] | None:
-    fields = {i: split(line, separator) for i, line in rows.items()}
+    fields = {}
+    for i, line in rows.items():
+        # A line whose quotes cannot be read is no reason to miss the table around it.
+        with suppress(csv.Error):
+            fields[i] = split(line, separator)
     comma = separator in ";\t " and _decimal_comma(fields)
     # The table's width is that of the rows made of numbers, which preamble and header are not.
     widths = Counter(

@@ -31,7 +31,8 @@ class Source:
     per name and raises DataError where a name does not settle which column is meant; `place(row)` turns a row
     (from 0) into the number and the words under which the user finds it. `resolve(text)` gives the name for
     whatever else means a column: its path, its header to the letter, a part of an array. `headers` holds
-    the headers to the letter where a name is only a part of them.
+    the headers to the letter where a name is only a part of them, `twice` the names that several columns
+    have.
     """
 
     file: str | None
@@ -41,6 +42,7 @@ class Source:
     place: Callable[[int], tuple[int, str]] = row_from_zero
     resolve: Callable[[str], str | None] = lambda _name: None
     headers: Mapping[str, str] = field(default_factory=dict)
+    twice: frozenset[str] = frozenset()
 
     def header(self, column: str) -> str:
         """The header of `column` to the letter."""
