@@ -11,9 +11,9 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from ._core import Machine, MachineError, PmsmError
-from .columns import Rule, Rules
 from .errors import did_you_mean, opened, refuse, shown
 from .quantities import CANONICAL
+from .rules import Rule, Rules
 from .units import canonical, suggest
 
 _LARGEST_FILE = 1 << 20

@@ -5,22 +5,37 @@ from __future__ import annotations
 import difflib
 import operator
 import stat
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, NamedTuple, TypeVar
 
-from ._core import PmsmError, UsageError
+from ._core import DataError, PmsmError, UsageError
 
 # Characters of a name in a message, about a line of a terminal.
 _LONGEST_SHOWN = 80
 # Names that a message lists where none is near; more would hide the sentence.
 _MOST_LISTED = 40
+# Problems of a file that one refusal tells.
+_MOST_TOLD = 12
 # Names, and characters of a name, that are searched for a near one: comparing takes the square of the length.
 _MOST_COMPARED = 1000
 _LONGEST_COMPARED = 64
 
 Refusal = TypeVar("Refusal", bound=PmsmError)
+
+
+class NothingToAsk(DataError):
+    """A recording that was read, and whose columns answer no question; `read` is the account of them."""
+
+    file: str | None
+    problem: str
+    fix: str
+    read: Mapping[str, Any]
+
+    def of(self, file: str) -> bool:
+        """Whether `file` is the recording."""
+        return self.file is not None and Path(self.file) == Path(file)
 
 
 def refuse(
@@ -43,6 +58,47 @@ def refuse(
     message = f"{', '.join(where)}: {problem}; {fix}" if where else f"{problem}; {fix}"
     error = kind(printable(" ".join(message.split())))
     return _annotate(error, file=file, row=row, column=column, problem=problem, fix=fix)
+
+
+class Problem(NamedTuple):
+    """One of several things that are wrong with a file: its column, what it is, and the way out."""
+
+    problem: str
+    fix: str
+    column: str | None = None
+
+
+def refuse_all(kind: type[Refusal], problems: Sequence[Problem], file: str | None) -> Refusal:
+    """One error for all `problems` of a file, of which there is at least one; `problems` of the error holds
+    them.
+    """
+    first = problems[0]
+    if len(problems) == 1:
+        error = refuse(kind, first.problem, file=file, column=first.column, fix=first.fix)
+    else:
+        clauses = [
+            f"({k}) "
+            + (f"column '{shown(each.column)}': " if each.column else "")
+            + f"{each.problem}; {each.fix}"
+            for k, each in enumerate(problems[:_MOST_TOLD], 1)
+        ]
+        if len(problems) > _MOST_TOLD:
+            clauses.append(f"And {len(problems) - _MOST_TOLD} more like these")
+        text = f"{len(problems)} things are missing or unclear: {' '.join(map(_ended, clauses))}"
+        error = kind(printable(" ".join((f"{file}: {text}" if file else text).split())))
+        _annotate(
+            error,
+            file=file,
+            row=None,
+            column=first.column,
+            problem=". ".join(each.problem for each in problems[:_MOST_TOLD]),
+            fix=". ".join(each.fix for each in problems[:_MOST_TOLD]),
+        )
+    return _annotate(error, problems=tuple(problems))
+
+
+def _ended(clause: str) -> str:
+    return clause if clause.endswith("?") else f"{clause}."
 
 
 def printable(text: str) -> str:

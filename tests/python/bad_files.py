@@ -256,11 +256,11 @@ def too_much(folder: Path) -> Iterator[tuple[str, Path, tuple[str, ...]]]:
     yield "more than memory holds", folder / "bomb.h5", ("bytes", "max_bytes")
     # Within what is allowed, but not within what there is.
     with h5py.File(folder / "large.h5", "w") as file, h5py.File(folder / "bomb.h5") as bomb:
-        for name in ("t", "i_q"):
+        for name in ("t", "i_d", "i_q"):
             bomb.copy(name, file)
         file.create_dataset("omega_e", data=np.zeros(3))
     yield "more than memory holds", folder / "large.h5", ()
-    block = pa.table({name: np.zeros(1 << 20) for name in ("t", "i_d", "i_q")})
+    block = pa.table({name: np.zeros(1 << 20) for name in ("t", "i_d", "i_q", "omega_e")})
     with pyarrow.parquet.ParquetWriter(folder / "bomb.parquet", block.schema, compression="zstd") as writer:
         for _ in range(120):
             writer.write_table(block)

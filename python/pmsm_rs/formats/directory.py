@@ -16,7 +16,7 @@ _SHOWN: Final = 4
 
 class Directory:
     """The members by their names: `names` has that of each, `listed` each name of a column once, `units` the
-    stated units by name and by header.
+    stated units by name and by header, `headers` the header of each name that one column alone has.
     """
 
     def __init__(self, members: Sequence[Member]) -> None:
@@ -44,6 +44,11 @@ class Directory:
                 if known is not None and member.unit:
                     units.setdefault(known, member.unit)
         self.listed = tuple(self._by_name)
+        self.headers = {
+            name: member.header
+            for name, member in zip(self.names, members, strict=True)
+            if member.header is not None and self.is_settled(name)
+        }
         self.units = units
 
     def is_settled(self, name: str) -> bool:

@@ -140,7 +140,16 @@ def admit(
             raise _refusal(refused, file, place) from refused
         return {item.column: part for item, part in zip(wanted, values, strict=True)}
 
-    return Source(file, directory.listed, read, directory.units, place, resolve)
+    return Source(
+        file,
+        directory.listed,
+        read,
+        directory.units,
+        place,
+        resolve,
+        directory.headers,
+        frozenset(name for name in directory.listed if not directory.is_settled(name)),
+    )
 
 
 def _check(member: Member, wanted: Wanted) -> None:

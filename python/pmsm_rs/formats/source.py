@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from .._core import DataError
 from ..errors import did_you_mean, refuse
+from ..units import is_unit
 from .selection import Selection
+from .sniff import name_and_unit
 
 MISSING_FIX = "fill the gap, cut the rows, or leave the column out (NAME = false in [columns])"
 PLAIN_FIX = "store one real number per row"
@@ -28,7 +30,9 @@ class Source:
     `names` has each name once, also where several columns have it. `read(names)` gives one 1-D float64 array
     per name and raises DataError where a name does not settle which column is meant; `place(row)` turns a row
     (from 0) into the number and the words under which the user finds it. `resolve(text)` gives the name for
-    whatever else means a column: its path, its header to the letter, a part of an array.
+    whatever else means a column: its path, its header to the letter, a part of an array. `headers` holds
+    the headers to the letter where a name is only a part of them, `twice` the names that several columns
+    have.
     """
 
     file: str | None
@@ -37,16 +41,32 @@ class Source:
     units: Mapping[str, str] = field(default_factory=dict)
     place: Callable[[int], tuple[int, str]] = row_from_zero
     resolve: Callable[[str], str | None] = lambda _name: None
+    headers: Mapping[str, str] = field(default_factory=dict)
+    twice: frozenset[str] = frozenset()
+
+    def header(self, column: str) -> str:
+        """The header of `column` to the letter."""
+        return self.headers.get(column, column)
 
     def unit(self, column: str) -> str | None:
         """The unit that the file states for `column` or for the array of which it is a part."""
-        return self.units.get(column, self.units.get(Selection.of(column).name))
+        stated = self.units.get(column, self.units.get(Selection.of(column).name))
+        if stated is None:
+            # Formats without a place for units have them in the name.
+            stated = name_and_unit(column)[1]
+            stated = stated if stated is not None and is_unit(stated) else None
+        return stated
 
     def find(self, wanted: str, canonical: str) -> str:
-        """The column called `wanted` here. Raises DataError naming what there is."""
+        """The column called `wanted` here, be it without the unit in its name. Raises DataError naming what
+        there is.
+        """
         if wanted in self.names:
             return wanted
         other = self.resolve(wanted)
+        if other is None:
+            bare = [name for name in self.names if name_and_unit(name)[0] == wanted]
+            other = bare[0] if len(bare) == 1 else None
         if other is not None:
             return other
         raise refuse(
