@@ -12,8 +12,9 @@ import numpy as np
 from ._core import DataError
 from .errors import refuse
 from .formats.arrow import from_stream
-from .formats.gate import UNKNOWN, Member, admit, checked_limit, kind_of, one_by_one
+from .formats.gate import admit, checked_limit, one_by_one
 from .formats.listed import array_of, shape_of
+from .formats.member import UNKNOWN, Member, kind_of
 from .formats.source import Source
 from .quantities import CANONICAL
 

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from ._core import DataError
 from .columns import assemble
 from .errors import refuse
-from .formats.gate import Member, admit, one_by_one
+from .formats.gate import admit, one_by_one
 from .formats.json import object_of, pairs_of
+from .formats.member import Member
 from .formats.sniff import is_number, name_and_unit, skipped, split
 from .rules import Rules
 

@@ -8,21 +8,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from .gate import (
-    BOOLEAN,
-    DATE,
-    DURATION,
-    NUMBER,
-    NUMBER_BYTES,
-    OBJECT,
-    TEXT,
-    Member,
-    Refused,
-    Wanted,
-    admit,
-    take,
-    within,
-)
+from .gate import admit, take, within
+from .member import BOOLEAN, DATE, DURATION, NUMBER, NUMBER_BYTES, OBJECT, TEXT, Member, Refused, Wanted
 from .source import MISSING_FIX, Source
 
 BATCH_VALUES: Final = 1 << 20

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from .._core import DataError
 from ..errors import refuse, shown
 from . import scope
-from .gate import Member, Refused, Wanted, admit, take, within
+from .gate import admit, take, within
+from .member import Member, Refused, Wanted
 from .sniff import SAMPLE_LINES, Layout, is_number, skipped, sniff, split
 from .source import MISSING_FIX, Source
 

@@ -58,13 +58,13 @@ def main() -> None:
     refused: type[BaseException] = KeyboardInterrupt
     try:
         reader = import_module(f"pmsm_rs.formats.decoders.{task['decoder']}")
-        gate = import_module("pmsm_rs.formats.gate")
+        member = import_module("pmsm_rs.formats.member")
         selection = import_module("pmsm_rs.formats.selection").Selection
-        refused = gate.Refused
+        refused = member.Refused
         table = reader.Table(task["file"], task["max_bytes"])
-        say({"members": [vars(member) for member in table.members]})
+        say({"members": [vars(entry) for entry in table.members]})
         asked = json.loads(sys.stdin.readline() or "[]")
-        wanted = [gate.Wanted(index, column, selection(*part)) for index, column, *part in asked]
+        wanted = [member.Wanted(index, column, selection(*part)) for index, column, *part in asked]
         if wanted:
             cap("RLIMIT_AS", unpacked, unpacked)
             send(table.read(wanted))

@@ -12,9 +12,7 @@ for every format:
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -22,33 +20,23 @@ from numpy.typing import NDArray
 
 from .._core import DataError, UsageError
 from ..errors import refuse, shown
-from .selection import Selection
+from .directory import Directory
+from .member import (
+    BOOLEAN,
+    COMPLEX,
+    DATE,
+    DURATION,
+    NUMBER,
+    NUMBER_BYTES,
+    OBJECT,
+    TEXT,
+    Member,
+    Refused,
+    Wanted,
+    kind_of,
+)
 from .source import PLAIN_FIX, Source, row_from_zero
 
-NUMBER_BYTES: Final = 8
-# Every member of a group carries the group's name; without a limit, many members times a long name of the
-# group would take far more memory than the file.
-_LONGEST_GROUP: Final = 1024
-# A refusal names the first few of the candidates.
-_SHOWN: Final = 4
-
-NUMBER, COMPLEX, BOOLEAN, TEXT = "number", "complex", "boolean", "text"
-DATE, DURATION, OBJECT = "date", "duration", "object"
-UNKNOWN: Final = "unknown"
-"""The kind of values that only reading them tells."""
-
-_KINDS: Final = {
-    "f": NUMBER,
-    "i": NUMBER,
-    "u": NUMBER,
-    "c": COMPLEX,
-    "b": BOOLEAN,
-    "S": TEXT,
-    "U": TEXT,
-    "T": TEXT,
-    "M": DATE,
-    "m": DURATION,
-}
 _NO_NUMBERS: Final = {
     BOOLEAN: ("it holds true and false, no numbers", "store 1 and 0 as numbers if they are measured values"),
     TEXT: ("it holds text, no numbers", PLAIN_FIX),
@@ -57,80 +45,8 @@ _NO_NUMBERS: Final = {
     OBJECT: ("it holds no plain numbers", PLAIN_FIX),
 }
 
-
-class Refused(Exception):
-    """What a member or its file holds cannot be used, for a reason that the user can change."""
-
-    def __init__(self, problem: str, fix: str, *, column: str | None = None, row: int | None = None) -> None:
-        """`row` counts from 0."""
-        super().__init__(problem)
-        self.problem, self.fix, self.column, self.row = problem, fix, column, row
-
-
-@dataclass(frozen=True)
-class Member:
-    """A column, variable or channel as its file declares it, before any value is read.
-
-    `group` is the path of the group that it is in. `shape` is None where the number of rows is not known.
-    `header` is the name as the file spells it, where that is more than `name`. `why` says what keeps it from
-    being used, `fix` what to do then. `memory` is what unpacking takes in bytes, where that is more than the
-    numbers. `held` says that its values are in memory as they are wanted. Raises Refused on a group whose
-    name is far too long.
-    """
-
-    name: str
-    group: str = ""
-    kind: str = NUMBER
-    shape: tuple[int, ...] | None = None
-    unit: str | None = None
-    header: str | None = None
-    why: str | None = None
-    fix: str | None = None
-    memory: int = 0
-    held: bool = False
-
-    def __post_init__(self) -> None:
-        """Checks the length of the group's name."""
-        if len(self.group) > _LONGEST_GROUP:
-            raise Refused(
-                f"the name of a group has {len(self.group)} characters",
-                f"name groups by at most {_LONGEST_GROUP} characters",
-            )
-
-    @property
-    def path(self) -> str:
-        """GROUP/NAME, or the name alone outside of any group."""
-        return f"{self.group}/{self.name}" if self.group else self.name
-
-    @property
-    def is_note(self) -> bool:
-        """Whether it is a single remark, such as a string, and no column: found only by its name."""
-        barred = self.why is not None or self.kind not in (NUMBER, COMPLEX, UNKNOWN)
-        return barred and self.shape is not None and math.prod(self.shape) <= 1
-
-    @property
-    def needed(self) -> int:
-        """Bytes that unpacking takes, 0 where the number of rows is not known."""
-        size = math.prod(self.shape) * NUMBER_BYTES if self.shape is not None else 0
-        return max(size * (2 if self.kind == COMPLEX else 1), self.memory)
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """What is wanted of member number `index`, and the name `column` by which the user asked for it."""
-
-    index: int
-    column: str
-    part: Selection
-
-
 Fetch = Callable[[list[Wanted]], Sequence[NDArray[np.float64]]]
 """What `take` makes of each member wanted; members come in ascending order of their index."""
-
-
-def kind_of(dtype: np.dtype[np.generic]) -> str:
-    """The kind of the values of a NumPy type."""
-    return _KINDS.get(dtype.kind, OBJECT)
 
 
 def checked_limit(max_bytes: object) -> int:
@@ -197,7 +113,7 @@ def admit(
     """
     if not any(not member.is_note for member in members):
         raise refuse(DataError, "it holds no columns of numbers", file=file, fix=PLAIN_FIX)
-    directory = _Directory(members)
+    directory = Directory(members)
 
     def resolve(column: str) -> str | None:
         try:
@@ -234,95 +150,6 @@ def admit(
         directory.headers,
         frozenset(name for name in directory.listed if not directory.is_settled(name)),
     )
-
-
-class _Directory:
-    """By which names the members are found."""
-
-    def __init__(self, members: Sequence[Member]) -> None:
-        self.members = members
-        places = {(member.group, member.name) for member in members if not member.is_note}
-        ends = Counter(name for _, name in places)
-        # Columns without a group go by their own name, also where a group has another one of that name.
-        self.names = [
-            member.path if member.group and ends[member.name] + member.is_note > 1 else member.name
-            for member in members
-        ]
-        self._by_name: dict[str, list[int]] = {}
-        self._notes: dict[str, list[int]] = {}
-        self._by_header: dict[str, list[int]] = {}
-        self._by_end: dict[str, list[int]] = {}
-        self._by_path: dict[tuple[str, str], list[int]] = {}
-        units: dict[str, str] = {}
-        for index, (name, member) in enumerate(zip(self.names, members, strict=True)):
-            (self._notes if member.is_note else self._by_name).setdefault(name, []).append(index)
-            self._by_end.setdefault(member.name, []).append(index)
-            self._by_path.setdefault((member.group, member.name), []).append(index)
-            if member.header is not None:
-                self._by_header.setdefault(member.header, []).append(index)
-            for known in (name, member.header):
-                if known is not None and member.unit:
-                    units.setdefault(known, member.unit)
-        self.listed = tuple(self._by_name)
-        self.headers = {
-            name: member.header
-            for name, member in zip(self.names, members, strict=True)
-            if member.header is not None and self.is_settled(name)
-        }
-        self.units = units
-
-    def is_settled(self, name: str) -> bool:
-        """Whether one member alone goes by `name`."""
-        return len(self._by_name.get(name, self._notes.get(name, []))) == 1
-
-    def find(self, column: str) -> tuple[list[int], Selection] | None:
-        """The members that `column` may mean and the part it selects, None where there is none.
-
-        Raises Refused where several groups have one of that name.
-        """
-        part = Selection.of(column)
-        readings = [Selection(column), *([part] if part.name != column else [])]
-        for reading in readings:
-            for table in (self._by_name, self._by_header, self._notes):
-                if reading.name in table:
-                    return table[reading.name], reading
-            cuts = [at for at, sign in enumerate(reading.name) if sign == "/"]
-            ways = [self._by_path.get((reading.name[:at], reading.name[at + 1 :]), []) for at in cuts]
-            if found := [index for way in ways for index in way]:
-                return found, reading
-        for reading in readings:
-            if reading.name in self._by_end:
-                paths = [self.members[index].path for index in self._by_end[reading.name]]
-                raise Refused(
-                    f"{len(paths)} columns are called '{shown(reading.name)}'",
-                    f"say which: {_either(paths)}",
-                    column=column,
-                )
-        return None
-
-    def wanted(self, column: str) -> Wanted:
-        """The one member that `column` means. Raises Refused where several have the name."""
-        found = self.find(column)
-        assert found is not None, "only what `resolve` or `names` gave is read"
-        indices, part = found
-        if len(indices) > 1:
-            headers = [self.members[index].header for index in indices]
-            spelled = [header for header in headers if header is not None]
-            by_header = len(set(spelled)) == len(indices)
-            count = "two" if len(indices) == 2 else str(len(indices))
-            raise Refused(
-                f"{count} columns are called '{shown(part.name)}'",
-                f"say which by its whole header in [columns]: {_either(spelled)}"
-                if by_header
-                else "rename one of them, or leave the name out (NAME = false in [columns])",
-                column=column,
-            )
-        return Wanted(indices[0], column, part)
-
-
-def _either(names: Sequence[str]) -> str:
-    some = " or ".join(f"'{shown(name)}'" for name in names[:_SHOWN])
-    return some + (f" or one of {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
 
 
 def _check(member: Member, wanted: Wanted) -> None:

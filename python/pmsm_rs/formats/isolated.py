@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from .._core import DataError, InternalError, UsageError
 from ..errors import refuse
-from .gate import Member, Refused, Wanted, admit
+from .gate import admit
+from .member import Member, Refused, Wanted
 from .source import Source
 
 DAMAGED: Final = "export it again; it may be cut short or damaged"

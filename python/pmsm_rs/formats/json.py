@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from .._core import DataError
 from ..errors import refuse
-from .gate import UNKNOWN, Member, Refused, admit, one_by_one
+from .gate import admit, one_by_one
 from .listed import array_of, shape_of
+from .member import UNKNOWN, Member, Refused
 from .source import Source
 
 # Python's objects take some thirty times the memory of the text that they were read from.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import shown
-from .gate import Refused
+from .member import Refused
 from .source import PLAIN_FIX
 
 _ROW_FIX: Final = "complete or remove the row"

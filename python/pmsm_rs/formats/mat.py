@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from .._core import DataError
 from ..errors import refuse, shown
-from .gate import BOOLEAN, COMPLEX, NUMBER, TEXT, Member, admit, one_by_one
+from .gate import admit, one_by_one
+from .member import BOOLEAN, COMPLEX, NUMBER, TEXT, Member
 from .source import Source
 
 _FIX: Final = "save it again from MATLAB with save(..., '-v7')"

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from .._core import DataError
 from ..errors import refuse, shown
-from .gate import Member, Refused, admit, kind_of, one_by_one
+from .gate import admit, one_by_one
+from .member import Member, Refused, kind_of
 from .source import Source
 
 _FIX: Final = "save it again with numpy.savez(file, t=..., i_d=...)"

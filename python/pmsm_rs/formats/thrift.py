@@ -89,7 +89,11 @@ class Compact:
             self._pass(8 * size)
         else:
             for _ in range(size):
-                self.skip(element, depth + 1)
+                # A structure without fields is its end mark alone; a footer can hold millions of them.
+                if element == _STRUCT and self.data[self.at : self.at + 1] == b"\0":
+                    self.at += 1
+                else:
+                    self.skip(element, depth + 1)
 
     def _element(self, kind: int, depth: int) -> None:
         # Within lists and maps a truth value takes a byte of its own.

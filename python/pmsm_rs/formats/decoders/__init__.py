@@ -1,8 +1,8 @@
 """What the decoding process runs, one module per family of formats; the user's process uses none of it.
 
-Each module has a class `Table(file, max_bytes)` with `members`, a list of `gate.Member`, and `read(wanted)`,
-which gives for each `gate.Wanted` the parts of its values as contiguous float64 arrays, and raises
-`gate.Refused`. Whatever else goes wrong is damage to the file.
+Each module has a class `Table(file, max_bytes)` with `members`, a list of `Member`, and `read(wanted)`, which
+gives for each `Wanted` the parts of its values as contiguous float64 arrays, and raises `Refused`. Whatever
+else goes wrong is damage to the file.
 """
 
 from __future__ import annotations

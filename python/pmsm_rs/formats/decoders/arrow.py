@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..arrow import BATCH_VALUES, members, parts
-from ..gate import Wanted
+from ..member import Wanted
 from . import Parts
 
 

@@ -12,7 +12,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..gate import BOOLEAN, COMPLEX, NUMBER_BYTES, TEXT, Member, Refused, Wanted, kind_of, take, within
+from ..gate import take, within
+from ..member import BOOLEAN, COMPLEX, NUMBER_BYTES, TEXT, Member, Refused, Wanted, kind_of
 from . import Parts
 
 _DEEPEST: Final = 32

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import shown
-from ..gate import BOOLEAN, NUMBER, NUMBER_BYTES, OBJECT, TEXT, Member, Refused, Wanted, take, within
+from ..gate import take, within
+from ..member import BOOLEAN, NUMBER, NUMBER_BYTES, OBJECT, TEXT, Member, Refused, Wanted
 from ..source import MISSING_FIX
 from . import Parts
 

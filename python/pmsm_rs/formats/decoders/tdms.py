@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..gate import NUMBER, NUMBER_BYTES, Member, Refused, Wanted, kind_of, take, within
+from ..gate import take, within
+from ..member import NUMBER, NUMBER_BYTES, Member, Refused, Wanted, kind_of
 from . import Parts
 
 _CUT_FIX = "export it again; it may be cut short or damaged"
