@@ -1,5 +1,5 @@
 # `make demo` and `make test` need Python >= 3.11, cargo and a C linker, and fetch the rest into .venv and target.
-# Other goals: readme, proof, proof-docs, accuracy, miri, wheel, format, docs, doc, clean.
+# Other goals: soak, readme, proof, proof-docs, accuracy, miri, wheel, format, docs, doc, clean.
 
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -17,15 +17,18 @@ ANSWERS ?= out/accuracy
 # The set of cases of `make proof`: its folder, and the seed of the table in the manual.
 OUT ?= out/proof
 SEED ?= $(shell cat docs/proof/seed)
+# How long `make soak` draws.
+MINUTES ?= 10
 
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md \
   $(shell find crates python -type f -not -name '*.so' -not -name '*.pyc' -not -path '*/target/*')
 
-.PHONY: help need demo built unit test lint rustfmt clippy ruff mypy rust python readme readme-check proof proof-docs accuracy miri wheel format docs doc clean
+.PHONY: help need demo built unit test lint rustfmt clippy ruff mypy rust python soak readme readme-check proof proof-docs accuracy miri wheel format docs doc clean
 
 help:
 	@echo 'make demo      install into $(VENV) and diagnose the recording that ships with the package'
 	@echo 'make test      lints, Rust tests, and Python tests against the installed wheel'
+	@echo 'make soak      property tests with fresh seeds, for MINUTES=10; a failing case ends it'
 	@echo 'make proof     make 300 sealed cases, diagnose and score them; CASES= SEED= OUT= JOBS=2'
 	@echo 'make accuracy  score the diagnosis on concealed cases, where CONCEALED=folder has them'
 	@echo 'make miri      the unsafe code under Miri; needs a nightly toolchain with miri and rust-src'
@@ -109,6 +112,10 @@ rust: | need
 # `--installed` refuses to test anything but the wheel.
 python: $(VENV)/.test
 	$(BIN)/pytest --installed -n auto --dist loadfile
+
+# `make test` draws the same cases in every run; this draws others, and says how to draw a failing one again.
+soak: $(VENV)/.test
+	$(BIN)/python .ci/soak.py --minutes $(MINUTES) --installed
 
 readme-check: $(VENV)/.test
 	@$(BIN)/python docs/readme.py --check || \

@@ -37,6 +37,8 @@ class Diagnosis(DiagnosisValues):
     """What the dq-model leaves out; fields are those of the JSON answer, of which `effects` and `base` stand
     under `model` there.
 
+    `read` says for each recording which of its columns became what, which were not used and why, and which
+    questions could be asked; in the JSON answer it is an object for one recording and a list for several.
     Channels are i_d, i_q (A), omega_e (rad/s, electrical), of operating points v_d, v_q (V). `noise_floor`
     is what a perfect model would leave in each, `fit["recording" or "validation"]["before" or "after"]`
     what is left, both as root mean square in the channel's unit. `data_quality` has finding, consequence

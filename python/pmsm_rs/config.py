@@ -11,12 +11,14 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from ._core import Machine, MachineError, PmsmError
-from .columns import Rule, Rules
-from .errors import did_you_mean, opened, refuse
+from .errors import did_you_mean, opened, refuse, shown
 from .quantities import CANONICAL
+from .rules import Rule, Rules
 from .units import canonical, suggest
 
 _LARGEST_FILE = 1 << 20
+# A whole number beyond 64 bits has at least as many digits, be they hexadecimal.
+_LONG_NUMBER = re.compile(r"[0-9A-Fa-f_]{16,}")
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -132,7 +134,10 @@ def read_toml(name: str, role: str = "machine file", kind: type[PmsmError] = Mac
             raise refuse(kind, f"it is far too large for a {role}", file=name, fix="name the TOML file")
         content = file.read_bytes()
     try:
-        return tomllib.loads(content.decode("utf-8-sig"))
+        text = content.decode("utf-8-sig")
+        if _LONG_NUMBER.search(text):
+            _whole_numbers_fit(text, name, kind)
+        return tomllib.loads(text)
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         what = (
             "it is no UTF-8 text"
@@ -142,6 +147,39 @@ def read_toml(name: str, role: str = "machine file", kind: type[PmsmError] = Mac
         raise refuse(
             kind, f"this is no valid TOML ({what})", file=name, fix="correct it at that place"
         ) from error
+
+
+def _whole_numbers_fit(text: str, name: str, kind: type[PmsmError]) -> None:
+    """Raises `kind` where the file has a whole number beyond the 64 bits of TOML."""
+    try:
+        fits = _largest(tomllib.loads(text)) < 1 << 63
+    except tomllib.TOMLDecodeError:
+        return
+    except ValueError:
+        # Python does not even convert a number of so many digits.
+        fits = False
+    if fits:
+        return
+    lines = enumerate(text.splitlines(), start=1)
+    number, line = max(lines, key=lambda entry: max(map(len, _LONG_NUMBER.findall(entry[1])), default=0))
+    key = line.partition("=")[0].strip()
+    raise refuse(
+        kind,
+        f"{shown(key)}: the whole number does not fit into 64 bits",
+        file=name,
+        row=number,
+        place=f"line {number}",
+        fix="correct the value; a physical one is in SI units and may have an exponent",
+    )
+
+
+def _largest(content: object) -> int:
+    """The largest magnitude of the whole numbers in what TOML gave."""
+    if isinstance(content, dict):
+        content = list(content.values())
+    if isinstance(content, list):
+        return max(map(_largest, content), default=0)
+    return abs(content) if isinstance(content, int) else 0
 
 
 def _misspelt(content: dict[str, Any]) -> list[tuple[str, str]]:

@@ -28,10 +28,10 @@ from typing import Any, Final
 from . import _core
 from ._core import Machine, PmsmError, UsageError
 from .config import MachineFile
-from .errors import refuse
+from .errors import NothingToAsk, refuse
 from .loader import load
 from .recording import Recording
-from .run import diagnose
+from .run import diagnose, unanswered
 
 Run = str | os.PathLike[str] | Recording
 Makes = Executor | Callable[[], Executor]
@@ -121,6 +121,10 @@ def work(task: Task) -> Told:
         answer = diagnose(recording, machine, validation, seed=task.seed, threads=task.threads, progress=look)
     except _Stopped:
         return "failure", INTERRUPTED, ""
+    except NothingToAsk as error:
+        if isinstance(task.recording, Recording) or not error.of(os.fspath(task.recording)):
+            return "failure", "DataError", str(error)
+        return "answer", unanswered(error, seed=task.seed).to_json(), ""
     except PmsmError as error:
         return "failure", type(error).__name__, str(error)
     except Exception as error:

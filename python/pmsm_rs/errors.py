@@ -4,14 +4,38 @@ from __future__ import annotations
 
 import difflib
 import operator
-from collections.abc import Iterable, Iterator
+import stat
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, NamedTuple, TypeVar
 
-from ._core import PmsmError, UsageError
+from ._core import DataError, PmsmError, UsageError
+
+# Characters of a name in a message, about a line of a terminal.
+_LONGEST_SHOWN = 80
+# Names that a message lists where none is near; more would hide the sentence.
+_MOST_LISTED = 40
+# Problems of a file that one refusal tells.
+_MOST_TOLD = 12
+# Names, and characters of a name, that are searched for a near one: comparing takes the square of the length.
+_MOST_COMPARED = 1000
+_LONGEST_COMPARED = 64
 
 Refusal = TypeVar("Refusal", bound=PmsmError)
+
+
+class NothingToAsk(DataError):
+    """A recording that was read, and whose columns answer no question; `read` is the account of them."""
+
+    file: str | None
+    problem: str
+    fix: str
+    read: Mapping[str, Any]
+
+    def of(self, file: str) -> bool:
+        """Whether `file` is the recording."""
+        return self.file is not None and Path(self.file) == Path(file)
 
 
 def refuse(
@@ -30,10 +54,68 @@ def refuse(
     of the two, in words. The same facts are attributes of the error: `file`, `row`, `column`, `problem`,
     `fix`.
     """
-    where = [part for part in (file, place, f"column '{column}'" if column else None) if part]
+    where = [part for part in (file, place, f"column '{shown(column)}'" if column else None) if part]
     message = f"{', '.join(where)}: {problem}; {fix}" if where else f"{problem}; {fix}"
-    error = kind(" ".join(message.split()))
+    error = kind(printable(" ".join(message.split())))
     return _annotate(error, file=file, row=row, column=column, problem=problem, fix=fix)
+
+
+class Problem(NamedTuple):
+    """One of several things that are wrong with a file: its column, what it is, and the way out."""
+
+    problem: str
+    fix: str
+    column: str | None = None
+
+
+def refuse_all(kind: type[Refusal], problems: Sequence[Problem], file: str | None) -> Refusal:
+    """One error for all `problems` of a file, of which there is at least one; `problems` of the error holds
+    them.
+    """
+    first = problems[0]
+    if len(problems) == 1:
+        error = refuse(kind, first.problem, file=file, column=first.column, fix=first.fix)
+    else:
+        clauses = [
+            f"({k}) "
+            + (f"column '{shown(each.column)}': " if each.column else "")
+            + f"{each.problem}; {each.fix}"
+            for k, each in enumerate(problems[:_MOST_TOLD], 1)
+        ]
+        if len(problems) > _MOST_TOLD:
+            clauses.append(f"And {len(problems) - _MOST_TOLD} more like these")
+        text = f"{len(problems)} things are missing or unclear: {' '.join(map(_ended, clauses))}"
+        error = kind(printable(" ".join((f"{file}: {text}" if file else text).split())))
+        _annotate(
+            error,
+            file=file,
+            row=None,
+            column=first.column,
+            problem=". ".join(each.problem for each in problems[:_MOST_TOLD]),
+            fix=". ".join(each.fix for each in problems[:_MOST_TOLD]),
+        )
+    return _annotate(error, problems=tuple(problems))
+
+
+def _ended(clause: str) -> str:
+    return clause if clause.endswith("?") else f"{clause}."
+
+
+def printable(text: str) -> str:
+    """`text` with what could steer a terminal, such as control characters, written as escape sequences."""
+    if text.isprintable():
+        return text
+    return "".join(
+        sign if sign.isprintable() or sign == "\n" else sign.encode("unicode_escape").decode()
+        for sign in text
+    )
+
+
+def shown(name: str) -> str:
+    """A name out of a file as a sentence can hold it: printable, its middle left out where it is long."""
+    if len(name) > _LONGEST_SHOWN:
+        name = f"{name[: _LONGEST_SHOWN // 2]}…{name[-_LONGEST_SHOWN // 4 :]}"
+    return printable(name)
 
 
 def _annotate(error: Refusal, **facts: object) -> Refusal:
@@ -46,12 +128,21 @@ def _annotate(error: Refusal, **facts: object) -> Refusal:
 def opened(name: str, role: str) -> Iterator[Path]:
     """The file `name`, which is to be a `role`, while it is read.
 
-    Raises UsageError where it is a folder, is not there or cannot be read.
+    Raises UsageError where it is a folder, a pipe or a device, is not there or cannot be read.
     """
     file = Path(name)
     try:
-        if file.is_dir():
+        mode = file.stat().st_mode
+        if stat.S_ISDIR(mode):
             raise refuse(UsageError, "this is a folder", file=name, fix=f"name the {role} in it")
+        if not stat.S_ISREG(mode):
+            # A pipe or a device has no size to check, and reading it may never end.
+            raise refuse(
+                UsageError,
+                "this is a pipe or a device, no file",
+                file=name,
+                fix=f"name the file of a {role}",
+            )
         yield file
     except FileNotFoundError:
         raise refuse(
@@ -82,10 +173,15 @@ def fact(error: BaseException, name: str) -> object:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """A clause that names the nearest of `known`, or all of them where none is near."""
+    """A clause that names the nearest of `known`, or the first of them where none is near."""
     choices = sorted(known)
-    lowered = {choice.lower(): choice for choice in choices}
-    near = difflib.get_close_matches(name.lower(), list(lowered), n=3, cutoff=0.6)
+    short = [choice for choice in choices[:_MOST_COMPARED] if len(choice) <= _LONGEST_COMPARED]
+    lowered = {choice.lower(): choice for choice in short}
+    compared = name.lower() if len(name) <= _LONGEST_COMPARED else ""
+    near = difflib.get_close_matches(compared, list(lowered), n=3, cutoff=0.6)
     if near:
-        return "did you mean " + " or ".join(f"'{lowered[hit]}'" for hit in near) + "?"
-    return "known: " + ", ".join(choices) if choices else "none is known"
+        return "did you mean " + " or ".join(f"'{shown(lowered[hit])}'" for hit in near) + "?"
+    if not choices:
+        return "none is known"
+    more = f" and {len(choices) - _MOST_LISTED} more" if len(choices) > _MOST_LISTED else ""
+    return "known: " + ", ".join(shown(choice) for choice in choices[:_MOST_LISTED]) + more

@@ -20,10 +20,11 @@ from .answers import Diagnosis
 from .config import MachineFile, read_machine
 from .crew import INTERRUPTED, Crew, Makes, Run, Task, Told
 from .errors import expect_whole, refuse
+from .headline import headline, is_whole
 from .ledger import Ledger
 from .recording import DEFAULT_MAX_BYTES, Recording
 from .run import Progress
-from .summary import WIDTH, headline, hung
+from .summary import WIDTH, hung
 from .words import percent
 
 Described = str | os.PathLike[str] | MachineFile | Machine
@@ -81,8 +82,8 @@ class Fleet(Sequence["Diagnosis | Failure"]):
 
     def __str__(self) -> str:
         """How many there are of each verdict, and a line for each recording."""
-        verdicts = Counter(r.verdict if isinstance(r, Diagnosis) else "failed" for r in self)
-        counts = [f"{count} {verdict.replace('_', ' ')}" for verdict, count in verdicts.most_common()]
+        verdicts = Counter(_verdict(result) for result in self)
+        counts = [f"{count} {verdict}" for verdict, count in verdicts.most_common()]
         lines = [", ".join(counts)]
         if self.interrupted:
             lines.append("Interrupted: run it again with the same ledger for the rest.")
@@ -202,6 +203,13 @@ def _interrupted(task: Task) -> Failure:
     return Failure(
         task.name, INTERRUPTED, f"{task.name}: interrupted before there was a result; run it again"
     )
+
+
+def _verdict(result: Diagnosis | Failure) -> str:
+    if isinstance(result, Failure):
+        return "failed"
+    part = " in what was asked" if result.verdict == "no_mismatch" and not is_whole(result) else ""
+    return result.verdict.replace("_", " ") + part
 
 
 def _line(result: Diagnosis | Failure) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import stat
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Self
@@ -39,6 +40,10 @@ class Ledger:
                 fix="name a file in a folder that exists and may be written to",
             ) from error
         try:
+            if not stat.S_ISREG(os.fstat(self._file).st_mode):
+                raise refuse(
+                    UsageError, "this is a pipe or a device, no file", file=self.path, fix="name a file"
+                )
             self._claim()
             text = Path(self.path).read_bytes()
             for entry in self._lines(text):

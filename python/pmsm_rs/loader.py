@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from ._core import DataError, Machine
 from .checks import angle_against_speed, angle_in_radians, rotor_frame_against_phases
-from .columns import assemble
+from .columns import Columns, taken
 from .config import MachineFile, read_machine
-from .errors import fact, refuse
+from .errors import NothingToAsk, fact, refuse
 from .formats import Source, open_source
 from .formats.ahead import Opening
 from .frames import frame_source
+from .reading import Account, told
 from .recording import DEFAULT_MAX_BYTES, Recording
 
 
@@ -69,12 +70,15 @@ def _read(
         if isinstance(described, MachineFile)
         else (None, None, None)
     )
-    columns = assemble(source, rules, beside=None if file is None else _beside(file, max_bytes))
+    beside = None if file is None else _beside(file, max_bytes)
+    columns, account = taken(source, rules, beside, whole=True)
     try:
         recording = Recording(columns, load=kind, load_value=value)
     except DataError as error:
+        if fact(error, "row") is None and _is_load_alone(columns):
+            raise _nothing_to_ask(columns, account, source) from error
         raise _with_place(error, source) from error
-    recording.file = source.file
+    recording.file, recording.account = source.file, account
     angle_against_speed(columns, known.n_p if known is not None else None, source.file)
     angle_in_radians(columns, source.file)
     rotor_frame_against_phases(columns, source.file)
@@ -106,7 +110,27 @@ def load_columns(
     """
     source = open_source(data, max_bytes)
     rules = machine.columns if isinstance(machine, MachineFile) else None
-    return assemble(source, rules, _beside(data, max_bytes), finite=False)
+    return taken(source, rules, _beside(data, max_bytes), finite=False)[0]
+
+
+def _is_load_alone(columns: Columns) -> bool:
+    """Whether a speed or angle and the torque of the load are all that was recorded of the motion."""
+    drive = {"i_a", "i_b", "i_c", "i_d", "i_q", "tau_e"}
+    turning = {"omega_e", "omega_m", "theta_e", "theta_m"}
+    return "tau_m" in columns and not drive & {*columns} and bool(turning & {*columns})
+
+
+def _nothing_to_ask(columns: Columns, account: Account, source: Source) -> NothingToAsk:
+    """What a load torque and a speed by themselves leave to say."""
+    error = refuse(
+        NothingToAsk,
+        "the torque is that of the load, and neither currents nor a torque of the motor were read",
+        file=source.file,
+        column="tau_m",
+        fix="log the currents, or map the torque to tau_e in [columns] if the motor makes it",
+    )
+    error.read = told(account, columns["t"], None, None)
+    return error
 
 
 def _with_place(error: DataError, source: Source) -> DataError:

@@ -11,7 +11,9 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
-from . import atomic, figures, plot, report, summary, traces, words
+from . import atomic, figures, plot, report, traces, words
+from .headline import headline
+from .readout import ignored, origins
 
 if TYPE_CHECKING:
     from .results import DiagnosisValues, IdentificationValues
@@ -46,7 +48,7 @@ class Page:
 
 def diagnosis(answer: DiagnosisValues) -> str:
     """The card of a diagnosis."""
-    chip, tone = report.VERDICTS.get(answer.verdict, (answer.verdict, "poor"))
+    chip, tone = report.chip(answer)
     chosen = [candidate for candidate in answer.ranking if candidate.effect in answer.effects]
     tables = [(words.title(c.effect), report.rows(c)) for c in chosen if c.parameters]
     judged = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
@@ -64,11 +66,14 @@ def diagnosis(answer: DiagnosisValues) -> str:
         notes.insert(0, "Interrupted: this is the best so far.")
     if answer.unmodelled is not None:
         notes.append(answer.unmodelled.sentence)
+    notes += [
+        f"Read: {words.listed(origins(read))}; ignored: {ignored(read) or 'none'}." for read in answer.read
+    ]
     named = answer.verdict == "named" and answer.ranking
     return _card(
         chip=f"{chip} · {words.percent(answer.ranking[0].probability)}" if named else chip,
         tone=TONES[tone],
-        headline=summary.headline(answer),
+        headline=headline(answer),
         notes=notes,
         tables=tables,
         fit=fit,

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from . import _core
 from ._core import DataError
-from .columns import assemble, unknown_column
+from .columns import taken, unknown_column
 from .errors import refuse
 from .frames import frame_source
 from .quantities import CANONICAL
+from .reading import Account
 
 DEFAULT_MAX_BYTES = 2 << 30
 # The core sorts the time steps, and keeps what it works with.
@@ -30,10 +31,12 @@ class Recording(_core.Recording):
     it is measured where there is a column tau_m and unknown_constant otherwise. Raises DataError naming
     column and row.
 
-    `file` names the file it was read from, None where there is none.
+    `file` names the file it was read from, None where there is none, and `account` says which column became
+    what.
     """
 
     file: str | None = None
+    account: Account
 
     def __new__(
         cls,
@@ -61,13 +64,17 @@ class Recording(_core.Recording):
                     fix=unknown_column(name),
                 )
         if _is_plain(given):
-            # The core checks every value. What it refuses is refused below, in the words of `assemble`.
+            # The core checks every value. What it refuses is refused below, in the words of `taken`.
             with suppress(DataError):
                 _make_room(given)
-                return super().__new__(cls, given, load=load, load_value=load_value)
-        checked = assemble(frame_source(given, DEFAULT_MAX_BYTES))
+                made = super().__new__(cls, given, load=load, load_value=load_value)
+                made.account = Account.of_arrays(given)
+                return made
+        checked, account = taken(frame_source(given, DEFAULT_MAX_BYTES))
         _make_room(checked)
-        return super().__new__(cls, checked, load=load, load_value=load_value)
+        made = super().__new__(cls, checked, load=load, load_value=load_value)
+        made.account = account
+        return made
 
     def __init__(self, *_: Any, **__: Any) -> None:
         """Nothing is left to do: __new__ has checked and stored everything."""
@@ -75,7 +82,7 @@ class Recording(_core.Recording):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles as its columns, the load and the name of its file."""
         columns = {name: self.column(name) for name in self.names}
-        return _restore, (columns, self.load, self.load_value), {"file": self.file}
+        return _restore, (columns, self.load, self.load_value), {"file": self.file, "account": self.account}
 
     def __repr__(self) -> str:
         return (

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from . import figures, plot, words
+from .headline import headline, is_whole
+from .quantities import CANONICAL
+from .readout import extent, ignored, origin, reasons
 from .registry import effects
 from .results import Candidate, DiagnosisValues, Estimate, Location
-from .summary import headline, recording_name
+from .summary import recording_name
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -22,6 +26,16 @@ VERDICTS = {
     "unknown": ("Unknown physics", "doubt"),
     "undetermined": ("Undetermined", "poor"),
 }
+_LITERAL = re.compile(r"((?<!\w)'[^']*'(?!\w)|\b\w+ = \{[^{}]*\})")
+"""A name in quotes, or a line of TOML."""
+_IN_PART = ("No mismatch in what was asked", "doubt")
+
+
+def chip(answer: DiagnosisValues) -> tuple[str, str]:
+    """The verdict in a word or two, and its tone: only what was asked for as a whole is complete."""
+    if answer.verdict == "no_mismatch" and not is_whole(answer):
+        return _IN_PART
+    return VERDICTS.get(answer.verdict, (answer.verdict, "poor"))
 
 
 @dataclass(frozen=True)
@@ -54,15 +68,19 @@ class FitRow:
 
 def render(answer: DiagnosisValues, title: str | None = None) -> str:
     """The page as HTML text. The same answer and title give the same text."""
-    chip, tone = VERDICTS.get(answer.verdict, (answer.verdict, "poor"))
+    label, tone = chip(answer)
     judged = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
     return template("report.html.j2").render(
         answer=answer,
         title=title or "Diagnosis",
-        chip=chip,
+        chip=label,
         tone=tone,
         headline=headline(answer),
         leading=_leading(answer),
+        read=[
+            (recording_name(entry, count), _origins(read), extent(read), ignored(read), reasons(read))
+            for count, (read, entry) in enumerate(_each_read(answer), 1)
+        ],
         candidates=[(c, words.title(c.effect), rows(c)) for c in answer.ranking[:8]],
         unlisted=max(0.0, 1.0 - sum(c.probability for c in answer.ranking)),
         effects=[
@@ -85,6 +103,19 @@ def render(answer: DiagnosisValues, title: str | None = None) -> str:
         blind=[(item, words.title(item["effect"])) for item in answer.cannot_see],
         colours={"before": plot.BEFORE, "after": plot.AFTER, "measured": plot.MEASURED, "noise": plot.NOISE},
     )
+
+
+def _each_read(answer: DiagnosisValues) -> list[tuple[Mapping[str, Any], Mapping[str, Any]]]:
+    """What was read of each recording, with its entry of several."""
+    return list(zip(answer.read, answer.recordings or [{}] * len(answer.read), strict=False))
+
+
+def _origins(read: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+    """Canonical column, its meaning, where it came from, and the unit it had there."""
+    return [
+        (name, CANONICAL[name].meaning, origin(name, entry), entry["unit"])
+        for name, entry in read["columns"].items()
+    ]
 
 
 MEANINGS = {
@@ -133,10 +164,17 @@ def template(name: str) -> Template:
 
 
 def _typeset(text: str) -> str:
-    """`text` escaped, its symbols with subscripts."""
+    """`text` escaped, its symbols with subscripts; names in quotes and lines of TOML stay as they are, so
+    that they can be copied.
+    """
     from markupsafe import Markup, escape
 
-    return Markup(words.subscripted(str(escape(text)), "<sub>", "</sub>"))
+    parts = _LITERAL.split(text)
+    parts[::2] = [words.subscripted(str(escape(part)), "<sub>", "</sub>") for part in parts[::2]]
+    parts[1::2] = [
+        str(escape(part)) if part.startswith("'") else f"<code>{escape(part)}</code>" for part in parts[1::2]
+    ]
+    return Markup("".join(parts))
 
 
 def _leading(answer: DiagnosisValues) -> Candidate | None:

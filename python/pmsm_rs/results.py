@@ -141,6 +141,7 @@ class DiagnosisValues:
     """The values of a `Diagnosis`, which says what each of them is."""
 
     verdict: str
+    read: tuple[Mapping[str, Any], ...]
     data_quality: tuple[Mapping[str, str], ...]
     located: tuple[Location, ...]
     left: tuple[Location, ...]
@@ -162,9 +163,15 @@ class DiagnosisValues:
     @classmethod
     def from_json(cls, text: str, traces: Traces | None = None) -> Self:
         """From what `to_json` writes, with the traces where they are at hand."""
-        data = json.loads(text)
+        return cls.of(json.loads(text), traces)
+
+    @classmethod
+    def of(cls, data: Mapping[str, Any], traces: Traces | None = None) -> Self:
+        """From the JSON object of an answer, with the traces where they are at hand."""
+        read = data.get("read")
         return cls(
             verdict=data["verdict"],
+            read=() if read is None else tuple(read) if isinstance(read, list) else (read,),
             data_quality=tuple(data["data_quality"]),
             located=tuple(_location(entry) for entry in data["located"]),
             left=tuple(_location(entry) for entry in data.get("left", ())),

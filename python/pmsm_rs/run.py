@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 from . import _core
 from ._core import DataError, Machine, NotIdentifiableError, Recording, UsageError
 from .answers import Diagnosis, Identification
-from .errors import did_you_mean, expect_whole, fact, refuse
+from .errors import NothingToAsk, did_you_mean, expect_whole, fact, refuse
+from .reading import Account, told, warnings
+from .words import lower_first
 
 if TYPE_CHECKING:
     from .config import MachineFile
@@ -194,9 +196,7 @@ def diagnose(
         )
     except (DataError, NotIdentifiableError) as error:
         raise _in_file(error, recordings) from error
-    if len(recordings) > 1:
-        answer = _with_files(answer, recordings)
-    return Diagnosis.from_json(answer, traces)
+    return Diagnosis.of(_complete(json.loads(answer), recordings, validation), traces)
 
 
 def _expect_recordings(*given: object) -> None:
@@ -210,11 +210,18 @@ def _expect_recordings(*given: object) -> None:
             )
 
 
-def refused(error: NotIdentifiableError, *, seed: int = 1) -> Diagnosis:
-    """The refusal of a recording as an answer: its verdict is `undetermined`, every effect stands under
+def refused(error: NotIdentifiableError, recordings: Sequence[Recording] = (), *, seed: int = 1) -> Diagnosis:
+    """The refusal of recordings as an answer: its verdict is `undetermined`, every effect stands under
     `cannot_see`, and `data_quality` holds the reason and its remedy.
     """
-    return Diagnosis.from_json(_core.refusal(error.problem, error.fix, seed=seed))
+    data = json.loads(_core.refusal(error.problem, error.fix, seed=seed))
+    return Diagnosis.of(_complete(data, recordings) if recordings else data)
+
+
+def unanswered(error: NothingToAsk, *, seed: int = 1) -> Diagnosis:
+    """The answer on a recording whose columns answer no question: `undetermined`, with the reason."""
+    data = json.loads(_core.refusal(error.problem, error.fix, seed=seed))
+    return Diagnosis.of(_with_read(data, [error.read]))
 
 
 def _in_file(
@@ -239,12 +246,43 @@ def _in_file(
     return named
 
 
-def _with_files(answer: str, recordings: Sequence[Recording]) -> str:
-    """The answer's JSON with the file of each of several recordings."""
-    data = json.loads(answer)
+def _complete(
+    data: dict[str, Any], recordings: Sequence[Recording], validation: Recording | None = None
+) -> dict[str, Any]:
+    """The core's answer with what only this side knows: the files, and what was read of them."""
     for entry, recording in zip(data.get("recordings", ()), recordings, strict=False):
         entry["file"] = _file(recording)
-    return json.dumps(data, ensure_ascii=False)
+    complete = _with_read(data, [_read(recording) for recording in recordings])
+    if validation is not None:
+        lost = [_of("Validation run", finding) for finding in warnings(_read(validation))]
+        complete["data_quality"] += lost
+    return complete
+
+
+def _read(recording: Recording) -> dict[str, Any]:
+    account = getattr(recording, "account", None) or Account.of_arrays(recording.names)
+    return told(account, recording.column("t"), recording.kind, recording.load)
+
+
+def _with_read(data: dict[str, Any], reads: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The answer with `read`, an object for one recording and a list of them for several, and with a finding
+    for each column that was not used though it may be needed.
+    """
+    each = [warnings(read) for read in reads]
+    findings = [
+        finding if all(finding in other for other in each) else _of(f"Recording {count}", finding)
+        for count, own in enumerate(each, 1)
+        for finding in own
+    ]
+    once = [finding for k, finding in enumerate(findings) if finding not in findings[:k]]
+    head = {"schema": data["schema"], "verdict": data["verdict"]}
+    head["read"] = reads[0] if len(reads) == 1 else list(reads)
+    head["data_quality"] = [*once, *data["data_quality"]]
+    return head | {name: value for name, value in data.items() if name not in head}
+
+
+def _of(run: str, finding: Mapping[str, str]) -> dict[str, str]:
+    return {**finding, "finding": f"{run}: {lower_first(finding['finding'])}"}
 
 
 def _file(recording: Recording) -> str | None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import json
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import Protocol
 
@@ -10,10 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._core import DataError
-from .columns import Rules, assemble
+from .columns import assemble
 from .errors import refuse
+from .formats.gate import admit, one_by_one
+from .formats.json import object_of, pairs_of
+from .formats.member import Member
 from .formats.sniff import is_number, name_and_unit, skipped, split
-from .formats.source import Source
+from .rules import Rules
 
 NAME = "standard input"
 _CHUNK = 1 << 16
@@ -93,10 +98,10 @@ def _bad(problem: str, number: int, fix: str, column: str | None = None) -> Data
 
 
 class _Table(Protocol):
-    """Names and units of the columns, and how a line becomes a row."""
+    """Names and units of the columns, of which two may have one name, and how a line becomes a row."""
 
     names: tuple[str, ...]
-    units: dict[str, str]
+    units: tuple[str | None, ...]
 
     def row(self, line: str, number: int) -> list[float]:
         """The values of a line in the order of `names`. Raises DataError for a line that is no row."""
@@ -107,18 +112,17 @@ class _Text:
 
     def __init__(self, header: str, number: int) -> None:
         self.separator = max(_SEPARATORS, key=header.count)
-        fields = [name_and_unit(field) for field in split(header, self.separator)]
+        fields = [name_and_unit(field) for field in _fields(header, self.separator, number)]
         self.names = tuple(name for name, _ in fields)
-        self.units = {name: unit for name, unit in fields if unit}
+        self.units = tuple(unit for _, unit in fields)
         if header.lstrip().startswith("["):
             raise _bad("this is no JSON object", number, 'send objects such as {"t": 0.0, "i_d": 1.0}')
         if len(self.names) < 2 or all(is_number(name, False) for name in self.names):
             raise _bad("this is no header", number, "begin with the names of the columns, such as t,v_d,v_q")
-        _once(self.names, number)
         self.comma = self.separator != ","
 
     def row(self, line: str, number: int) -> list[float]:
-        fields = split(line, self.separator)
+        fields = _fields(line, self.separator, number)
         if len(fields) != len(self.names):
             raise _bad(
                 f"the line has {len(fields)} fields where the header has {len(self.names)}",
@@ -141,32 +145,34 @@ class _Objects:
     """One JSON object per line."""
 
     def __init__(self, line: str, number: int) -> None:
-        self.names = tuple(self._object(line, number))
-        self.units: dict[str, str] = {}
+        self.names = tuple(sorted(name for name, _ in self._object(line, number)))
+        self.units: tuple[str | None, ...] = (None,) * len(self.names)
         if not self.names:
             raise _bad("the object is empty", number, 'send objects such as {"t": 0.0, "i_d": 1.0}')
 
     def row(self, line: str, number: int) -> list[float]:
-        given = self._object(line, number)
-        odd = next((name for name in (*self.names, *given) if (name in given) != (name in self.names)), None)
-        if odd is not None:
-            what = "is missing" if odd in self.names else "was not in the first object"
-            raise _bad(what, number, "send the same keys in every object; null stands for no value", odd)
-        return [self._number(name, given[name], number) for name in self.names]
+        given = sorted(self._object(line, number), key=lambda pair: pair[0])
+        if tuple(name for name, _ in given) != self.names:
+            surplus = Counter(name for name, _ in given)
+            surplus.subtract(self.names)
+            odd = next(name for name, count in surplus.items() if count)
+            what = "is missing" if surplus[odd] < 0 else "was not in the first object"
+            raise _bad(what, number, "send the same keys in every object, and null for no value", odd)
+        return [self._number(name, value, number) for name, value in given]
 
     @staticmethod
-    def _object(line: str, number: int) -> dict[str, object]:
+    def _object(line: str, number: int) -> Iterable[tuple[str, object]]:
         try:
-            given = json.loads(line)
+            pairs = pairs_of(json.loads(line, object_pairs_hook=object_of))
         except (ValueError, RecursionError) as error:
             raise _bad(
                 f"this is no JSON ({error})",
                 number,
                 "send one whole object per line; a stream cut short ends so",
             ) from None
-        if not isinstance(given, dict):
+        if pairs is None:
             raise _bad("this is no JSON object", number, 'send objects such as {"t": 0.0, "i_d": 1.0}')
-        return given
+        return pairs
 
     @staticmethod
     def _number(name: str, value: object, number: int) -> float:
@@ -180,21 +186,19 @@ class _Objects:
             return float("inf")
 
 
-def _once(names: tuple[str, ...], number: int) -> None:
-    twice = next((name for k, name in enumerate(names) if name in names[:k]), None)
-    if twice is not None:
-        raise _bad("is named twice", number, "name each column once", twice)
+def _fields(line: str, separator: str, number: int) -> list[str]:
+    try:
+        return split(line, separator)
+    except csv.Error as error:
+        raise _bad(f"the quotes cannot be read ({error})", number, "send fields without quotes") from None
 
 
 def _columns(table: _Table, rows: list[tuple[int, list[float]]], rules: Rules | None, first: int) -> Columns:
     values = np.array([row for _, row in rows], dtype=np.float64).T
-    at = {name: k for k, name in enumerate(table.names)}
-
-    def read(wanted: Iterable[str]) -> Columns:
-        return {name: np.ascontiguousarray(values[at[name]]) for name in wanted}
+    members = [Member(name, unit=unit) for name, unit in zip(table.names, table.units, strict=True)]
 
     def place(row: int) -> tuple[int, str]:
         return rows[row][0], f"line {rows[row][0]}"
 
-    source = Source(NAME, table.names, read, units=table.units, place=place)
+    source = admit(NAME, members, one_by_one(lambda k: values[k]), values.nbytes, place=place)
     return assemble(source, rules, finite=False, first=first)

@@ -1,4 +1,4 @@
-"""Answers in a few plain lines, for terminals and as headlines."""
+"""Answers in a few plain lines, for terminals."""
 
 from __future__ import annotations
 
@@ -7,53 +7,13 @@ from collections.abc import Mapping
 from pathlib import PurePath
 from typing import Any
 
-from .results import DiagnosisValues, Estimate, IdentificationValues
-from .words import EQUATIONS, channel, estimate, listed, lower_first, number, percent, title
+from .headline import headline
+from .readout import extent, ignored, origins, reasons
+from .results import DiagnosisValues, Estimate, IdentificationValues, json_text
+from .words import channel, estimate, listed, lower_first, number, percent
 
 WIDTH = 100
 """Columns of a line on a terminal."""
-
-
-def headline(answer: DiagnosisValues) -> str:
-    """The verdict in one plain sentence."""
-    names = [lower_first(title(effect)) for effect in answer.effects]
-    several = len(answer.recordings) > 1
-    these, their = ("these recordings", "their") if several else ("this recording", "its")
-    if answer.verdict == "no_mismatch":
-        return f"Nothing is missing: the dq-model explains {these} down to {their} noise."
-    if answer.verdict == "named":
-        return f"The model leaves out {listed(names or _first(answer))}."
-    if answer.verdict == "ambiguous":
-        choices = _alternatives(answer)
-        certain = listed([names[0] for names in choices if len(names) == 1])
-        either = listed([listed(names, "or") for names in choices if len(names) > 1])
-        if not either:
-            likely = bool(answer.ranking) and answer.ranking[0].probability > 0.5
-            leaves = "probably leaves out" if likely else "may leave out"
-            return f"The model {leaves} {certain}, but {these} cannot settle it."
-        beside = f"{certain}, and " if certain else ""
-        return f"The model leaves out {beside}{either}; {these} cannot tell which."
-    where = EQUATIONS.get(answer.located[0].equation, "") if answer.located else ""
-    if answer.verdict == "unknown":
-        return f"Something is missing{f' in the {where}' if where else ''} that is not in the catalogue."
-    short = "do not allow" if several else "is too poor"
-    poor = f"{these} {short} to say what the model leaves out."
-    if where and not answer.interrupted:
-        return f"More than the noise is left in the {where}, but {poor}"
-    return poor[0].upper() + poor[1:]
-
-
-def _first(answer: DiagnosisValues) -> list[str]:
-    return [lower_first(title(answer.ranking[0].effect))] if answer.ranking else ["something"]
-
-
-def _alternatives(answer: DiagnosisValues) -> list[list[str]]:
-    """For each effect of the model, or the first candidate of none: its title and those of its equals."""
-    if not answer.ranking:
-        return [["something"]]
-    chosen = [candidate for candidate in answer.ranking if candidate.effect in answer.effects]
-    each = [dict.fromkeys([c.effect, *c.equivalent_to]) for c in chosen or answer.ranking[:1]]
-    return [[lower_first(title(effect)) for effect in effects] for effects in each]
 
 
 def hung(head: str, text: str) -> str:
@@ -62,8 +22,8 @@ def hung(head: str, text: str) -> str:
 
 
 def diagnosis(answer: DiagnosisValues) -> str:
-    """A diagnosis as text: the finding, where it sits, candidates, parameters, fit, what is left, what is
-    not seen, what next.
+    """A diagnosis as text: the finding, what was read, where it sits, candidates, parameters, fit, what is
+    left, what is not seen, what next.
     """
     lines = [textwrap.fill(headline(answer), WIDTH)]
     if answer.interrupted:
@@ -72,6 +32,7 @@ def diagnosis(answer: DiagnosisValues) -> str:
         consequence = lower_first(item["consequence"]).rstrip(".")
         text = f"{item['finding'].rstrip('.')}: {consequence}; {lower_first(item['fix'])}"
         lines.append(hung("  ! ", text))
+    lines += _read(answer)
     if answer.located:
         lines += ["", "Where it sits"]
         lines += [hung(f"  {percent(place.share):>6}  ", place.sentence) for place in answer.located[:4]]
@@ -102,6 +63,19 @@ def diagnosis(answer: DiagnosisValues) -> str:
     if answer.next_experiment:
         lines += ["", "Next", hung("  ", answer.next_experiment)]
     return "\n".join(lines)
+
+
+def _read(answer: DiagnosisValues) -> list[str]:
+    """Which column became what, and which were not used; once for recordings that were read alike."""
+    lines = []
+    alike = len({json_text([read["columns"], read["ignored"]]) for read in answer.read}) == 1
+    for count, read in enumerate(answer.read[:1] if alike else answer.read, 1):
+        of = "" if alike else f"{count}  "
+        lines.append(hung(f"  {of}", f"{listed(origins(read))}; {extent(read)}"))
+        if read["ignored"]:
+            lines.append(hung("  ", f"ignored: {ignored(read)}"))
+            lines += [hung("    ", reason) for reason in reasons(read)]
+    return ["", "Read", *lines] if lines else []
 
 
 def _by_reason(answer: DiagnosisValues) -> list[tuple[str, list[str]]]:

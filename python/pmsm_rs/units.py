@@ -77,9 +77,9 @@ _SPELLINGS: Final = {
     **dict.fromkeys(("radian", "radians"), "rad"),
     **dict.fromkeys(("°", "degree", "degrees"), "deg"),
     **dict.fromkeys(("turn", "turns", "revolution", "revolutions"), "rev"),
-    **dict.fromkeys(("r/min", "1/min", "u/min", "rev/min", "min-1", "min^-1"), "rpm"),
-    **dict.fromkeys(("rev/s", "rps"), "Hz"),
-    **dict.fromkeys(("r/s", "rads-1", "rads^-1", "rad/sec"), "rad/s"),
+    **dict.fromkeys(("r/min", "1/min", "u/min", "rev/min", "min-1", "min^-1", "min⁻¹", "upm"), "rpm"),
+    **dict.fromkeys(("rev/s", "turns/s", "turn/s", "rps"), "Hz"),
+    **dict.fromkeys(("r/s", "rads", "radps", "rads-1", "rads^-1", "rads⁻¹", "rad/sec"), "rad/s"),
     "°/s": "deg/s",
     **dict.fromkeys(("nm", "newtonmeter"), "N·m"),
     "mnm": "mN·m",
@@ -114,6 +114,7 @@ def canonical(text: str, dimension: str) -> str | None:
     return None
 
 
+@lru_cache(maxsize=4096)
 def is_unit(text: str) -> bool:
     """Whether `text` is a unit of any dimension."""
     return any(canonical(text, dimension) is not None for dimension in UNITS)

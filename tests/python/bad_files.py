@@ -190,7 +190,7 @@ def shells(folder: Path) -> Iterator[tuple[str, str, bytes, tuple[str, ...]]]:
     yield "prose", "prose.csv", b"Dear colleague,\nthe bench is broken again.\nBest regards\n", ("no table",)
     yield "header only", "header.csv", csv.splitlines()[0], ("no rows",)
     yield "nested without end", "deep.json", b'{"a":' * 30_000, ("JSON",)
-    yield "a name twice", "twice.json", b'{"t": [1, 2], "t": [3, 4]}', ("twice",)
+    yield "a name twice", "twice.json", b'{"t": [1, 2], "t": [3, 4]}', ("two columns",)
     yield "a name twice", "twice.csv", csv.replace(b"v_d", b"i_d", 1), ("two columns",)
     records = [{"t": 1e-3 * k, "i_d": 0.0, "i_q": 1.0, "omega_e": 5.0} for k in range(40)]
     lines = [json.dumps(record) for record in records]
@@ -256,11 +256,11 @@ def too_much(folder: Path) -> Iterator[tuple[str, Path, tuple[str, ...]]]:
     yield "more than memory holds", folder / "bomb.h5", ("bytes", "max_bytes")
     # Within what is allowed, but not within what there is.
     with h5py.File(folder / "large.h5", "w") as file, h5py.File(folder / "bomb.h5") as bomb:
-        for name in ("t", "i_q"):
+        for name in ("t", "i_d", "i_q"):
             bomb.copy(name, file)
         file.create_dataset("omega_e", data=np.zeros(3))
     yield "more than memory holds", folder / "large.h5", ()
-    block = pa.table({name: np.zeros(1 << 20) for name in ("t", "i_d", "i_q")})
+    block = pa.table({name: np.zeros(1 << 20) for name in ("t", "i_d", "i_q", "omega_e")})
     with pyarrow.parquet.ParquetWriter(folder / "bomb.parquet", block.schema, compression="zstd") as writer:
         for _ in range(120):
             writer.write_table(block)

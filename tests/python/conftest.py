@@ -1,20 +1,37 @@
-"""A small plausible recording, a machine file, the command line as a function, and what is under test."""
+"""A small plausible recording, a machine file, the command line as a function, what is tested and drawn."""
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pmsm_rs
 import pytest
+from hypothesis import HealthCheck, settings
 from numpy.typing import NDArray
 from pmsm_rs.cli import main
 
+# Hypothesis draws the same cases in every run; `make soak` names the other profile and a seed. The time of a
+# case has no limit, as it depends on what else the machine does.
+COMMON = settings(
+    deadline=None, database=None, print_blob=False, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.register_profile("fixed", COMMON, derandomize=True)
+settings.register_profile("soak", COMMON, max_examples=1000)
+settings.load_profile("fixed")
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = Path(pmsm_rs.__file__).resolve().parent
+
+# Each worker of pytest-xdist keeps the compiled functions of the proof for itself: two that save different
+# versions of a function at the same moment give them one name.
+if (worker := os.environ.get("PYTEST_XDIST_WORKER")) is not None:
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(ROOT / ".pytest_cache" / "numba" / worker))
 
 Columns = dict[str, NDArray[np.float64]]
 
@@ -47,6 +64,10 @@ def pytest_configure(config: pytest.Config) -> None:
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         # A shell starts background jobs with Ctrl-C ignored; the tests of Ctrl-C need it to work.
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if not hasattr(config, "workerinput"):
+        # Writes the list of fonts before the workers start. Each would write it, and matplotlib says so on
+        # standard error where that takes long; tests demand that nothing is said there.
+        import_module("matplotlib.font_manager")
 
 
 def pytest_report_header() -> str:

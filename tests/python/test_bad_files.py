@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections import Counter
@@ -40,6 +41,8 @@ def refusals(tmp_path_factory: pytest.TempPathFactory) -> dict[Bad, tuple[str, s
     done = subprocess.run(
         [sys.executable, "-c", READ_ALL.format(memory=MEMORY, package=str(PACKAGE.parent))],
         input=json.dumps([str(bad.file) for bad in files]),
+        # numpy's algebra takes address space for every processor, however many there are
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         capture_output=True,
         text=True,
         check=False,

@@ -92,6 +92,14 @@ def npz_bytes(**arrays: object) -> bytes:
     return out.getvalue()
 
 
+def beside_t(archive: zipfile.ZipFile) -> None:
+    """All columns of a sound recording but t, as members of an .npz archive."""
+    for name, values in plausible().items():
+        if name != "t":
+            with archive.open(f"{name}.npy", "w") as member:
+                np.lib.format.write_array(member, values)
+
+
 def npz_bomb() -> bytes:
     """A header that declares 8 TB behind a handful of bytes."""
     header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,), }".ljust(117) + b"\n"
@@ -99,6 +107,7 @@ def npz_bomb() -> bytes:
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w") as archive:
         archive.writestr("t.npy", body)
+        beside_t(archive)
     return out.getvalue()
 
 
@@ -117,14 +126,18 @@ def npz_deflated_bomb() -> bytes:
         member.write(header.getvalue())
         for _ in range(192):
             member.write(zeros)
+    with zipfile.ZipFile(out, "a", zipfile.ZIP_DEFLATED) as archive:
+        beside_t(archive)
     return out.getvalue()
 
 
 def pickled_objects() -> bytes:
     out = io.BytesIO()
     array = np.array([{"a": 1}, {"b": 2}], dtype=object)
-    with zipfile.ZipFile(out, "w") as archive, archive.open("t.npy", "w") as member:
-        np.lib.format.write_array(member, array, allow_pickle=True)
+    with zipfile.ZipFile(out, "w") as archive:
+        with archive.open("t.npy", "w") as member:
+            np.lib.format.write_array(member, array, allow_pickle=True)
+        beside_t(archive)
     return out.getvalue()
 
 
@@ -253,7 +266,7 @@ BAD: dict[str, tuple[str, bytes | Callable[[], bytes], list[str], int | None]] =
         None,
     ),
     "mat cut short": ("r.mat", mat_bytes(**plausible())[:5000], [".mat", "cannot be read"], None),
-    "mat without arrays": ("r.mat", mat_bytes(text="nothing"), ["no numeric"], None),
+    "mat without arrays": ("r.mat", mat_bytes(text="nothing"), ["no columns of numbers"], None),
     "gzip": ("r.csv.gz", b"\x1f\x8b\x08" + bytes(100), ["gzip", "unpack"], None),
     "a spreadsheet": ("r.xls", b"\xd0\xcf\x11\xe0" + bytes(100), ["spreadsheet"], None),
     "pickle": ("r.pkl", pickle.dumps(plausible()), ["NUL"], None),

@@ -18,6 +18,19 @@ BAD = {
     "pole pairs of nought": ("[machine]\nn_p = 0", ["machine.n_p"]),
     "broken pole pairs": ("[machine]\nn_p = 3.5", ["machine.n_p", "3.5"]),
     "pole pairs of thousands": ("[machine]\nn_p = 3000", ["n_p", "200"]),
+    "a whole number beyond a float": (
+        "[machine]\nn_p = 3\nr_s = 1" + 400 * "0",
+        ["line 3", "r_s", "64 bits"],
+    ),
+    "a whole number beyond Python": ("[machine]\nn_p = 3\nr_s = 1" + 5000 * "0", ["line 3", "r_s"]),
+    "a hexadecimal number beyond 64 bits": (
+        "[machine]\nn_p = 0x" + 20 * "f" + "\nr_s = 1.0",
+        ["line 2", "n_p"],
+    ),
+    "a whole number too large in a column": (
+        "[machine]\nn_p = 3\n[columns]\ni_d = { from = 'x', scale = 1" + 400 * "0" + " }",
+        ["line 4", "i_d"],
+    ),
     "negative inertia": ("[machine]\nn_p = 3\nj = -0.01", ["machine.j", "-0.01"]),
     "negative resistance": ("[machine]\nn_p = 3\nr_s = -1.0", ["machine.r_s"]),
     "absurd resistance": ("[machine]\nn_p = 3\nr_s = 1e9", ["r_s", "ohm"]),

@@ -186,7 +186,7 @@ def test_killed_workers_lose_no_recording(how: str, tmp_path: Path, monkeypatch:
     made: list[ProcessPoolExecutor] = []
 
     def make() -> ProcessPoolExecutor:
-        made.append(ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("fork")))
+        made.append(ProcessPoolExecutor(2, mp_context=SPAWN))
         return made[-1]
 
     ledger = tmp_path / "l.ndjson"

@@ -321,7 +321,7 @@ def test_text_columns_that_nobody_asked_for_do_not_matter(columns: Columns, tmp_
     check(pm.load(tmp_path / "r.csv"), columns)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.sampled_from([",", ";", "\t"]),
     st.booleans(),
@@ -346,7 +346,11 @@ def test_any_dialect_gives_the_same_numbers(
         text = text.replace(".", ",")
     path = tmp_path_factory.mktemp("dialect") / "r.csv"
     path.write_bytes(("# remark\n" * comments + text).replace("\n", end).encode())
-    check(pm.load(path), columns)
+    recording = pm.load(path)
+    assert sorted(recording.names) == sorted(columns)
+    for name, values in columns.items():
+        # as many digits as tell one number from the next
+        np.testing.assert_array_equal(recording.column(name), values, err_msg=name)
 
 
 RECORDINGS = Path(os.environ.get("PMSM_RS_RECORDINGS", ROOT.parent / "shared" / "recordings"))

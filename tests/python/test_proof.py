@@ -307,12 +307,11 @@ def test_a_case_depends_on_its_seed_alone_and_a_torn_one_is_made_anew(
 
 
 TOOL = """#!{python}
-import json, pathlib, sys, time
+import json, pathlib, sys
 told = sys.argv[1:]
 pathlib.Path({log!r}).open("a").write(json.dumps(told) + "\\n")
 pathlib.Path(told[told.index("--json") + 1]).write_text('{{"verdict": "no_mismatch"}}')
 print("a word on standard error", file=sys.stderr)
-time.sleep(0.2)
 sys.exit(4)
 """
 
@@ -342,9 +341,22 @@ def test_memory_is_that_of_the_tool_and_not_of_who_called_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     held = np.ones(40_000_000)
-    tool = tmp_path / "tool"
-    tool.write_text(f"#!{sys.executable}\nimport time\nheld = bytearray(60_000_000)\ntime.sleep(0.5)\n")
+    tool, seen = tmp_path / "tool", tmp_path / "seen"
+    # it holds the memory until that has been looked at
+    tool.write_text(
+        f"#!{sys.executable}\nimport pathlib, time\nheld = bytearray(60_000_000)\n"
+        f"while not pathlib.Path({str(seen)!r}).exists():\n    time.sleep(0.01)\n"
+    )
     tool.chmod(0o755)
+    look = answers.peak
+
+    def peak(process: int) -> float:
+        memory = look(process)
+        if memory > 60.0:
+            seen.touch()
+        return memory
+
+    monkeypatch.setattr(answers, "peak", peak)
     monkeypatch.setattr(answers, "TOOL", tool)
     assert 60.0 < answers.answer(1, tmp_path, "abc").memory_mb < 1e-6 * held.nbytes / 2
 

@@ -208,8 +208,9 @@ def test_batches_must_fit_together(simulated: pm.Simulation, columns: dict[str, 
 
 
 def test_ctrl_c_takes_nothing_in(simulated: pm.Simulation, columns: dict[str, np.ndarray]) -> None:
-    swarm = pm.Swarm(particles=2000, iterations=2000)
-    tracker = pm.Tracker(simulated.machine, method="pso", swarm=swarm)
+    # on one thread minutes of work, on any processor
+    swarm = pm.Swarm(particles=2000, iterations=1_000_000)
+    tracker = pm.Tracker(simulated.machine, method="pso", swarm=swarm, threads=1)
     before = tracker.state()
     timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
@@ -281,7 +282,7 @@ def test_a_bad_line_is_refused_after_what_was_complete(
     [
         (b"", "nothing came"),
         (b"1,2,3\n4,5,6\n", "line 1: this is no header"),
-        (b"t,t,i_d\n", "named twice"),
+        (b"t,t,i_d\n0,0,1\n", "column 't': two columns are called 't'"),
         (b'{"t": 0, "i_d": 1}\n{"t": 1}\n', "line 2, column 'i_d': is missing"),
         (b'{"t": 0, "i_d": 1}\n{"t": 1, "i_d": "a"}\n', "line 2, column 'i_d'"),
         (b'{"t": 0, "i_d": 1}\n{"t": 1, "i_d"', "line 2: this is no JSON"),

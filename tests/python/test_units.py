@@ -15,6 +15,8 @@ from pmsm_rs.frames import frame_source
 from pmsm_rs.quantities import CANONICAL
 from pmsm_rs.units import UNITS, canonical, to_si
 
+EPSILON = float(np.finfo(float).eps)
+SMALLEST = float(np.finfo(float).smallest_subnormal)
 EVERY_UNIT = [(dimension, unit) for dimension, units in UNITS.items() for unit in units]
 
 
@@ -23,7 +25,10 @@ def test_a_value_survives_the_way_to_si_and_back(where: tuple[str, str], value: 
     dimension, unit = where
     factor, offset = UNITS[dimension][unit]
     back = (to_si(value, unit, dimension) - offset) / factor
-    assert back == pytest.approx(value, rel=1e-12, abs=1e-9 * max(1.0, abs(offset / factor)))
+    # four operations, half an epsilon each, on numbers no larger than value and offset together
+    size = abs(value) + 2.0 * abs(offset / factor)
+    # and the spacing of the smallest numbers, over the factor
+    assert abs(back - value) <= 2.0 * EPSILON * size + SMALLEST / factor
 
 
 @pytest.mark.parametrize(("dimension", "unit"), EVERY_UNIT)
@@ -66,7 +71,8 @@ def test_a_column_given_in_any_unit_is_the_same_column(name: str, data: st.DataO
     source = frame_source({"time": np.arange(20.0), "x": (si - offset) / factor}, 1 << 20)
     rules = {"t": Rule(period=1.0)} | ({name: Rule("x", unit)} if name != "t" else {"t": Rule("x", unit)})
     got = assemble(source, rules)["omega_m" if name == "n" else name]
-    np.testing.assert_allclose(got, si, rtol=1e-12, atol=1e-11)
+    # two operations there and some four back, half an epsilon each, on numbers no larger than both together
+    assert np.all(np.abs(got - si) <= 3.0 * EPSILON * (si + 2.0 * abs(offset)))
 
 
 @given(st.permutations(list(plausible(40))))
@@ -85,4 +91,7 @@ def test_scale_and_offset_act_before_the_unit(scale: float, offset: float) -> No
     raw = np.linspace(-3.0, 3.0, 20)
     rules = {"t": Rule(period=0.1), "omega_m": Rule("x", "rpm", scale, offset)}
     got = assemble(frame_source({"x": raw}, 1 << 20), rules)["omega_m"]
-    np.testing.assert_allclose(got, (raw * scale + offset) * 2.0 * np.pi / 60.0, rtol=1e-12, atol=1e-12)
+    size = (np.abs(raw * scale) + abs(offset)) * 2.0 * np.pi / 60.0
+    # three operations on either side, half an epsilon each, and a factor that is rounded, too
+    error = np.abs(got - (raw * scale + offset) * 2.0 * np.pi / 60.0)
+    assert np.all(error <= 4.0 * EPSILON * size)

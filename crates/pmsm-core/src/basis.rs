@@ -84,7 +84,12 @@ mod tests {
             for c in 0..2 {
                 let own = orthonormal_beside(&basis, &tried.columns(c, 1).into_owned());
                 let both = DMatrix::from_columns(&[&basis.column_iter().collect::<Vec<_>>()[..], &[own.column(0)]].concat());
-                prop_assert!((gains[c] - (left(&basis) - left(&both))).abs() < 1e-9 * residual.norm_squared());
+                // Sums over the rows round once a row. What the basis leaves of a column is smaller than the column; its rounding
+                // counts as much more, and twice in its square.
+                let column = tried.columns(c, 1).into_owned();
+                let smaller = column.norm() / freed(&basis, &column).norm();
+                let allowed = 60.0 * f64::EPSILON * (1.0 + smaller).powi(2) * residual.norm_squared();
+                prop_assert!((gains[c] - (left(&basis) - left(&both))).abs() <= allowed);
             }
         }
     }

@@ -59,3 +59,22 @@ pub mod transforms;
 pub mod uncertainty;
 pub mod wander;
 pub mod whitening;
+
+#[cfg(test)]
+mod tests {
+    use proptest::test_runner::{Config, RngSeed};
+
+    /// A property test that fails must fail again: `.cargo/config.toml` and `make soak` name the seed. Nothing is written into the tree.
+    #[test]
+    fn property_tests_draw_from_a_known_seed_and_keep_no_files() {
+        let config = Config::default();
+        assert!(
+            matches!(config.rng_seed, RngSeed::Fixed(_)),
+            "run the tests by cargo, or set PROPTEST_RNG_SEED"
+        );
+        assert!(
+            config.failure_persistence.is_none(),
+            "run the tests by cargo, or set PROPTEST_DISABLE_FAILURE_PERSISTENCE"
+        );
+    }
+}

@@ -52,9 +52,10 @@ mod tests {
             let (s, c) = angle.sin_cos();
             let abc = inverse_park([d, q], c, s);
             let back = park(abc, c, s);
-            let size = d.abs().max(q.abs()).max(1.0);
-            prop_assert!((back[0] - d).abs() < 1e-12 * size && (back[1] - q).abs() < 1e-12 * size);
-            prop_assert!((abc[0] + abc[1] + abc[2]).abs() < 1e-12 * size);
+            // Some twenty products and sums of numbers no larger than both together, half an ε each.
+            let allowed = 10.0 * f64::EPSILON * (d.abs() + q.abs());
+            prop_assert!((back[0] - d).abs() <= allowed && (back[1] - q).abs() <= allowed);
+            prop_assert!((abc[0] + abc[1] + abc[2]).abs() <= allowed);
         }
 
         #[test]
@@ -64,7 +65,9 @@ mod tests {
             let (s, c) = angle.sin_cos();
             let (va, ia) = (inverse_park(v, c, s), inverse_park(i, c, s));
             let phases: f64 = (0..3).map(|x| va[x] * ia[x]).sum();
-            prop_assert!((phases - 1.5 * (v[0] * i[0] + v[1] * i[1])).abs() < 1e-9 * (1.0 + phases.abs()).max(1e6));
+            // Each phase quantity takes some six roundings, three products and their sum as many again, half an ε each.
+            let size = 3.0 * (v[0].abs() + v[1].abs()) * (i[0].abs() + i[1].abs());
+            prop_assert!((phases - 1.5 * (v[0] * i[0] + v[1] * i[1])).abs() <= 10.0 * f64::EPSILON * size);
         }
     }
 

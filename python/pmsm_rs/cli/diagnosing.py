@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
 from . import options, terminal
+
+if TYPE_CHECKING:
+    from ..answers import Diagnosis
 
 AHEAD: Final = 4
 """Files that are opened side by side at most: each may have a decoder of its own."""
@@ -91,10 +94,9 @@ def diagnose(
 
     Several recordings of one machine are fitted together.
     """
-    from pathlib import Path
-
     from .. import _core
     from ..atomic import apart
+    from ..errors import NothingToAsk
     from ..formats.ahead import Opening
     from ..recording import DEFAULT_MAX_BYTES
 
@@ -105,16 +107,37 @@ def diagnose(
     from ..config import read_machine
     from ..loader import load
     from ..run import diagnose as run
-    from ..run import refused
+    from ..run import refused, unanswered
 
     machine = read_machine(machine_file)
-    runs = [load(file, machine) for file in [*ahead, *files[AHEAD:]]]
+    try:
+        runs = [load(file, machine) for file in [*ahead, *files[AHEAD:]]]
+    except NothingToAsk as error:
+        if len(files) > 1 and not (len(recordings) == 1 and error.of(recordings[0])):
+            raise
+        answer = unanswered(error, seed=seed)
+        _write(answer, recordings, json_file, report_file, trajectories)
+        return 0
     other = None if validation is None else runs.pop()
     try:
         answer = run(runs, machine.machine, other, seed=seed, threads=threads, progress=terminal.progress())
     except _core.NotIdentifiableError as error:
-        terminal.finish(json_file, refused(error, seed=seed).to_json)
+        terminal.finish(json_file, refused(error, runs, seed=seed).to_json)
         raise
+    _write(answer, recordings, json_file, report_file, trajectories)
+    return terminal.INTERRUPTED if answer.interrupted else 0
+
+
+def _write(
+    answer: Diagnosis,
+    recordings: tuple[str, ...],
+    json_file: str | None,
+    report_file: str | None,
+    trajectories: str | None,
+) -> None:
+    """Writes the files that were asked for, and prints the answer."""
+    from pathlib import Path
+
     terminal.finish(json_file, answer.to_json)
     if trajectories and answer.shown is None:
         terminal.say(f"{trajectories} is not written: no model was simulated on this recording")
@@ -123,7 +146,6 @@ def diagnose(
     if report_file:
         answer.report(report_file, title=", ".join(Path(recording).name for recording in recordings))
     click.echo(answer)
-    return terminal.INTERRUPTED if answer.interrupted else 0
 
 
 @click.command()

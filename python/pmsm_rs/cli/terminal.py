@@ -41,9 +41,11 @@ def finish(json_file: str | None, text: Callable[[], str]) -> None:
 
 
 def say(message: str) -> None:
-    """One sentence on standard error."""
+    """One sentence on standard error, without what could steer the terminal."""
+    from ..errors import printable
+
     clear()
-    click.echo(f"pmsm-rs: {message}", err=True)
+    click.echo(f"pmsm-rs: {printable(message)}", err=True)
 
 
 def fail(code: int, message: str) -> NoReturn:

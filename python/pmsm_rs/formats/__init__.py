@@ -12,6 +12,7 @@ from pathlib import Path
 
 from .._core import DataError
 from ..errors import opened, refuse
+from .gate import checked_limit
 from .source import Source
 
 _MAGIC = (
@@ -59,9 +60,10 @@ _SUFFIX = {
 def open_source(path: str | os.PathLike[str], max_bytes: int) -> Source:
     """The columns of the file at `path`, none of them read yet.
 
-    Raises UsageError where there is no such file, DataError where it is no recording or would take more than
-    `max_bytes` bytes of memory.
+    Raises UsageError where there is no such file or `max_bytes` is no number of bytes, DataError where it is
+    no recording or would take more than `max_bytes` bytes of memory.
     """
+    max_bytes = checked_limit(max_bytes)
     name = str(Path(path))
     with opened(name, "recording") as file:
         size = file.stat().st_size

@@ -1,89 +1,71 @@
-"""Columns of an Arrow stream, taken batch by batch so that memory stays bounded."""
+"""Columns of Arrow data, taken batch by batch so that memory stays bounded."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._core import DataError
-from ..errors import refuse
-from .source import MISSING_FIX, Source, numbers
+from .gate import admit, take, within
+from .member import BOOLEAN, DATE, DURATION, NUMBER, NUMBER_BYTES, OBJECT, TEXT, Member, Refused, Wanted
+from .source import MISSING_FIX, Source
 
-NUMBER_BYTES = 8
+BATCH_VALUES: Final = 1 << 20
+"""Values of all columns in a batch, where the reader chooses its size: 8 MiB."""
 
-
-def is_number(kind: Any) -> bool:
-    """Whether an Arrow data type can become float64 without loss of meaning."""
-    types = type(kind)
-    return bool(types.is_floating(kind) or types.is_integer(kind) or types.is_boolean(kind))
-
-
-def from_reader(
-    file: str | None,
-    reader: Callable[[], Any],
-    max_bytes: int,
-    place: Callable[[int], tuple[int, str]] | None = None,
-) -> Source:
-    """A source over an arro3 RecordBatchReader, opened anew by `reader` for each pass."""
-    schema = reader().schema
-    names = tuple(str(name) for name in schema.names)
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise refuse(
-            DataError,
-            f"two columns are called '{twice[0]}'",
-            file=file,
-            column=twice[0],
-            fix="rename one of them",
-        )
-    locate = place or (lambda row: (row, f"row {row} (counting from 0)"))
-
-    def read(wanted: Iterable[str]) -> dict[str, NDArray[np.float64]]:
-        chosen = list(wanted)
-        for name in chosen:
-            kind = schema.field(name).type
-            if not is_number(kind) and not type(kind).is_dictionary(kind):
-                raise refuse(
-                    DataError,
-                    f"it holds {kind_name(kind)}, no plain numbers",
-                    file=file,
-                    column=name,
-                    fix="store one real number per row",
-                )
-        parts: dict[str, list[NDArray[np.float64]]] = {name: [] for name in chosen}
-        rows = 0
-        for batch in reader():
-            for name in chosen:
-                column = batch.column(name)
-                if column.null_count:
-                    first = next(i for i, value in enumerate(column) if value.as_py() is None)
-                    row, words = locate(rows + first)
-                    raise refuse(
-                        DataError,
-                        "the value is missing",
-                        file=file,
-                        row=row,
-                        place=words,
-                        column=name,
-                        fix=MISSING_FIX,
-                    )
-                parts[name].append(numbers(column.to_numpy(), file=file, column=name))
-            rows += batch.num_rows
-            if rows * NUMBER_BYTES * max(len(chosen), 1) > max_bytes:
-                raise refuse(
-                    DataError,
-                    f"it needs more than the {max_bytes} bytes of memory allowed",
-                    file=file,
-                    fix="cut the recording, or raise max_bytes",
-                )
-        return {name: np.concatenate(chunks) if chunks else np.empty(0) for name, chunks in parts.items()}
-
-    return Source(file, names, read, place=locate)
+_KINDS: Final = (
+    ("is_floating", NUMBER),
+    ("is_integer", NUMBER),
+    ("is_boolean", BOOLEAN),
+    ("is_string", TEXT),
+    ("is_large_string", TEXT),
+    ("is_string_view", TEXT),
+    ("is_timestamp", DATE),
+    ("is_date", DATE),
+    ("is_time", DATE),
+    ("is_duration", DURATION),
+)
 
 
-def kind_name(kind: Any) -> str:
-    """The bare name of an Arrow data type."""
-    return str(kind).strip().removeprefix("arro3.core.DataType<").removesuffix(">")
+def members(schema: Any) -> list[Member]:
+    """The columns of an Arrow schema."""
+    return [_member(schema.field(i)) for i in range(len(schema.names))]
+
+
+def _member(field: Any) -> Member:
+    kind = next((kind for test, kind in _KINDS if getattr(type(field.type), test)(field.type)), OBJECT)
+    return Member(str(field.name), kind=kind)
+
+
+def parts(batches: Iterable[Any], wanted: list[Wanted], max_bytes: int) -> list[list[NDArray[np.float64]]]:
+    """The values of the columns wanted, one array per batch.
+
+    Raises Refused on missing values and on more than `max_bytes`.
+    """
+    out: list[list[NDArray[np.float64]]] = [[] for _ in wanted]
+    rows = 0
+    for batch in batches:
+        within((rows + batch.num_rows) * NUMBER_BYTES * len(wanted), max_bytes)
+        for item, chunks in zip(wanted, out, strict=True):
+            column = batch.column(item.index)
+            if column.null_count:
+                gap = next(row for row, value in enumerate(iter(column)) if value.as_py() is None)
+                raise Refused("the value is missing", MISSING_FIX, column=item.column, row=rows + gap)
+            chunks.append(take(column.to_numpy(), item))
+        rows += batch.num_rows
+    return out
+
+
+def from_stream(stream: Callable[[], Any], max_bytes: int) -> Source:
+    """The columns of an Arrow stream in memory, of which `stream` gives a reader, anew for each pass."""
+    first: list[Any] = [stream()]
+
+    def fetch(wanted: list[Wanted]) -> list[NDArray[np.float64]]:
+        # What can be read but once, such as a stream from another process, is not asked for a second time.
+        reader = first.pop() if first else stream()
+        columns = parts(reader, wanted, max_bytes)
+        return [np.concatenate(chunks) if chunks else np.empty(0) for chunks in columns]
+
+    return admit(None, members(first[0].schema), fetch, max_bytes)

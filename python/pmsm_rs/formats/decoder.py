@@ -2,7 +2,7 @@
 
 A damaged file can make a decoder panic where it can only abort, or ask for any amount of memory. Here that
 ends this process and not the user's. On standard output come messages, each a length (4 bytes, little
-endian) and JSON; standard input carries one line with the columns wanted.
+endian) and JSON; standard input carries one line with the members wanted.
 """
 
 from __future__ import annotations
@@ -21,25 +21,26 @@ def say(message: dict[str, Any]) -> None:
     os.write(ANSWERS, len(text).to_bytes(4, "little") + text)
 
 
-def limit(memory: int, seconds: int) -> None:
-    """Caps the address space and the processor time of this process, where the system can."""
+def cap(kind: str, wanted: int, highest: int) -> None:
+    """Caps a resource of this process, where the system can; the cap can be raised up to `highest` later."""
     try:
         import resource
     except ImportError:
         return
-    # A damaged file can ask for any amount of memory, or send a reader round in circles.
-    for kind, wanted in ((resource.RLIMIT_AS, memory), (resource.RLIMIT_CPU, seconds)):
-        _, hard = resource.getrlimit(kind)
-        allowed = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
-        # Some systems know a limit by name only, and refuse to set it.
-        with contextlib.suppress(ValueError, OSError):
-            resource.setrlimit(kind, (allowed, hard))
+    number = getattr(resource, kind, None)
+    if number is None:
+        return
+    _, hard = resource.getrlimit(number)
+    most = highest if hard == resource.RLIM_INFINITY else min(highest, hard)
+    # Some systems know a limit by name only, and refuse to set it.
+    with contextlib.suppress(ValueError, OSError):
+        resource.setrlimit(number, (min(wanted, most), most))
 
 
-def send(parts: dict[str, list[Any]]) -> None:
+def send(columns: list[list[Any]]) -> None:
     """Sends the length of every column, then their values as float64 in that order."""
-    say({"rows": {name: sum(len(part) for part in column) for name, column in parts.items()}})
-    for column in parts.values():
+    say({"rows": [sum(len(part) for part in column) for column in columns]})
+    for column in columns:
         for part in column:
             left = memoryview(part).cast("B")
             while left:
@@ -47,18 +48,25 @@ def send(parts: dict[str, list[Any]]) -> None:
 
 
 def main() -> None:
-    """Answers one file: its columns, then the values of those wanted."""
+    """Answers one file: its members, then the values of those wanted."""
     task = json.loads(sys.argv[1])
     sys.path[:] = task["path"]
-    limit(task["memory"], task["seconds"])
+    # A damaged file can ask for any amount of memory, or send a reader round in circles.
+    described, unpacked = task["memory"]
+    cap("RLIMIT_CPU", task["seconds"], task["seconds"])
+    cap("RLIMIT_AS", described, unpacked)
     refused: type[BaseException] = KeyboardInterrupt
     try:
         reader = import_module(f"pmsm_rs.formats.decoders.{task['decoder']}")
-        refused = import_module("pmsm_rs.formats.decoders").Refused
+        member = import_module("pmsm_rs.formats.member")
+        selection = import_module("pmsm_rs.formats.selection").Selection
+        refused = member.Refused
         table = reader.Table(task["file"], task["max_bytes"])
-        say({"columns": table.columns})
-        wanted = json.loads(sys.stdin.readline() or "[]")
+        say({"members": [vars(entry) for entry in table.members]})
+        asked = json.loads(sys.stdin.readline() or "[]")
+        wanted = [member.Wanted(index, column, selection(*part)) for index, column, *part in asked]
         if wanted:
+            cap("RLIMIT_AS", unpacked, unpacked)
             send(table.read(wanted))
     except refused as error:
         say({"refused": vars(error)})

@@ -7,16 +7,18 @@ voltage without the drop over the resistance (V). Source: mjbots/moteus, utils.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from numpy.typing import NDArray
 
 from .._core import DataError
 from ..errors import refuse
-from .source import PLAIN_FIX, Source, from_arrays, short_names
+from .gate import admit, one_by_one
+from .listed import array_of, shape_of
+from .member import UNKNOWN, Member, Refused
+from .source import Source
 
 # Python's objects take some thirty times the memory of the text that they were read from.
 _EXPANSION: Final = 32
@@ -24,9 +26,16 @@ _DEEPEST: Final = 8
 _FIX: Final = 'write {"t": [...], "i_d": [...]} or one record {"t": ..., "i_d": ...} per line'
 _MOTEUS: Final = frozenset({"raw", "params", "regressions"})
 
+_Columns = list[tuple[str, str, list[Any]]]
+"""Group, name and values of each column."""
+
+
+class Repeated(list[tuple[str, Any]]):
+    """The names and values of an object that has a name twice."""
+
 
 def open_file(file: Path, max_bytes: int) -> Source:
-    """The columns of a JSON file. Raises DataError on damage, repeated names, and more than `max_bytes`."""
+    """The columns of a JSON file. Raises DataError on damage and on more than `max_bytes`."""
     name = str(file)
     size = file.stat().st_size
     if size * _EXPANSION > max_bytes:
@@ -38,20 +47,31 @@ def open_file(file: Path, max_bytes: int) -> Source:
         )
     content = _parse(file.read_bytes(), name)
     if isinstance(content, dict) and set(content) >= _MOTEUS:
-        return _moteus(content, name)
-    columns = _records(content, name) if isinstance(content, list) else dict(_columns(content, "", 0))
+        columns = _moteus(content, name)
+    elif pairs_of(content) is None and isinstance(content, list):
+        columns = _records(content, name)
+    else:
+        columns = list(_tree(content, "", 0))
     if not columns:
         raise refuse(DataError, "it holds no lists of numbers", file=name, fix=_FIX)
-    short = short_names(columns)
-    arrays = {short[path]: _array(values, short[path], name) for path, values in columns.items()}
-    return from_arrays(name, arrays)
+    try:
+        members = [
+            Member(column, group, kind=UNKNOWN, shape=shape_of(values)) for group, column, values in columns
+        ]
+    except Refused as refused:
+        raise refuse(DataError, refused.problem, file=name, fix=refused.fix) from refused
+
+    def load(index: int) -> NDArray[Any]:
+        return array_of(columns[index][2], members[index].name)
+
+    return admit(name, members, one_by_one(load), max_bytes)
 
 
 def _parse(data: bytes, file: str) -> Any:
     try:
         text = data.decode("utf-8-sig")
         try:
-            return json.loads(text, object_pairs_hook=_once)
+            return json.loads(text, object_pairs_hook=object_of)
         except json.JSONDecodeError:
             lines = [line for line in text.splitlines() if line.strip()]
             if len(lines) < 2 or not lines[0].lstrip().startswith("{") or not lines[0].rstrip().endswith("}"):
@@ -60,7 +80,7 @@ def _parse(data: bytes, file: str) -> Any:
         for number, line in enumerate(text.splitlines(), start=1):
             if line.strip():
                 try:
-                    records.append(json.loads(line, object_pairs_hook=_once))
+                    records.append(json.loads(line, object_pairs_hook=object_of))
                 except json.JSONDecodeError as error:
                     raise refuse(
                         DataError,
@@ -81,32 +101,41 @@ def _parse(data: bytes, file: str) -> Any:
         ) from error
 
 
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def object_of(pairs: list[tuple[str, Any]]) -> dict[str, Any] | Repeated:
+    """An object of JSON; its names and values as they come where it has a name twice."""
     found = dict(pairs)
-    if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        raise ValueError(f"the name '{next(n for n in names if names.count(n) > 1)}' is there twice")
-    return found
+    return found if len(found) == len(pairs) else Repeated(pairs)
 
 
-def _columns(content: Any, prefix: str, depth: int) -> Iterable[tuple[str, list[Any]]]:
-    """The lists in a tree of mappings, by their path."""
-    if not isinstance(content, Mapping) or depth > _DEEPEST:
+def pairs_of(content: object) -> Iterable[tuple[str, Any]] | None:
+    """The names and values of what `object_of` gave, None where `content` is no object."""
+    if isinstance(content, Repeated):
+        return content
+    return content.items() if isinstance(content, Mapping) else None
+
+
+def _tree(content: object, group: str, depth: int) -> Iterator[tuple[str, str, list[Any]]]:
+    """The lists in a tree of objects."""
+    pairs = pairs_of(content)
+    if pairs is None or depth > _DEEPEST:
         return
-    for name, value in content.items():
-        if isinstance(value, list):
-            yield f"{prefix}{name}", value
-        else:
-            yield from _columns(value, f"{prefix}{name}/", depth + 1)
+    for name, value in pairs:
+        if isinstance(value, list) and not isinstance(value, Repeated):
+            yield group, name, value
+        elif pairs_of(value) is not None:
+            yield from _tree(value, f"{group}/{name}" if group else name, depth + 1)
 
 
-def _records(rows: list[Any], file: str) -> dict[str, list[Any]]:
-    """The columns of a list of mappings that all have the same names."""
-    first = rows[0] if rows else None
-    if not isinstance(first, Mapping):
+def _records(rows: list[Any], file: str) -> _Columns:
+    """The columns of a list of objects that all have the same names."""
+    first = pairs_of(rows[0]) if rows else None
+    if first is None:
         raise refuse(DataError, "it is a list without names", file=file, fix=_FIX)
+    names = sorted(name for name, _ in first)
+    values: dict[str, list[Any]] = {name: [] for name in names}
     for row, record in enumerate(rows):
-        if not isinstance(record, Mapping) or set(record) != set(first):
+        pairs = pairs_of(record)
+        if pairs is None or sorted(name for name, _ in pairs) != names:
             raise refuse(
                 DataError,
                 "the record does not have the names of the first one",
@@ -115,32 +144,14 @@ def _records(rows: list[Any], file: str) -> dict[str, list[Any]]:
                 place=f"record {row} (counting from 0)",
                 fix="give every record the same names",
             )
-    return {name: [record[name] for record in rows] for name in first}
+        for name, value in pairs:
+            values[name].append(value)
+    # A name that the records have k times has k values per record.
+    times = {name: len(column) // len(rows) for name, column in values.items()}
+    return [("", name, values[name][k :: times[name]]) for name in values for k in range(times[name])]
 
 
-def _array(values: list[Any], column: str, file: str) -> NDArray[Any]:
-    odd = next((k for k, v in enumerate(values) if v is None or isinstance(v, str | dict)), None)
-    if odd is not None and any(isinstance(v, int | float) for v in values):
-        what = "the value is missing" if values[odd] is None else f"'{str(values[odd])[:40]}' is no number"
-        raise refuse(
-            DataError,
-            what,
-            file=file,
-            row=odd,
-            place=f"row {odd} (counting from 0)",
-            column=column,
-            fix="complete or remove the row",
-        )
-    try:
-        array = np.array(values)
-    except (ValueError, OverflowError):
-        array = np.array([None])
-    if array.dtype.kind == "O":
-        raise refuse(DataError, "it holds no plain numbers", file=file, column=column, fix=PLAIN_FIX)
-    return array
-
-
-def _moteus(content: Mapping[str, Any], file: str) -> Source:
+def _moteus(content: Mapping[str, Any], file: str) -> _Columns:
     """i_d, omega_e and y of an inductance log, level by level from the highest i_d."""
     rows: list[tuple[float, float, float]] = []
     try:
@@ -150,5 +161,4 @@ def _moteus(content: Mapping[str, Any], file: str) -> Source:
         raise refuse(
             DataError, "this moteus inductance log is not complete", file=file, fix="measure it again"
         ) from error
-    table = np.array(rows, dtype=np.float64).reshape(-1, 3)
-    return from_arrays(file, {name: table[:, k] for k, name in enumerate(("i_d", "omega_e", "y"))})
+    return [("", name, [row[k] for row in rows]) for k, name in enumerate(("i_d", "omega_e", "y"))]

@@ -1,7 +1,8 @@
 """Numeric arrays of MATLAB .mat files of version 5 (-v6, -v7).
 
 Read here rather than by scipy.io, whose compiled reader can crash the interpreter on a damaged file. Source:
-MathWorks, "MAT-File Format", level 5: a header of 128 bytes, then elements of type, length and data.
+MathWorks, "MAT-File Format", level 5: a header of 128 bytes, then elements of type, length and data. A
+variable is an element that holds flags, dimensions, name, real part and, where complex, imaginary part.
 """
 
 from __future__ import annotations
@@ -9,15 +10,18 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._core import DataError
-from ..errors import refuse
-from .source import Source, from_arrays
+from ..errors import refuse, shown
+from .gate import admit, one_by_one
+from .member import BOOLEAN, COMPLEX, NUMBER, TEXT, Member
+from .source import Source
 
 _FIX: Final = "save it again from MATLAB with save(..., '-v7')"
 _HEADER_BYTES: Final = 128
@@ -34,108 +38,154 @@ _TYPES: Final = {
     12: "i8",
     13: "u8",
 }
-# Classes of full numeric arrays: double, single and the integers.
+# Classes of arrays; others, such as handles of functions, have no size. The last ten are of numbers.
+_CLASSES: Final = range(1, 16)
 _NUMERIC: Final = range(6, 16)
-_COMPLEX: Final = 0x800
+_CHAR: Final = 4
+_OTHER: Final = {1: "a cell array", 2: "a structure", 3: "an object", 5: "a sparse matrix"}
+_COMPLEX, _LOGICAL = 0x800, 0x200
+# Of a packed variable this much is unpacked to find its size and its name, which has at most 63 characters.
+_HEAD_BYTES: Final = 4096
+# The best that deflate can do: 258 bytes by one bit for the length and one for the distance.
+_DEFLATE: Final = 1032
 
 
 class _Malformed(ValueError):
     """The file contradicts itself."""
 
 
-class _TooLarge(ValueError):
-    """More bytes than allowed."""
+@dataclass(frozen=True)
+class _Variable:
+    """A variable as the file declares it; `body` is its element, still packed where `packed`."""
+
+    member: Member
+    body: memoryview
+    packed: bool
+    size: int
 
 
 def open_file(file: Path, max_bytes: int) -> Source:
-    """The numeric arrays of a .mat file.
+    """The variables of a .mat file.
 
-    Raises DataError on damage and on more than `max_bytes` once unpacked.
+    Raises DataError on damage; reading raises it on more than `max_bytes` once unpacked.
     """
     name = str(file)
     try:
-        arrays = dict(_arrays(file.read_bytes(), max_bytes))
-    except _TooLarge:
-        raise refuse(
-            DataError,
-            f"it unpacks to more than the {max_bytes} bytes allowed",
-            file=name,
-            fix="cut the recording, or raise max_bytes",
-        ) from None
+        data = file.read_bytes()
+        order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
+        if order is None:
+            raise _Malformed("the byte-order mark is missing")
+        variables = list(_variables(memoryview(data)[_HEADER_BYTES:], order))
     except (_Malformed, zlib.error, UnicodeDecodeError) as error:
-        raise refuse(DataError, f"this .mat file cannot be read ({error})", file=name, fix=_FIX) from error
-    if not arrays:
-        raise refuse(
-            DataError, "it holds no numeric arrays", file=name, fix="save the columns as plain vectors"
-        )
-    return from_arrays(name, arrays)
+        raise _damaged(error, name) from error
+
+    def load(index: int) -> NDArray[Any]:
+        try:
+            return _values(variables[index], order)
+        except (_Malformed, zlib.error) as error:
+            raise _damaged(error, name) from error
+
+    return admit(name, [variable.member for variable in variables], one_by_one(load), max_bytes)
 
 
-def _arrays(data: bytes, max_bytes: int) -> Iterator[tuple[str, NDArray[np.generic]]]:
-    order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
-    if order is None:
-        raise _Malformed("the byte-order mark is missing")
-    left = max_bytes
-    for kind, body in _elements(memoryview(data)[_HEADER_BYTES:], order):
-        content = body
-        if kind == _COMPRESSED:
-            inflate = zlib.decompressobj()
-            plain = inflate.decompress(body, left + 1)
-            left -= len(plain)
-            if left < 0:
-                raise _TooLarge
-            if not inflate.eof:
+def _damaged(error: Exception, file: str) -> DataError:
+    return refuse(DataError, f"this .mat file cannot be read ({shown(str(error))})", file=file, fix=_FIX)
+
+
+def _variables(data: memoryview, order: str) -> Iterator[_Variable]:
+    for kind, body in _elements(data, order):
+        packed = kind == _COMPRESSED
+        content, size = body, len(body)
+        if packed:
+            plain = memoryview(zlib.decompressobj().decompress(body, _HEAD_BYTES))
+            kind, size, start = _tag(plain, order)
+            if size > _DEFLATE * len(body):
                 raise _Malformed("a variable is cut short")
-            kind, content = next(_elements(memoryview(plain), order), (0, memoryview(b"")))
+            content = plain[start:]
         if kind == _MATRIX:
-            found = _matrix(content, order)
-            if found is not None:
-                left -= found[1].nbytes if content is body else 0
-                if left < 0:
-                    raise _TooLarge
-                yield found
+            member = _member(content, size, order)
+            if member is not None:
+                yield _Variable(member, body, packed, size)
+
+
+def _tag(data: memoryview, order: str) -> tuple[int, int, int]:
+    """Type and size of the element at the start of `data`, and where its content starts."""
+    if len(data) < 8:
+        raise _Malformed("the file ends early")
+    kind, size = (int(word) for word in np.frombuffer(data[:8], order + "u4"))
+    if not kind >> 16:
+        return kind, size, 8
+    # Short elements keep both in one word of eight bytes.
+    if kind >> 16 > 4:
+        raise _Malformed("a short element is too long")
+    return kind & 0xFFFF, kind >> 16, 4
 
 
 def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
-    """Type and data of each element; short ones keep both in one word of eight bytes."""
+    """Type and content of each element."""
     at = 0
     while at + 8 <= len(data):
-        kind, size = (int(word) for word in np.frombuffer(data[at : at + 8], order + "u4"))
-        if kind >> 16:
-            kind, size = kind & 0xFFFF, kind >> 16
-            start, end, padded = at + 4, at + 4 + size, at + 8
-            if size > 4:
-                raise _Malformed("a short element is too long")
-        else:
-            start, end = at + 8, at + 8 + size
-            padded = end if kind == _COMPRESSED else end + -size % 8
+        kind, size, start = _tag(data[at:], order)
+        end = at + start + size
         if end > len(data):
             raise _Malformed("the file ends early")
-        yield kind, data[start:end]
-        at = padded
+        yield kind, data[at + start : end]
+        at = at + 8 if start == 4 else end if kind == _COMPRESSED else end + -size % 8
 
 
-def _matrix(data: memoryview, order: str) -> tuple[str, NDArray[np.generic]] | None:
-    """Name and values of an array, None where it is no full numeric array or has no name."""
+def _member(data: memoryview, size: int, order: str) -> Member | None:
+    """What the first elements of a variable of `size` bytes declare, None where it has no name."""
     parts = _elements(data, order)
     flags, dims, name = (_part(parts) for _ in range(3))
     word = int(np.frombuffer(flags[1][:4], order + "u4")[0]) if len(flags[1]) >= 4 else 0
     text = bytes(name[1]).decode("ascii")
-    if (word & 0xFF) not in _NUMERIC or not text:
+    number = word & 0xFF
+    if not text or number not in _CLASSES:
         return None
     if len(dims[1]) % 4 or dims[0] != 5:
         raise _Malformed(f"the size of {text} cannot be read")
     shape = tuple(int(n) for n in np.frombuffer(dims[1], order + "i4"))
-    kind, values = _part(parts)
+    if min(shape, default=-1) < 0:
+        raise _Malformed(f"{text} does not have the size it declares")
+    if number == _CHAR:
+        # MATLAB keeps a string as a row of characters.
+        return Member(text, kind=TEXT, shape=shape[:1])
+    if number not in _NUMERIC:
+        return Member(text, shape=shape, why=f"it holds {_OTHER[number]}")
+    kind = COMPLEX if word & _COMPLEX else BOOLEAN if word & _LOGICAL else NUMBER
+    return Member(text, kind=kind, shape=shape, memory=size)
+
+
+def _values(variable: _Variable, order: str) -> NDArray[Any]:
+    """The values of a numeric variable. Raises _Malformed where they are not what was declared."""
+    content = variable.body
+    if variable.packed:
+        inflate = zlib.decompressobj()
+        plain = memoryview(inflate.decompress(variable.body, variable.size + 8))
+        if len(plain) < variable.size + 8:
+            raise _Malformed("a variable is cut short")
+        content = plain[8:]
+    shape = variable.member.shape or ()
+    parts = _elements(content, order)
+    for _ in range(3):
+        _part(parts)
+    real = _numbers(_part(parts), variable.member, order)
+    if variable.member.kind == COMPLEX:
+        both = np.empty(real.size, dtype=np.complex128)
+        both.real, both.imag = real, _numbers(_part(parts), variable.member, order)
+        real = both
+    return real.reshape(shape, order="F")
+
+
+def _numbers(part: tuple[int, memoryview], member: Member, order: str) -> NDArray[Any]:
+    kind, values = part
     stored = _TYPES.get(kind)
     if stored is None or len(values) % int(stored[1]):
-        raise _Malformed(f"the values of {text} cannot be read")
-    array: NDArray[np.generic] = np.frombuffer(values, order + stored)
-    if min(shape, default=-1) < 0 or math.prod(shape) != array.size:
-        raise _Malformed(f"{text} does not have the size it declares")
-    if word & _COMPLEX:
-        array = array.astype(np.complex128)
-    return text, array.reshape(shape, order="F")
+        raise _Malformed(f"the values of {member.name} cannot be read")
+    array: NDArray[Any] = np.frombuffer(values, order + stored)
+    if math.prod(member.shape or ()) != array.size:
+        raise _Malformed(f"{member.name} does not have the size it declares")
+    return array
 
 
 def _part(parts: Iterator[tuple[int, memoryview]]) -> tuple[int, memoryview]:

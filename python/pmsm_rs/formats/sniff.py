@@ -5,31 +5,39 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from .._core import DataError
-from ..errors import refuse
+from ..errors import refuse, shown
 from ..units import is_unit
 
 SAMPLE_LINES = 400
 _SEPARATORS = (",", ";", "\t", "|", " ")
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
+# No part of these can match the same characters in two ways, so that a long field takes time in proportion.
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?$")
 _COMMA_NUMBER = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?$")
 _NO_NUMBER = frozenset({"", "nan", "inf", "-inf", "+inf", "null", "na", "n/a"})
-_BRACKETED = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]\s*$")
-_IN_UNIT = re.compile(r"^(?P<name>.*?)\s*\bin\s+(?P<unit>\S+)$")
+
+
+class Column(NamedTuple):
+    """A column by its header: name, stated unit, and the header as it is written."""
+
+    name: str
+    unit: str | None
+    header: str
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What was found. Lines count from 0; `units` has an entry for each column that states one."""
+    """What was found. Lines count from 0; two columns may have one name."""
 
     separator: str
     comma: bool
     header_line: int
     first_line: int
-    names: tuple[str, ...]
-    units: dict[str, str]
+    columns: tuple[Column, ...]
 
 
 def skipped(line: str) -> bool:
@@ -39,9 +47,14 @@ def skipped(line: str) -> bool:
 
 
 def split(line: str, separator: str) -> list[str]:
-    """The fields of one line, without quotes and outer blanks."""
+    """The fields of one line, without quotes and outer blanks.
+
+    Raises csv.Error on quotes that hold more than a field may.
+    """
     if separator == " ":
         return line.split()
+    if '"' not in line:
+        return [field.strip() for field in line.split(separator)]
     return [field.strip() for field in next(csv.reader([line], delimiter=separator), [])]
 
 
@@ -52,10 +65,15 @@ def is_number(field: str, comma: bool) -> bool:
 
 def name_and_unit(field: str) -> tuple[str, str | None]:
     """Name and stated unit of a header field: 'speed [rpm]', 'speed (rpm)', 'C1 in V', 'in s'."""
-    for pattern in (_BRACKETED, _IN_UNIT):
-        part = pattern.match(field)
-        if part and (pattern is _BRACKETED or is_unit(part["unit"])):
-            return part["name"].strip() or "column", part["unit"].strip()
+    if field.rstrip()[-1:] in {"]", ")"}:
+        inner = field.rstrip()[:-1]
+        behind = max(inner.rfind("]"), inner.rfind(")")) + 1
+        opening = min((at for sign in "[(" if (at := inner.find(sign, behind)) >= 0), default=-1)
+        if opening >= 0:
+            return inner[:opening].strip() or "column", inner[opening + 1 :].strip()
+    words = field.rsplit(None, 2)
+    if len(words) > 1 and words[-2] == "in" and is_unit(words[-1]):
+        return (words[0] if len(words) == 3 else "").strip() or "column", words[-1]
     return field, None
 
 
@@ -67,15 +85,13 @@ def sniff(lines: list[str], file: str) -> Layout:
     for separator in _SEPARATORS:
         try:
             found = _with_separator(lines, rows, separator, file)
-        except csv.Error:
-            continue
         except DataError as error:
             trouble = trouble or error
             continue
         if found is not None:
             layout, count = found
-            if (count, len(layout.names)) > best[:2]:
-                best = (count, len(layout.names), layout)
+            if (count, len(layout.columns)) > best[:2]:
+                best = (count, len(layout.columns), layout)
     if best[2] is not None:
         return best[2]
     if trouble is not None:
@@ -103,7 +119,11 @@ def _quoted(line: str) -> list[str]:
 def _with_separator(
     lines: list[str], rows: dict[int, str], separator: str, file: str
 ) -> tuple[Layout, int] | None:
-    fields = {i: split(line, separator) for i, line in rows.items()}
+    fields = {}
+    for i, line in rows.items():
+        # A line whose quotes cannot be read is no reason to miss the table around it.
+        with suppress(csv.Error):
+            fields[i] = split(line, separator)
     comma = separator in ";\t " and _decimal_comma(fields)
     # The table's width is that of the rows made of numbers, which preamble and header are not.
     widths = Counter(
@@ -136,8 +156,7 @@ def _with_separator(
         return None
     above = [i for i in fields if i < first]
     header = _header(lines, fields, above, first, width, numeric, comma, separator, file)
-    names, units = _names(*header[1:], file=file)
-    return Layout(separator, comma, header[0], first, names, units), count
+    return Layout(separator, comma, header[0], first, _columns(*header[1:])), count
 
 
 def _decimal_comma(fields: dict[int, list[str]]) -> bool:
@@ -174,7 +193,7 @@ def _header(
                 bad = next(c for c in numeric if not is_number(below[c], comma))
                 raise refuse(
                     DataError,
-                    f"'{below[bad]}' is no number",
+                    f"'{shown(below[bad])}' is no number",
                     file=file,
                     row=last + 1,
                     place=f"line {last + 1}",
@@ -212,28 +231,10 @@ def _is_units_row(fields: list[str], numeric: list[int]) -> bool:
     )
 
 
-def _names(
-    header: list[str], below: list[str] | None, *, file: str
-) -> tuple[tuple[str, ...], dict[str, str]]:
-    names: list[str] = []
-    units: dict[str, str] = {}
+def _columns(header: list[str], below: list[str] | None) -> tuple[Column, ...]:
+    columns = []
     for c, text in enumerate(header):
         name, unit = name_and_unit(text.strip())
         unit = unit or (below[c].strip("[]() ") if below else None)
-        if not name:
-            name = f"column {c + 1}"
-        if name in names:
-            # Two headers that differ in their units only are two columns; two that do not are a mistake.
-            if text.strip() in names or header.count(text) > 1:
-                raise refuse(
-                    DataError,
-                    f"two columns are called '{name}'",
-                    file=file,
-                    column=name,
-                    fix="rename one of them",
-                )
-            name = text.strip()
-        names.append(name)
-        if unit:
-            units[name] = unit
-    return tuple(names), units
+        columns.append(Column(name or f"column {c + 1}", unit or None, text.strip()))
+    return tuple(columns)

@@ -137,7 +137,11 @@ mod tests {
             };
             let p = [&MACHINE[..], &own].concat();
             let got = model.state_current(&p, &base(), &flux, &env(theta, 0.0)).i;
-            prop_assert!((got[0] - i[0]).abs() < 1e-10 && (got[1] - i[1]).abs() < 1e-10, "{got:?} {i:?}");
+            // A flux is the sum of the magnet's and the current's and off by some roundings of both. The angles, up to 100 rad, are off
+            // by half a rounding of that, which 3 % of the inductance take over. Currents are that over the smaller inductance.
+            let flux = MACHINE[3] + MACHINE[2] * (i[0].abs() + i[1].abs());
+            let allowed = 32.0 * f64::EPSILON * flux / MACHINE[1];
+            prop_assert!((got[0] - i[0]).abs() <= allowed && (got[1] - i[1]).abs() <= allowed, "{got:?} {i:?}");
         }
     }
 

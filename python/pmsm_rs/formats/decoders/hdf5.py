@@ -12,10 +12,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..selection import Selection
-from . import Description, Parts, Refused, describe, numbers, too_large
+from ..gate import take, within
+from ..member import BOOLEAN, COMPLEX, NUMBER_BYTES, TEXT, Member, Refused, Wanted, kind_of
+from . import Parts
 
-_MOST_OBJECTS: Final = 20_000
 _DEEPEST: Final = 32
 # Filters that HDF5 itself brings; others would load foreign code.
 _FILTERS: Final = frozenset({1, 2, 3, 4, 5, 6, 32000})
@@ -32,63 +32,73 @@ class Table:
 
         self.h5, self.max_bytes = h5py, max_bytes
         self.file = h5py.File(file, "r", locking=False)
-        self.columns: list[Description] = []
-        self.places: dict[str, tuple[str, str | None]] = {}
+        self.members: list[Member] = []
+        self.places: list[tuple[str, str | None]] = []
         self.seen: set[Any] = set()
         self._walk(self.file, "", 0)
 
-    def read(self, wanted: list[str]) -> Parts:
-        """The columns wanted, after their declared sizes have been checked together."""
-        total = 0
-        for text in wanted:
-            path, _ = self.places[Selection.of(text).name]
-            total += self._checked(self.file[path], text)
-        if total > self.max_bytes:
-            raise too_large(total, self.max_bytes)
-        return {text: [numbers(self._values(text), text)] for text in wanted}
+    def read(self, wanted: list[Wanted]) -> Parts:
+        """The datasets and fields wanted, after their declared sizes have been checked together."""
+        first = {item.index: item.column for item in reversed(wanted)}
+        within(
+            sum(self._checked(self.file[self.places[k][0]], name) for k, name in first.items()),
+            self.max_bytes,
+        )
+        out: Parts = []
+        last, values = -1, None
+        for item in wanted:
+            if item.index != last:
+                values, last = self._values(item.index), item.index
+            out.append([take(values, item)])
+        return out
 
-    def _walk(self, group: Any, prefix: str, depth: int) -> None:
+    def _walk(self, group: Any, path: str, depth: int) -> None:
         for name in group:
-            path = f"{prefix}{name}"
             link = group.get(name, getlink=True)
             if isinstance(link, self.h5.SoftLink | self.h5.ExternalLink):
-                self.columns.append(describe(path, why=_LINKED, fix=_LINK_FIX))
+                self._add(Member(name, path, why=_LINKED, fix=_LINK_FIX), "", None)
                 continue
             item = group[name]
             identity = self.h5.h5o.get_info(item.id).addr
-            if identity in self.seen or len(self.seen) > _MOST_OBJECTS:
+            if identity in self.seen:
                 continue
             self.seen.add(identity)
             if isinstance(item, self.h5.Group):
                 # MATLAB keeps what cells refer to in groups of its own.
                 if depth < _DEEPEST and name not in {"#refs#", "#subsystem#"}:
-                    self._walk(item, f"{path}/", depth + 1)
+                    self._walk(item, f"{path}/{name}" if path else name, depth + 1)
             elif isinstance(item, self.h5.Dataset):
-                self._dataset(path, item)
+                self._dataset(name, path, item)
 
-    def _dataset(self, path: str, item: Any) -> None:
-        if item.attrs.get("MATLAB_empty", 0) or _text(item.attrs.get("MATLAB_class")) == "char":
+    def _dataset(self, name: str, group: str, item: Any) -> None:
+        if item.attrs.get("MATLAB_empty", 0):
             return
         unit = next(
             (_text(item.attrs[key]) for key in ("units", "unit", "Units", "Unit") if key in item.attrs), None
         )
-        shape = _shape(item)
+        shape, path = _shape(item), f"{group}/{name}"
+        matlab = _text(item.attrs.get("MATLAB_class"))
         fields = item.dtype.names
         if fields is not None and tuple(fields) != ("real", "imag"):
             for field in fields:
-                kind = item.dtype[field]
-                why = None if kind.kind in "fiub" and kind.shape == () else "it holds no plain numbers"
-                self._add(f"{path}.{field}", path, field, describe(f"{path}.{field}", shape=shape, why=why))
+                inner = item.dtype[field]
+                kind = kind_of(inner)
+                why = None if inner.shape == () else "it holds a list in every row"
+                self._add(Member(f"{name}.{field}", group, kind=kind, shape=shape, why=why), path, field)
             return
-        kind = item.dtype
-        complex = fields is not None or kind.kind == "c"
-        why = None if complex or kind.kind in "fiub" else "it holds no plain numbers"
-        if why is None or item.shape not in {(), (1,)}:
-            self._add(path, path, None, describe(path, unit=unit, shape=shape, complex=complex, why=why))
+        kind = COMPLEX if fields is not None else kind_of(item.dtype)
+        if self.h5.check_string_dtype(item.dtype) is not None:
+            kind = TEXT
+        elif matlab == "char":
+            # MATLAB keeps a string as a row of characters, which lie here in a column.
+            kind, shape = TEXT, shape[:1]
+        elif matlab == "logical":
+            kind = BOOLEAN
+        self._add(Member(name, group, kind=kind, shape=shape, unit=unit or None), path, None)
 
-    def _add(self, name: str, path: str, field: str | None, description: Description) -> None:
-        self.places[name] = (path, field)
-        self.columns.append(description)
+    def _add(self, member: Member, path: str, field: str | None) -> None:
+        self.places.append((path, field))
+        self.members.append(member)
 
     def _checked(self, item: Any, column: str) -> int:
         """Bytes that a dataset unpacks to; refuses what lies elsewhere or needs foreign code."""
@@ -102,7 +112,7 @@ class Table:
                     "write it again with gzip or without compression (h5repack -f NONE)",
                     column=column,
                 )
-        size: int = math.prod(item.shape) * max(item.dtype.itemsize, 8)
+        size: int = math.prod(item.shape) * max(item.dtype.itemsize, NUMBER_BYTES)
         chunk: int = math.prod(item.chunks or (0,)) * item.dtype.itemsize
         if item.chunks is None and item.id.get_storage_size() < math.prod(item.shape) * item.dtype.itemsize:
             raise Refused("its values are not all in the file", "record or export it again", column=column)
@@ -114,8 +124,8 @@ class Table:
                 )
         return max(size, chunk)
 
-    def _values(self, text: str) -> NDArray[Any]:
-        path, field = self.places[Selection.of(text).name]
+    def _values(self, index: int) -> NDArray[Any]:
+        path, field = self.places[index]
         item = self.file[path]
         values: NDArray[Any] = item[()] if field is None else item[field]
         if values.dtype.names is not None:

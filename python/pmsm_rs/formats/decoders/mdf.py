@@ -7,15 +7,18 @@ from typing import Any, Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..selection import Selection
+from ...errors import shown
+from ..gate import take, within
+from ..member import BOOLEAN, NUMBER, NUMBER_BYTES, OBJECT, TEXT, Member, Refused, Wanted
 from ..source import MISSING_FIX
-from . import NUMBER_BYTES, Parts, Refused, describe, numbers, too_large
+from . import Parts
 
 TIME: Final = "time"
 _CUT_FIX: Final = "export it again; it may be cut short or damaged"
 _MASTER, _VIRTUAL_MASTER = 2, 3
 # Signed, unsigned and floating-point numbers in either byte order.
 _NUMERIC: Final = range(6)
+_STRINGS: Final = range(6, 10)
 
 
 class Table:
@@ -27,8 +30,8 @@ class Table:
 
         self.max_bytes = max_bytes
         self.file: Any = MDF(file, raise_on_multiple_occurrences=False)
-        self.places: dict[str, tuple[int, int]] = {}
-        self.columns = []
+        self.places: list[tuple[int, int]] = []
+        self.members: list[Member] = []
         timed = False
         for g, group in enumerate(cast("list[Any]", self.file.groups)):
             rows = int(group.channel_group.cycles_nr)
@@ -39,67 +42,69 @@ class Table:
                     continue
                 if not rows:
                     continue
-                path = f"{g}/{channel.name}"
-                if path in self.places:
-                    path = f"{path}#{c}"
-                self.places[path] = (g, c)
-                plain = channel.data_type in _NUMERIC
-                why = None if plain else "it holds no plain numbers"
                 unit = getattr(channel, "unit", None) or getattr(channel.conversion, "unit", None)
-                self.columns.append(describe(path, unit=_text(unit), shape=(rows,), why=why))
-        if timed and not any(path.split("/", 1)[1] == TIME for path in self.places):
-            self.columns.append(describe(TIME, unit="s"))
-
-    def read(self, wanted: list[str]) -> Parts:
-        """The channels wanted, after a check of their declared sizes; refuses time bases that differ."""
-        places = {text: self.places[Selection.of(text).name] for text in wanted if text != TIME}
-        rows = {g: int(self.file.groups[g].channel_group.cycles_nr) for g, _ in places.values()}
-        total = sum(NUMBER_BYTES * rows[g] for g, _ in places.values()) + NUMBER_BYTES * sum(rows.values())
-        widest = max(
-            (rows[g] * int(self.file.groups[g].channel_group.samples_byte_nr) for g in rows), default=0
-        )
-        if max(total, widest) > self.max_bytes:
-            raise too_large(max(total, widest), self.max_bytes)
-        time = self._common_time(places)
-        out: Parts = {}
-        for text in wanted:
-            values = time if text == TIME else self._values(text, *places[text])
-            if values is None:
-                raise Refused(
-                    "no channel with a time base is wanted", "map at least one channel", column=TIME
+                self.places.append((g, c))
+                self.members.append(
+                    Member(channel.name, str(g), kind=_kind(channel), shape=(rows,), unit=_text(unit))
                 )
-            out[text] = [numbers(values, text)]
-        return out
+        if timed and not any(member.name == TIME for member in self.members):
+            self.members.append(Member(TIME, unit="s"))
 
-    def _values(self, text: str, group: int, index: int) -> NDArray[Any]:
+    def read(self, wanted: list[Wanted]) -> Parts:
+        """The channels wanted, after a check of their declared sizes; refuses time bases that differ."""
+        channels = [item for item in wanted if item.index < len(self.places)]
+        rows = {g: int(self.file.groups[g].channel_group.cycles_nr) for g in map(self._group, channels)}
+        total = NUMBER_BYTES * (sum(rows[self._group(item)] for item in channels) + sum(rows.values()))
+        records = (n * int(self.file.groups[g].channel_group.samples_byte_nr) for g, n in rows.items())
+        within(max(total, max(records, default=0)), self.max_bytes)
+        time = self._common_time(channels)
+        if time is None:
+            raise Refused("no channel with a time base is wanted", "map at least one channel", column=TIME)
+        return [[take(self._values(item) if item in channels else time, item)] for item in wanted]
+
+    def _group(self, item: Wanted) -> int:
+        return self.places[item.index][0]
+
+    def _values(self, item: Wanted) -> NDArray[Any]:
+        group, index = self.places[item.index]
         signal = self.file.get(group=group, index=index, ignore_invalidation_bits=True)
         if len(signal.samples) != self.file.groups[group].channel_group.cycles_nr:
-            raise Refused("it holds fewer values than it declares", _CUT_FIX, column=text)
+            raise Refused("it holds fewer values than it declares", _CUT_FIX, column=item.column)
         invalid = signal.invalidation_bits
         if invalid is not None and np.any(invalid):
-            raise Refused("the value is missing", MISSING_FIX, column=text, row=int(np.argmax(invalid)))
+            row = int(np.argmax(invalid))
+            raise Refused("the value is missing", MISSING_FIX, column=item.column, row=row)
         values: NDArray[Any] = signal.samples
         return values
 
-    def _common_time(self, places: dict[str, tuple[int, int]]) -> NDArray[Any] | None:
+    def _common_time(self, channels: list[Wanted]) -> NDArray[Any] | None:
         first: tuple[str, NDArray[Any]] | None = None
         seen: set[int] = set()
-        for text, (group, _) in places.items():
+        for item in channels:
+            group, name = self._group(item), self.members[item.index].name
             if group in seen:
                 continue
             seen.add(group)
             master = np.asarray(self.file.get_master(group))
             if len(master) != self.file.groups[group].channel_group.cycles_nr:
-                raise Refused("its time base holds fewer values than it declares", _CUT_FIX, column=text)
+                raise Refused(
+                    "its time base holds fewer values than it declares", _CUT_FIX, column=item.column
+                )
             if first is None:
-                first = (text, master)
+                first = (name, master)
             elif not np.array_equal(first[1], master):
                 raise Refused(
-                    f"it is sampled at other times than '{first[0].split('/', 1)[1]}'",
+                    f"it is sampled at other times than '{shown(first[0])}'",
                     "export them on one time base, for instance by MDF.resample of asammdf",
-                    column=text,
+                    column=item.column,
                 )
         return None if first is None else first[1]
+
+
+def _kind(channel: Any) -> str:
+    if channel.data_type not in _NUMERIC:
+        return TEXT if channel.data_type in _STRINGS else OBJECT
+    return BOOLEAN if channel.bit_count == 1 else NUMBER
 
 
 def _text(value: Any) -> str | None:

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..selection import Selection
-from . import NUMBER_BYTES, Parts, Refused, describe, numbers, too_large
+from ..gate import take, within
+from ..member import NUMBER, NUMBER_BYTES, Member, Refused, Wanted, kind_of
+from . import Parts
 
 _CUT_FIX = "export it again; it may be cut short or damaged"
 
@@ -27,58 +28,58 @@ class Table:
         status = self.file.file_status
         if status.incomplete_final_segment:
             raise Refused("its last segment is not complete", _CUT_FIX)
-        self.channels = {
-            f"{group.name}/{channel.name}": channel
+        self.channels = [
+            (group.name, channel)
             for group in self.file.groups()
             for channel in group.channels()
-        }
-        self.columns = [
-            describe(
-                path,
+            if len(channel)
+        ]
+        self.members = [
+            Member(
+                channel.name,
+                group,
+                kind=kind_of(channel.dtype),
+                shape=(len(channel),),
                 unit=_text(channel.properties.get("unit_string"))
                 or _text(channel.properties.get("NI_UnitDescription")),
-                shape=(len(channel),),
-                why=None if channel.dtype.kind in "fiub" else "it holds no plain numbers",
             )
-            for path, channel in self.channels.items()
-            if len(channel)
+            for group, channel in self.channels
         ]
         self.axis = self._axis()
         if self.axis is not None:
-            self.columns.append(describe("t", unit="s", shape=(self.axis[2],)))
+            self.members.append(Member("t", unit="s", shape=(self.axis[2],)))
 
-    def read(self, wanted: list[str]) -> Parts:
+    def read(self, wanted: list[Wanted]) -> Parts:
         """The channels wanted, after their declared lengths have been checked against the file."""
-        chosen = [text for text in wanted if Selection.of(text).name in self.channels]
-        lengths = [self.channels[Selection.of(text).name] for text in chosen]
-        stored = sum(len(channel) * channel.dtype.itemsize for channel in lengths)
-        if any(len(channel) > self.size for channel in lengths):
+        chosen = {item.index for item in wanted if item.index < len(self.channels)}
+        channels = [self.channels[index][1] for index in chosen]
+        if any(len(channel) > self.size for channel in channels):
             raise Refused("it declares more values than the file holds", _CUT_FIX)
-        total = max(stored, NUMBER_BYTES * sum(len(channel) for channel in lengths))
-        if total > self.max_bytes:
-            raise too_large(total, self.max_bytes)
-        out: Parts = {}
-        for text in wanted:
-            channel = self.channels.get(Selection.of(text).name)
-            if channel is None:
-                assert self.axis is not None, "t is listed only where there is a time axis"
-                start, step, rows = self.axis
-                out[text] = [start + step * np.arange(rows, dtype=np.float64)]
-            else:
-                values = channel[:]
-                if len(values) != len(channel):
-                    raise Refused("it holds fewer values than it declares", _CUT_FIX, column=text)
-                out[text] = [numbers(values, text)]
-        return out
+        within(
+            sum(len(channel) * max(channel.dtype.itemsize, NUMBER_BYTES) for channel in channels),
+            self.max_bytes,
+        )
+        return [[take(self._values(item), item)] for item in wanted]
+
+    def _values(self, item: Wanted) -> Any:
+        if item.index == len(self.channels):
+            assert self.axis is not None, "t is listed only where there is a time axis"
+            start, step, rows = self.axis
+            return start + step * np.arange(rows, dtype=np.float64)
+        channel = self.channels[item.index][1]
+        values = channel[:]
+        if len(values) != len(channel):
+            raise Refused("it holds fewer values than it declares", _CUT_FIX, column=item.column)
+        return values
 
     def _axis(self) -> tuple[float, float, int] | None:
         """Start (s), step (s) and length of the time axis that all waveforms share, None without one."""
         found = set()
-        for path, channel in self.channels.items():
-            if path.rsplit("/", 1)[-1].lower() in {"t", "time"}:
+        for _, channel in self.channels:
+            if channel.name.lower() in {"t", "time"}:
                 return None
             step = channel.properties.get("wf_increment")
-            if len(channel) and channel.dtype.kind in "fiub" and isinstance(step, int | float) and step > 0:
+            if kind_of(channel.dtype) == NUMBER and isinstance(step, int | float) and step > 0:
                 start = channel.properties.get("wf_start_offset", 0.0)
                 began = str(channel.properties.get("wf_start_time"))
                 found.add((float(start), float(step), len(channel), began))
