@@ -25,6 +25,7 @@ use rayon::prelude::*;
 
 pub use exchange::Swap;
 use subset::left_out;
+pub use subset::reduced;
 
 /// Most effects in one set, unless the recording is too poor for more than one.
 pub const MOST: usize = 10;

@@ -7,6 +7,7 @@
 
 mod candidates;
 mod choice;
+mod earned;
 mod rival;
 mod view;
 mod words;
@@ -26,6 +27,7 @@ use choice::Choice;
 use serde::Serialize;
 
 pub use choice::MOST_WORTH;
+pub use earned::earned;
 pub use rival::rival;
 
 /// Parts laid on one side at most, one after the other.

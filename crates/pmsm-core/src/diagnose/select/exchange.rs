@@ -6,6 +6,7 @@ use crate::diagnose::fitting;
 use crate::diagnose::power::Shown;
 use crate::diagnose::shortlist::Scorer;
 use crate::diagnose::verdict::Judged;
+use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
 use rayon::prelude::*;
@@ -38,7 +39,7 @@ impl Search<'_> {
         seen: &mut Vec<Judged>,
     ) -> Result<Option<Judged>> {
         let effects = best.fitted.effects();
-        let weak = worth.iter().filter(|(_, nats)| *nats < SURE).map(|(e, _)| (*e, None));
+        let weak = worth.iter().filter(|(e, nats)| *nats < SURE || self.wanders(*e)).map(|(e, _)| (*e, None));
         let narrower = effects.iter().flat_map(|gone| {
             let instead = special_cases(*gone).filter(|e| !effects.contains(e));
             instead.map(|narrow| (*gone, Some(narrow)))
@@ -48,6 +49,12 @@ impl Search<'_> {
         let tried = self.each(best, &ways, seen)?;
         let simpler = tried.into_iter().min_by(|a, b| evidence.cost(a).total_cmp(&evidence.cost(b)));
         Ok(simpler.filter(|simpler| !evidence.prefers(best, simpler) && !self.monitor.cancelled()))
+    }
+
+    /// Whether an effect moves a rotor that noise lets wander: to first order the speed is seen as it is, and what noise does to it counts for
+    /// the effect.
+    fn wanders(&self, effect: EffectId) -> bool {
+        effect.info().site == Site::Mechanical && self.data.runs().iter().any(|run| run.wander().is_some())
     }
 
     /// The sets in which the first of each pair is taken out of `best`, with the second in its place, as fitted before or now.

@@ -1,0 +1,79 @@
+//! Effects beside a map: which of a set explain what a smooth map of the same equation cannot.
+//!
+//! Where a set has more than noise left, something else is missing, and it may have lent its shape to a name: a curve of friction that no
+//! catalogue holds looks like a sum of those that it holds. So each effect is held against maps of what the set without it has left. One
+//! that a map replaces has not earned its name.
+
+use super::{Side, explain, sides};
+use crate::diagnose::data::Data;
+use crate::diagnose::evidence::{DECISIVE, Evidence};
+use crate::diagnose::fitting;
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::select::reduced;
+use crate::diagnose::transfer::transfer;
+use crate::diagnose::verdict::Judged;
+use crate::effect::Site;
+use crate::effects::EffectId;
+use crate::error::Result;
+use crate::monitor::Monitor;
+use rayon::prelude::*;
+
+/// A set of effects, each of which explains what a map cannot.
+pub struct Earned {
+    /// The set without a map.
+    pub set: Hypothesis,
+    /// Posterior probability of each of its effects beside a map.
+    pub probabilities: Vec<(EffectId, f64)>,
+}
+
+/// The effects of `best` that explain what a map cannot: those of an equation with nothing but noise left as they are, the others as far as
+/// the recordings say so.
+///
+/// # Errors
+/// Those of the least-squares fits.
+pub fn earned(
+    data: &Data,
+    judge: Option<&Data>,
+    best: &Hypothesis,
+    monitor: &dyn Monitor,
+) -> Result<Earned> {
+    let held_out: Vec<&Data> = judge.into_iter().collect();
+    let evidence = Evidence::new(data, &held_out);
+    let cost_with_map = |set: &Hypothesis| -> Result<f64> {
+        let (mapped, _) = explain(data, judge, set, monitor)?;
+        let held_out: Result<Vec<Hypothesis>> =
+            held_out.iter().map(|other| transfer(other, &mapped, monitor)).collect();
+        Ok(evidence.cost(&Judged { fitted: mapped, held_out: held_out?, refuted: false }))
+    };
+    let mut set = best.clone();
+    loop {
+        let open = sides(data, &set);
+        let doubtful = |effect: &EffectId| match effect.info().site {
+            Site::Mechanical => open.contains(&Side::Mechanical),
+            Site::Electrical => open.contains(&Side::Electrical),
+            Site::Sensor => !open.is_empty(),
+        };
+        let asked: Vec<EffectId> = set.effects().into_iter().filter(doubtful).collect();
+        let whole = if asked.is_empty() { 0.0 } else { cost_with_map(&set)? };
+        let without = |effect: &EffectId| -> Result<(EffectId, f64, Hypothesis)> {
+            let (model, start) = reduced(&set, *effect);
+            let fewer = fitting::fit(data, &model, &start, false, monitor)?;
+            Ok((*effect, cost_with_map(&fewer)? - whole, fewer))
+        };
+        let tried: Result<Vec<(EffectId, f64, Hypothesis)>> = asked.par_iter().map(without).collect();
+        let tried = tried?;
+        // The least needed goes first: what the others are worth may change.
+        let least = tried.iter().min_by(|a, b| a.1.total_cmp(&b.1));
+        match least {
+            Some((_, nats, fewer)) if *nats < DECISIVE && !monitor.cancelled() => set = fewer.clone(),
+            _ => {
+                let probability = |effect: EffectId| {
+                    let nats = tried.iter().find(|(e, ..)| *e == effect).map_or(f64::INFINITY, |t| t.1);
+                    (effect, 1.0 / (1.0 + (-nats).exp()))
+                };
+                let probabilities = set.effects().into_iter().map(probability).collect();
+                return Ok(Earned { set, probabilities });
+            }
+        }
+    }
+}
