@@ -7,7 +7,7 @@ use super::verdict::{Judged, MISMATCH, MISMATCH_HELD_OUT};
 use crate::effects::EffectId;
 
 /// Probability that is kept for physics outside the catalogue when a set reaches the noise.
-const UNKNOWN: f64 = 0.02;
+pub const UNKNOWN: f64 = 0.02;
 /// Highest probability of any name when the verdict is "unknown", or when the validation run refutes it.
 pub const CEILING_UNKNOWN: f64 = 0.4;
 /// Highest probability of any name by a poor recording whose model does not foresee the validation run: an even chance, as what fails may be
@@ -35,9 +35,7 @@ pub struct Ranked {
 /// effects, and those with another in its place.
 pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
     let effects = outcome.order();
-    let left = outcome.best.unexplained(&outcome.base);
-    let unexplained = left > 1.0;
-    let known = if unexplained || outcome.best.refuted { CEILING_UNKNOWN } else { 1.0 - UNKNOWN };
+    let known = if outcome.best.refuted { CEILING_UNKNOWN } else { 1.0 - UNKNOWN };
     let least = outcome.evidence.cost(&outcome.best);
     let weight = |judged: &Judged| (least - outcome.evidence.cost(judged)).min(50.0).exp();
     let total = 1.0 + outcome.swaps.iter().map(|s| weight(&s.judged)).sum::<f64>();
@@ -68,13 +66,9 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
     let verdict = if effects.is_empty() {
         let elsewhere = outcome.base.held_out_excess() > MISMATCH_HELD_OUT;
         if outcome.base.excess() > MISMATCH || elsewhere { Verdict::Unknown } else { Verdict::NoMismatch }
-    } else if poor
-        || ranked.iter().any(|r| effects.contains(&r.effect) && !r.equivalent.is_empty()) && !unexplained
-    {
+    } else if poor || ranked.iter().any(|r| effects.contains(&r.effect) && !r.equivalent.is_empty()) {
         // A poor recording cannot tell physics outside the catalogue from physics within.
         Verdict::Ambiguous
-    } else if unexplained {
-        Verdict::Unknown
     } else {
         Verdict::Named
     };

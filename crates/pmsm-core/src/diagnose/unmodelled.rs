@@ -29,7 +29,7 @@ use choice::Choice;
 use serde::Serialize;
 
 pub use choice::MOST_WORTH;
-pub use earned::earned;
+pub use earned::{Earned, earned};
 pub use rival::rival;
 
 /// Parts laid on one side at most, one after the other.
