@@ -15,13 +15,48 @@ WIDTH = 100
 
 
 def headline(answer: DiagnosisValues) -> str:
-    """The verdict in one plain sentence."""
+    """The verdict in one plain sentence, with what remains beside the effects that were found."""
+    if answer.verdict == "undetermined" and answer.reason:
+        return f"Nothing can be said of the motor: {answer.reason}."
+    rest = _rest(answer)
+    if rest and answer.verdict == "unknown" and (found := _mostly_explained(answer)):
+        return f"{found}; {rest}, so another cause is at work."
+    if rest and answer.verdict in {"named", "ambiguous", "partial"}:
+        return f"{_verdict(answer).rstrip('.')}; {rest}, so another cause is at work as well."
+    return _verdict(answer)
+
+
+def _rest(answer: DiagnosisValues) -> str:
+    """How much more than noise the effects that were found leave, and where; empty where there are none, or
+    where they reach it.
+    """
+    beside = [at for at in answer.remaining if at.beside]
+    if not beside:
+        return ""
+    worst = max(beside, key=lambda at: at.times)
+    where = EQUATIONS.get(worst.equation, worst.equation)
+    return f"{number(worst.times)} times the noise is left in the {where}"
+
+
+def _mostly_explained(answer: DiagnosisValues) -> str:
+    """The effects that come nearest, with the share that they explain; empty where that is less than half."""
+    nearest = next((at.beside for at in answer.remaining if at.beside), ())
+    shares = [c.gain_held_out for c in answer.ranking if c.effect in nearest and c.gain_held_out is not None]
+    if not shares or max(shares) < 0.5:
+        return ""
+    names = listed([lower_first(title(effect)) for effect in nearest])
+    verb = "explains" if len(nearest) == 1 else "explain"
+    return f"{names[0].upper()}{names[1:]} {verb} {percent(max(shares))} of the mismatch"
+
+
+def _verdict(answer: DiagnosisValues) -> str:
+    """The verdict by itself."""
     names = [lower_first(title(effect)) for effect in answer.effects]
     several = len(answer.recordings) > 1
     these, their = ("these recordings", "their") if several else ("this recording", "its")
     if answer.verdict == "no_mismatch":
         return f"Nothing is missing: the dq-model explains {these} down to {their} noise."
-    if answer.verdict == "named":
+    if answer.verdict in {"named", "partial"}:
         return f"The model leaves out {listed(names or _first(answer))}."
     if answer.verdict == "ambiguous":
         choices = _alternatives(answer)
@@ -92,9 +127,9 @@ def diagnosis(answer: DiagnosisValues) -> str:
     run = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
     lines += _fit(answer, run)
     lines += _each(answer)
-    if answer.left:
-        lines += ["", "What the model leaves"]
-        lines += [hung("  ", place.sentence) for place in answer.left]
+    if answer.remaining:
+        lines += ["", "What remains"]
+        lines += [hung("  ", at.sentence) for at in answer.remaining]
     if answer.cannot_see:
         what = "these recordings" if answer.recordings else "this recording"
         lines += ["", f"What {what} cannot see"]
