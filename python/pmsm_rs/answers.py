@@ -43,8 +43,9 @@ class Diagnosis(DiagnosisValues):
     is what a perfect model would leave in each, `fit["recording" or "validation"]["before" or "after"]`
     what is left, both as root mean square in the channel's unit. `data_quality` has finding, consequence
     and fix; `cannot_see` effect, why, and power, the probability that it would have been found.
-    `left` says where the effects of a named or ambiguous answer still leave a mismatch, and is empty where
-    they reach the noise. `data["path"]` is the way to the model, one effect more at each step.
+    `remaining` says what the effects that were found, named or not, leave beyond noise, and is empty where
+    they reach it. `reason` says why a verdict is `undetermined`, and is None otherwise. `data["path"]` is the
+    way to the model, one effect more at each step.
 
     `traces["recording"]` and, where a validation run was given, `traces["validation"]` hold arrays of shape
     (samples,): `t` in s, per channel `NAME_measured`, `NAME_before`, `NAME_after`, and the operating point

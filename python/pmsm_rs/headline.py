@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from .errors import shown
 from .results import DiagnosisValues
-from .words import EQUATIONS, listed, lower_first, title
+from .words import EQUATIONS, listed, lower_first, number, percent, title
 
 _NAMED: Final = 3
 """Columns that a headline names; the findings name the others."""
@@ -20,7 +20,7 @@ _EXPLAINED: Final = {
 
 def headline(answer: DiagnosisValues) -> str:
     """The verdict in a plain sentence, and one for each question that was not asked."""
-    return " ".join([_verdict(answer), *not_asked(answer), *_passed_over(answer)])
+    return " ".join([_first_sentence(answer), *not_asked(answer), *_passed_over(answer)])
 
 
 def is_whole(answer: DiagnosisValues) -> bool:
@@ -61,6 +61,41 @@ def _a(quantity: str) -> str:
     return f"{'an' if quantity == 'angle' else 'a'} {quantity}"
 
 
+def _first_sentence(answer: DiagnosisValues) -> str:
+    """The verdict with what remains beside the effects that were found."""
+    if answer.verdict == "undetermined" and answer.reason:
+        return f"Nothing can be said of the motor: {answer.reason}."
+    rest = _rest(answer)
+    if rest and answer.verdict == "unknown" and (found := _mostly_explained(answer)):
+        return f"{found}; {rest}, so another cause is at work."
+    if rest and answer.verdict in {"named", "ambiguous", "partial"}:
+        return f"{_verdict(answer).rstrip('.')}; {rest}, so another cause is at work as well."
+    return _verdict(answer)
+
+
+def _rest(answer: DiagnosisValues) -> str:
+    """How much more than noise remains beside the effects that were found, and where; empty without any, or
+    where they reach the noise.
+    """
+    beside = [at for at in answer.remaining if at.beside]
+    if not beside:
+        return ""
+    worst = max(beside, key=lambda at: at.times)
+    where = EQUATIONS.get(worst.equation, worst.equation)
+    return f"{number(worst.times)} times the noise is left in the {where}"
+
+
+def _mostly_explained(answer: DiagnosisValues) -> str:
+    """The effects that come nearest, with the share that they explain; empty where that is less than half."""
+    nearest = next((at.beside for at in answer.remaining if at.beside), ())
+    shares = [c.gain_held_out for c in answer.ranking if c.effect in nearest and c.gain_held_out is not None]
+    if not shares or max(shares) < 0.5:
+        return ""
+    names = listed([lower_first(title(effect)) for effect in nearest])
+    verb = "explains" if len(nearest) == 1 else "explain"
+    return f"{names[0].upper()}{names[1:]} {verb} {percent(max(shares))} of the mismatch"
+
+
 def _verdict(answer: DiagnosisValues) -> str:
     names = [lower_first(title(effect)) for effect in answer.effects]
     several = len(answer.recordings) > 1
@@ -70,7 +105,7 @@ def _verdict(answer: DiagnosisValues) -> str:
             return f"Nothing is missing: the dq-model explains {these} down to {their} noise."
         part = f"The dq-model explains what was read of {these} down to {their} noise."
         return _EXPLAINED.get(answer.recording_kind or "", part)
-    if answer.verdict == "named":
+    if answer.verdict in {"named", "partial"}:
         return f"The model leaves out {listed(names or _first(answer))}."
     if answer.verdict == "ambiguous":
         choices = _alternatives(answer)

@@ -99,7 +99,6 @@ def render(answer: DiagnosisValues, title: str | None = None) -> str:
         before_after=figures.before_after(answer),
         shown=answer.shown,
         places=_places(answer.located),
-        left=_places(answer.left),
         blind=[(item, words.title(item["effect"])) for item in answer.cannot_see],
         colours={"before": plot.BEFORE, "after": plot.AFTER, "measured": plot.MEASURED, "noise": plot.NOISE},
     )

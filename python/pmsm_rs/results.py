@@ -124,6 +124,26 @@ class Location:
 
 
 @dataclass(frozen=True)
+class Remaining:
+    """What the effects `beside` leave of one equation: times the noise on the recording and on the validation
+    run (None without one), the variables over which it is left, and the probability of so much by chance.
+    """
+
+    equation: str
+    beside: tuple[str, ...]
+    times_recording: float
+    times_validation: float | None
+    over: tuple[str, ...]
+    p_value: float
+    sentence: str
+
+    @property
+    def times(self) -> float:
+        """The larger of the two."""
+        return max(self.times_recording, self.times_validation or 0.0)
+
+
+@dataclass(frozen=True)
 class Candidate:
     """An omitted effect that would explain the mismatch, with its probability, parameters and look-alikes."""
 
@@ -144,7 +164,8 @@ class DiagnosisValues:
     read: tuple[Mapping[str, Any], ...]
     data_quality: tuple[Mapping[str, str], ...]
     located: tuple[Location, ...]
-    left: tuple[Location, ...]
+    remaining: tuple[Remaining, ...]
+    reason: str | None
     ranking: tuple[Candidate, ...]
     effects: tuple[str, ...]
     base: Mapping[str, Estimate]
@@ -174,7 +195,8 @@ class DiagnosisValues:
             read=() if read is None else tuple(read) if isinstance(read, list) else (read,),
             data_quality=tuple(data["data_quality"]),
             located=tuple(_location(entry) for entry in data["located"]),
-            left=tuple(_location(entry) for entry in data.get("left", ())),
+            remaining=tuple(_remaining(entry) for entry in data.get("remaining", ())),
+            reason=data.get("reason"),
             ranking=tuple(_candidate(entry) for entry in data["ranking"]),
             effects=tuple(data["model"]["effects"]),
             base=estimates(data["model"]["base"]),
@@ -213,8 +235,20 @@ class DiagnosisValues:
         return next((name for name in ("validation", "recording") if name in self.traces), None)
 
     def to_json(self) -> str:
-        """The whole answer as JSON text, schema pmsm-rs.diagnosis/1."""
+        """The whole answer as JSON text, schema pmsm-rs.diagnosis/2."""
         return json_text(self.data)
+
+
+def _remaining(entry: Mapping[str, Any]) -> Remaining:
+    return Remaining(
+        equation=entry["equation"],
+        beside=tuple(entry["beside"]),
+        times_recording=entry["times_noise"]["recording"],
+        times_validation=entry["times_noise"]["validation"],
+        over=tuple(entry["over"]),
+        p_value=entry["p_value"],
+        sentence=entry["sentence"],
+    )
 
 
 def _location(entry: Mapping[str, Any]) -> Location:

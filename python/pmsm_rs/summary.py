@@ -53,9 +53,9 @@ def diagnosis(answer: DiagnosisValues) -> str:
     run = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
     lines += _fit(answer, run)
     lines += _each(answer)
-    if answer.left:
-        lines += ["", "What the model leaves"]
-        lines += [hung("  ", place.sentence) for place in answer.left]
+    if answer.remaining:
+        lines += ["", "What remains"]
+        lines += [hung("  ", at.sentence) for at in answer.remaining]
     if answer.cannot_see:
         what = "these recordings" if answer.recordings else "this recording"
         lines += ["", f"What {what} cannot see"]

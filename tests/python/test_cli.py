@@ -128,7 +128,7 @@ def test_diagnose_writes_json_report_and_trajectories(tmp_path: Path, run: Run) 
     ran = run("diagnose", recording, "--machine", machine, "--validate", validation, "--seed", "7", *outputs)
     assert ran.code == 0, ran.err
     answer = json.loads((tmp_path / "a.json").read_text())
-    assert answer["schema"] == "pmsm-rs.diagnosis/1"
+    assert answer["schema"] == "pmsm-rs.diagnosis/2"
     assert answer["seed"] == 7
     assert set(answer) >= {
         "verdict",

@@ -29,7 +29,7 @@ def estimate(value: float, stderr: float | None, unit: str) -> dict[str, Any]:
 
 
 ANSWER: dict[str, Any] = {
-    "schema": "pmsm-rs.diagnosis/1",
+    "schema": "pmsm-rs.diagnosis/2",
     "verdict": "named",
     "data_quality": [
         {"finding": "Time jitters.", "consequence": "High orders blur.", "fix": "Use the drive's clock."}
@@ -183,18 +183,56 @@ def test_the_report_has_the_same_bytes_every_time(tmp_path: Path) -> None:
     assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
 
 
-def test_what_a_named_model_leaves_is_told_wherever_the_answer_is_shown(tmp_path: Path) -> None:
-    left = {**ANSWER["located"][0], "sentence": "The q-axis equation leaves 3.1 times the noise in i_q."}
-    for answer, shown in [(diagnosis(left=[left]), 1), (diagnosis(), 0)]:
+REMAINING: dict[str, Any] = {
+    "equation": "q",
+    "beside": ["dead_time"],
+    "times_noise": {"recording": 3.1, "validation": 14.8},
+    "over": ["i_q"],
+    "p_value": 1e-9,
+    "sentence": "Beside dead_time the q-axis voltage equation leaves 3.1 times the noise in i_q.",
+}
+
+
+def test_what_remains_beside_the_effects_is_told_wherever_the_answer_is_shown(tmp_path: Path) -> None:
+    for answer, shown in [(diagnosis(remaining=[REMAINING]), 1), (diagnosis(), 0)]:
         answer.report(tmp_path / "r.html")
         page = (tmp_path / "r.html").read_text(encoding="utf-8")
         for text in [str(answer), page]:
-            assert text.count("What the model leaves") == shown
+            assert text.count("What remains") == shown
             assert text.count("3.1 times the noise") == shown
-        assert len(answer.left) == shown
+        assert len(answer.remaining) == shown
         tags = Tags()
         tags.feed(page)
         assert tags.problems == []
+
+
+@pytest.mark.parametrize("verdict", ["unknown", "named", "ambiguous", "partial"])
+def test_the_first_sentence_says_what_remains_beside_the_effects(verdict: str, tmp_path: Path) -> None:
+    ranking = [{**ANSWER["ranking"][0], "gain_held_out": 0.93}]
+    answer = diagnosis(verdict=verdict, remaining=[REMAINING], ranking=ranking)
+    answer.report(tmp_path / "r.html")
+    first = " ".join(str(answer).split("\n\n")[0].split())
+    for text in [first, (tmp_path / "r.html").read_text(encoding="utf-8")]:
+        assert (
+            "14.8 times the noise is left in the q-axis voltage equation, so another cause is at work" in text
+        )
+
+
+def test_an_effect_that_explains_most_and_leaves_more_than_noise_is_told_with_both_figures() -> None:
+    ranking = [{**ANSWER["ranking"][0], "gain_held_out": 0.93, "probability": 0.5}]
+    model = {**ANSWER["model"], "effects": []}
+    answer = diagnosis(verdict="unknown", remaining=[REMAINING], ranking=ranking, model=model)
+    said = "explains 93 % of the mismatch; 14.8 times the noise is left"
+    assert said in " ".join(str(answer).split("\n\n")[0].split())
+
+
+def test_an_undetermined_answer_begins_with_its_reason() -> None:
+    answer = diagnosis(
+        verdict="undetermined", reason="the torque counts with the opposite sign; turn it round"
+    )
+    assert str(answer).startswith(
+        "Nothing can be said of the motor: the torque counts with the opposite sign"
+    )
 
 
 def test_text_of_an_answer_cannot_become_markup(tmp_path: Path) -> None:
@@ -203,7 +241,11 @@ def test_text_of_an_answer_cannot_become_markup(tmp_path: Path) -> None:
     ranking = [{**ANSWER["ranking"][0], "sentence": evil, "equation": evil, "equivalent_to": [evil]}]
     quality = [{"finding": evil, "consequence": evil, "fix": evil}]
     answer = diagnosis(
-        located=located, left=located, ranking=ranking, data_quality=quality, next_experiment=evil
+        located=located,
+        remaining=[{**REMAINING, "sentence": evil}],
+        ranking=ranking,
+        data_quality=quality,
+        next_experiment=evil,
     )
     answer.report(tmp_path / "r.html", title=evil)
     assert "<script" not in (tmp_path / "r.html").read_text()

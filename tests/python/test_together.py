@@ -92,7 +92,7 @@ def test_each_recording_is_accounted_for(together: pm.Diagnosis) -> None:
     assert np.all(np.diff(trace["t"]) > 0)
     whole = np.sqrt(np.mean((trace["i_q_measured"] - trace["i_q_after"]) ** 2))
     assert together.fit["recording"]["after"]["i_q"] == pytest.approx(whole, rel=1e-9)
-    assert json.loads(together.to_json())["schema"] == "pmsm-rs.diagnosis/1"
+    assert json.loads(together.to_json())["schema"] == "pmsm-rs.diagnosis/2"
 
 
 def test_text_and_report_name_the_files(together: pm.Diagnosis) -> None:

@@ -10,7 +10,10 @@ mod agree;
 mod anew;
 pub mod answer;
 mod bare;
+mod baseline;
+mod between_rows;
 mod conclude;
+mod counts;
 pub mod data;
 mod decide;
 mod each;
@@ -27,6 +30,7 @@ mod plausible;
 mod power;
 mod prescribe;
 mod reach;
+pub mod remaining;
 mod reversals;
 pub mod scale;
 pub mod search;
@@ -37,6 +41,7 @@ mod stated_load;
 mod testing;
 mod ties;
 mod torque_noise;
+mod torque_sign;
 mod transfer;
 mod turns;
 pub mod unmodelled;
@@ -47,7 +52,6 @@ use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::monitor::Monitor;
 use crate::recording::Recording;
-use crate::signals::Signals;
 use answer::{Answer, Verdict};
 use data::Data;
 use hold::Held;
@@ -87,9 +91,30 @@ pub fn diagnose(
         answer.data_quality.extend(wiring::suspected(recordings, machine, &base, monitor)?);
         return Ok(answer);
     }
+    let counted = counts::settle(&mut whole, &mut base, monitor)?;
+    if let Some(why) = between_rows::moved(&whole, &base, monitor)? {
+        whole = join::motion_alone(recordings, machine, &why)?;
+        if counted {
+            counts::to_middle(&mut whole);
+        }
+        base = bare::fit(&mut whole, monitor)?;
+    }
+    if let Some(finding) = torque_sign::opposite(&whole, &base, monitor)? {
+        return Ok(conclude::undetermined(&whole, finding, None));
+    }
+    if let Some(finding) = baseline::fault(&whole, &base) {
+        let mut answer = conclude::undetermined(&whole, finding, None);
+        answer.data_quality.extend(wiring::suspected(recordings, machine, &base, monitor)?);
+        return Ok(answer);
+    }
     let mut others = Vec::new();
     if let Some(recording) = validation {
-        others.push(Data::new(Signals::new(recording, machine)?, machine)?);
+        let signals = join::read(recording, machine, whole.signals.limits.coarse.as_ref())?;
+        let mut data = Data::new(signals, machine)?;
+        if counted {
+            counts::to_middle(&mut data);
+        }
+        others.push(data);
     }
     let mut settled = None;
     match hold::settle(&mut whole, &mut others, &base, &[], monitor)? {

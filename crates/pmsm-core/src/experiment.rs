@@ -11,17 +11,20 @@ mod forms;
 mod joint;
 mod load;
 mod lost;
+mod prior;
 mod response;
 mod rows;
 mod speed;
 #[cfg(test)]
 mod testing;
 mod transition;
+mod variation;
 
 pub use course::Course;
 pub use fitting::Fitted;
 pub use joint::{Block, Channels, Joint, split};
 pub use lost::Answering;
+pub use prior::Prior;
 
 use crate::base::BASE;
 use crate::colour::Colour;
@@ -105,8 +108,8 @@ pub struct Experiment<'a> {
     pub colour: Option<Colour>,
     /// Samples that do not count (held out), if any.
     pub held_out: Option<&'a [bool]>,
-    /// What is known beforehand: parameter, value, standard deviation. It decides only what the recording does not show.
-    pub prior: &'a [(usize, f64, f64)],
+    /// What is known of parameters beforehand. It decides only what the recording does not show.
+    pub prior: &'a [Prior],
 }
 
 /// Residuals and their derivatives at one point.

@@ -27,6 +27,9 @@ const NEAR: f64 = 50.0;
 /// Share of a channel's range that its noise is taken to have at least, as a log without any has none: two ways to integrate the same
 /// equations differ by that.
 pub const RESOLUTION: f64 = 2e-5;
+/// How far the square of a speed's error may be off, share of it, where the log bounds rather than measures it: of a derived or held speed
+/// by how two estimates differ, and under currents that are known only from row to row.
+const BOUNDED: f64 = 0.5;
 /// Samples over which the steps of a wandering speed are taken.
 const LAG: usize = 8;
 
@@ -72,6 +75,13 @@ impl Floor {
         self.channel == Channel::OmegaE && self.wander.is_none() && self.share() > WANDERS
     }
 
+    /// Brings the floor to at most the `variation` of its signal: a machine that noise would move further than its signal moved is not this
+    /// one, and noise beyond that would explain everything.
+    pub fn limit(&mut self, variation: f64) {
+        self.sensor = self.sensor.min(variation.max(f64::MIN_POSITIVE));
+        self.driven = self.driven.min((variation * variation - self.sensor * self.sensor).max(0.0).sqrt());
+    }
+
     /// Share of the driven noise in the square of both parts.
     pub fn share(&self) -> f64 {
         (self.driven / self.total()).powi(2)
@@ -108,6 +118,12 @@ pub fn current_noise(signals: &Signals) -> Option<f64> {
     (noise > 0.0).then_some(noise)
 }
 
+/// Noise of the speed, rad/s: that of its sensor, or the error of one that the log rounds or holds, or that was derived.
+pub fn speed_noise(signals: &Signals) -> f64 {
+    let error = signals.limits.speed_error();
+    if signals.speed_known { white_noise(&signals.omega_e).max(error) } else { error }
+}
+
 /// The floors of the channels of `experiment`, whose own noise figures are ignored, and the noise of the voltages. `p` is a fitted
 /// parameter vector: where noise cannot be read from the log itself it is read from what the model leaves.
 pub fn floors(experiment: &Experiment, p: &[f64]) -> (Vec<Floor>, InputNoise) {
@@ -124,9 +140,10 @@ pub fn floors(experiment: &Experiment, p: &[f64]) -> (Vec<Floor>, InputNoise) {
         .map(|(at, (channel, _))| {
             let (sensor, unsure) = match channel {
                 Channel::ID | Channel::IQ => {
-                    (current_noise(signals).unwrap_or_else(|| white_noise(&rest(at))), 0.0)
+                    let seen = current_noise(signals).unwrap_or_else(|| white_noise(&rest(at)));
+                    (seen.max(signals.limits.current), 0.0)
                 }
-                Channel::OmegaE => (white_noise(&signals.omega_e), 0.0),
+                Channel::OmegaE => (speed_noise(signals), 0.0),
                 Channel::VD | Channel::VQ if signals.kind == Kind::OpenCircuit => {
                     (white_noise(&rest(at)), 0.0)
                 }
@@ -134,12 +151,17 @@ pub fn floors(experiment: &Experiment, p: &[f64]) -> (Vec<Floor>, InputNoise) {
             };
             let scale = peak(experiment.measured(*channel));
             let sensor = sensor.max(RESOLUTION * scale).max(f64::MIN_POSITIVE);
+            let bounded = *channel == Channel::OmegaE && signals.limits.bounded();
+            let unsure = if bounded { BOUNDED } else { unsure };
             Floor { channel: *channel, sensor, driven: 0.0, unsure, swing: 0.0, wander: None }
         })
         .collect();
     let input = voltage_noise(experiment, p, &rest, &mut floors);
     if !matches!(signals.kind, Kind::OperatingPoints | Kind::OpenCircuit) {
         add_driven(experiment, p, &prediction, &input, &mut floors);
+    }
+    for floor in &mut floors {
+        floor.limit(experiment.variation(floor.channel));
     }
     (floors, input)
 }
@@ -208,6 +230,8 @@ fn add_driven(
         }
     }
     let step = (steps.0 / steps.1.max(1) as f64).sqrt();
+    // The error of a speed that was derived or held lasts itself, and no filter tells it from what noise does to the rotor.
+    let speed = speed.filter(|_| !experiment.signals.limits.lasting);
     if let Some(at) = speed.filter(|at| step.is_finite() && floors[*at].share() > WANDERS) {
         let floor = &mut floors[at];
         let wander = Wander::new(floor.sensor, step);
@@ -230,12 +254,19 @@ fn disturbed(signals: &Signals, floors: &[Floor], input: &InputNoise, draw: usiz
         for w in &mut noisy.omega_e {
             *w += sigma_w * random.next();
         }
+    } else if !signals.limits.speed.is_empty() {
+        // The error of a derived speed has its own colour, and comes where the rotor moves so: it is taken as it is, from elsewhere.
+        let n = signals.len();
+        let shift = (draw + 1) * n / (DRAWS + 1);
+        let elsewhere = signals.limits.speed.iter().cycle().skip(shift);
+        noisy.omega_e.iter_mut().zip(elsewhere).for_each(|(w, error)| *w += error);
     }
     if let (Some(phases), Some(i), Some(clean)) = (&mut noisy.phases, &mut noisy.i, &signals.i) {
         for k in 0..phases[0].len() {
             // Between rows that stand for several control periods the current is known only as far as it is straight.
             let unseen = |x: &[f64]| {
-                let inner = !input.hidden.is_empty() && k > 0 && k + 1 < x.len();
+                let apart = !input.hidden.is_empty() || signals.limits.coarse.is_some();
+                let inner = apart && k > 0 && k + 1 < x.len();
                 if inner { (x[k + 1] - 2.0 * x[k] + x[k - 1]) / 12.0 } else { 0.0 }
             };
             let dq = [0, 1].map(|axis| sigma_i.hypot(unseen(&clean[axis])) * random.next());

@@ -3,23 +3,27 @@
 
 mod angle;
 mod clock;
+mod derived;
 mod every;
 mod held;
 pub mod join;
 mod lag;
+mod limits;
 mod mend;
 mod open_circuit;
 mod phases;
 mod scales;
+mod steps;
 mod turned;
 
 use crate::effect::Context;
 use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::recording::{Kind, Load, Recording};
-use angle::{check_sense, differentiate, integrate, unwrap};
+use angle::{check_sense, integrate, unwrap};
 pub use every::Within;
 pub use held::Logged;
+pub use limits::Limits;
 use mend::mend;
 use phases::Currents;
 pub(crate) use scales::electrical_rate;
@@ -38,6 +42,13 @@ pub struct Finding {
     pub consequence: String,
     /// What to do about it.
     pub fix: String,
+}
+
+impl Finding {
+    /// As the reason of a verdict: what was found, and what to do about it.
+    pub fn reason(&self) -> String {
+        format!("{}; {}", self.finding, self.fix)
+    }
 }
 
 /// Time signals of one recording; all vectors have one entry per sample.
@@ -61,6 +72,8 @@ pub struct Signals {
     pub phase_voltages: bool,
     /// Whether the voltage of the d and of the q axis was logged.
     pub axes: [bool; 2],
+    /// Whether the currents were logged as those of the phases, which the angle turns into the rotor's frame.
+    pub phase_currents: bool,
     /// Rotor-frame current in the logged frame, A.
     pub i: Option<[Vec<f64>; 2]>,
     /// Phase currents as logged (a missing third completed to zero sum), A.
@@ -79,8 +92,10 @@ pub struct Signals {
     pub three_currents: bool,
     /// Electrical speed, rad/s.
     pub omega_e: Vec<f64>,
-    /// Whether the speed was logged (else differentiated from the angle).
+    /// Whether the speed is the logged one (else that of the angle).
     pub speed_known: bool,
+    /// What the log adds to the noise of its sensors.
+    pub limits: Limits,
     /// Motor torque where it was recorded, N·m.
     pub tau_e: Option<Vec<f64>>,
     /// Measured load torque, N·m.
@@ -109,6 +124,11 @@ impl Signals {
     pub fn new(recording: &Recording, machine: &Machine) -> Result<Self> {
         let mut signals = Self::in_rotor_frame(recording, machine)?;
         signals.complete();
+        let rate = scales::stated_rate(machine);
+        if let Some(rate) = rate.filter(|rate| signals.kind == Kind::Full && signals.is_coarse(*rate)) {
+            let why = signals.too_coarse(rate, "");
+            signals.leave_voltages_out(why);
+        }
         Ok(signals)
     }
 
@@ -127,27 +147,40 @@ impl Signals {
             recording.column(name).map(|x| x.iter().map(|v| v * factor).collect::<Vec<f64>>())
         };
         let logged_speed = scaled("omega_e", 1.0).or_else(|| scaled("omega_m", n_p));
-        let mechanical = recording.column("theta_m").map(unwrap);
-        let logged_angle = recording
+        let mut mechanical = recording.column("theta_m").map(unwrap);
+        let mut logged_angle = recording
             .column("theta_e")
             .map(unwrap)
             .or_else(|| mechanical.as_ref().map(|m| m.iter().map(|x| x * n_p).collect()));
-        let (angle_known, speed_known) = (logged_angle.is_some(), logged_speed.is_some());
-        let mut omega_e = match (&logged_speed, &logged_angle) {
-            (Some(speed), _) => speed.clone(),
-            (None, Some(angle)) => differentiate(&t, angle, &segments),
-            (None, None) => {
-                return Err(Error::unusable("there is neither a speed nor an angle", "record one of them"));
-            }
-        };
+        let angle_known = logged_angle.is_some();
         let operating_points = recording.kind() == Kind::OperatingPoints;
         let open = recording.kind() == Kind::OpenCircuit;
-        if let (Some(angle), true, false) = (&logged_angle, speed_known, operating_points) {
-            check_sense(&t, angle, &omega_e, &segments, machine.n_p)?;
+        let in_time = !operating_points && !open;
+        let mut findings = Vec::new();
+        let as_logged = |name: &str| recording.column(name);
+        let angle = as_logged("theta_e").map(|x| (x, 1.0)).or(as_logged("theta_m").map(|x| (x, n_p)));
+        let steps = angle.filter(|_| in_time).and_then(|(x, turns)| limits::angle_steps(recording, x, turns));
+        let held = limits::motion(&t, logged_angle.as_deref(), logged_speed.as_deref(), &segments);
+        let Some(held) = held else {
+            return Err(Error::unusable("there is neither a speed nor an angle", "record one of them"));
+        };
+        if let (Some(angle), Some(speed), false) = (&logged_angle, &logged_speed, operating_points) {
+            check_sense(&t, angle, speed, &segments, machine.n_p)?;
         }
+        let (mut omega_e, speed_error, speed_known) = match logged_speed {
+            Some(speed) if !in_time => (speed, Vec::new(), true),
+            _ => (held.omega, held.error, held.logged),
+        };
+        let lasting = in_time && (!speed_known || held.finding.is_some());
+        findings.extend(held.finding.filter(|_| in_time));
+        if steps.is_some() {
+            for angle in logged_angle.iter_mut().chain(&mut mechanical) {
+                limits::through_steps(&t, angle, &segments);
+            }
+        }
+        findings.extend(steps.as_ref().map(|(_, finding)| finding.clone()));
         let mut theta_e = logged_angle.unwrap_or_else(|| integrate(&t, &omega_e));
 
-        let mut findings = Vec::new();
         if angle_known && mechanical.is_none() && !operating_points {
             findings.extend(angle::bridge(&t, &mut theta_e, &omega_e, &segments));
         }
@@ -233,6 +266,14 @@ impl Signals {
             three_currents: currents.three,
             omega_e,
             speed_known,
+            limits: Limits {
+                speed: speed_error,
+                lasting,
+                angle_step: steps.as_ref().map_or(0.0, |(step, _)| *step),
+                current: limits::current_rounding(recording),
+                coarse: None,
+            },
+            phase_currents: !recording.has(&["i_d", "i_q"]),
             tau_e,
             tau_m: scaled("tau_m", 1.0),
             heating,

@@ -1,11 +1,15 @@
-//! The answer of a diagnosis, schema `pmsm-rs.diagnosis/1`.
+//! The answer of a diagnosis, schema `pmsm-rs.diagnosis/2`.
 
 use super::locate::Located;
+use super::remaining::Remaining;
 use super::unmodelled::Unmodelled;
 use crate::effects;
 use crate::signals::Finding;
 use serde::Serialize;
 use std::collections::BTreeMap;
+
+/// Version of the answer's form.
+pub const SCHEMA: &str = "pmsm-rs.diagnosis/2";
 
 /// What the diagnosis concludes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -139,9 +143,11 @@ pub struct Answer {
     pub data_quality: Vec<Finding>,
     /// Where the bare machine fails.
     pub located: Vec<Located>,
-    /// Where a model that was named, or what several names explain, still leaves a mismatch; empty where it reaches the noise.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub left: Vec<Located>,
+    /// What the effects that were found, named or not, leave beyond noise, largest first; empty where they reach it.
+    pub remaining: Vec<Remaining>,
+    /// Why nothing is said, where the verdict is `undetermined`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
     /// Candidate effects, those of the model first, then by probability.
     pub ranking: Vec<Candidate>,
     /// The model that was found.
@@ -176,12 +182,13 @@ impl Answer {
             power: 0.0,
         };
         Self {
-            schema: "pmsm-rs.diagnosis/1",
+            schema: SCHEMA,
             verdict: Verdict::Undetermined,
             cannot_see: effects::ALL.iter().map(unseen).collect(),
-            data_quality: vec![why],
+            data_quality: vec![why.clone()],
             located: Vec::new(),
-            left: Vec::new(),
+            remaining: Vec::new(),
+            reason: Some(why.reason()),
             ranking: Vec::new(),
             model: FoundModel { effects: Vec::new(), base: BTreeMap::new(), unmodelled: None },
             path: Vec::new(),

@@ -107,6 +107,7 @@ mod tests {
     use super::*;
     use crate::drive::{Schedule, Setup, Shape, simulate};
     use crate::experiment::Channel;
+    use crate::machine::Machine;
     use crate::monitor::Silent;
     use crate::random::normal_pair;
     use crate::recording::Recording;
@@ -239,6 +240,36 @@ mod tests {
         let experiment = data.whole(&base).plain();
         let plain = experiment.relative_rms(&experiment.residual(&base.parameters));
         assert!(plain[2] > 1.3 && plain[2].powi(2) != base.square(Channel::OmegaE), "{plain:?}");
+    }
+
+    #[test]
+    fn the_nameplate_holds_what_is_hardly_shown_and_leaves_alone_what_is_shown_well() {
+        let fitted = |points: &[(f64, f64)], j: Option<f64>| {
+            let mut setup = setup(speeds(1.0, points), Vec::new());
+            let off = |machine: Machine, p: BaseParameter, share: f64| {
+                let value = share * machine.get(p).unwrap();
+                machine.with(p, value).unwrap()
+            };
+            let plate = off(off(setup.nameplate.clone(), BaseParameter::PsiM, 1.2), BaseParameter::J, 0.8);
+            setup.nameplate = plate;
+            setup.nameplate.base[BaseParameter::J.index()] =
+                j.map(|share| share * setup.machine.get(BaseParameter::J).unwrap());
+            let recording = simulate(&setup, &Silent).unwrap().recording;
+            let mut data =
+                Data::new(Signals::new(&recording, &setup.nameplate).unwrap(), &setup.nameplate).unwrap();
+            let base = fit(&mut data, &Silent).unwrap();
+            BaseParameter::ALL.map(|p| base.own()[p.index()] / setup.machine.get(p).unwrap())
+        };
+        let shown = [(0.1, 80.0), (0.4, -60.0), (0.8, 90.0)];
+        for j in [Some(0.8), None] {
+            let found = fitted(&shown, j);
+            assert!((found[3] - 1.0).abs() < 2e-3 && (found[4] - 1.0).abs() < 0.02, "{found:?}");
+        }
+        // One speed shows no inertia: it stays where a machine is.
+        let steady = fitted(&[(0.0, 60.0)], Some(0.8));
+        assert!((0.5..1.3).contains(&steady[4]), "{steady:?}");
+        let open = fitted(&[(0.0, 60.0)], None);
+        assert!((0.01..100.0).contains(&open[4]), "{open:?}");
     }
 
     #[test]

@@ -1,18 +1,20 @@
 //! The answer: what was found, where, what else it could be, and what it is worth.
 
 use super::answer::{
-    Answer, BeforeAfter, Candidate, Columns, Estimate, FitTable, FoundModel, Step, Traces, Verdict,
+    Answer, BeforeAfter, Candidate, Columns, Estimate, FitTable, FoundModel, SCHEMA, Step, Traces, Verdict,
 };
 use super::data::Data;
 use super::decide::{self, Ranked};
 use super::fitting;
 use super::hypothesis::Hypothesis;
-use super::locate;
 use super::outputs::Outputs;
 use super::search::Outcome;
 use super::ties::{self, Tie};
 use super::transfer::transfer;
-use super::{able, agree, each, fault, plausible, power, prescribe, reach, stated_load, unmodelled, verdict};
+use super::{
+    able, agree, baseline, each, fault, plausible, power, prescribe, reach, remaining, stated_load,
+    unmodelled, verdict,
+};
 use crate::effect::{Role, Site};
 use crate::effects::EffectId;
 use crate::error::Result;
@@ -30,7 +32,7 @@ pub fn undetermined(data: &Data, finding: Finding, next: Option<&str>) -> Answer
         recording_kind: Some(data.signals.kind),
         ..Answer::undetermined(finding)
     };
-    answer.data_quality.splice(0..0, data.signals.findings.iter().cloned());
+    answer.data_quality.extend(data.signals.findings.iter().cloned());
     answer
 }
 
@@ -75,50 +77,76 @@ pub fn conclude(
     // Rivals were compared by what they left to the search, which may have left samples out.
     let searched = outcome.base.held_out_squares();
     (outcome.base, outcome.best) = (first, end);
-    let best = &outcome.best;
-    let located = fault::located(data, judge, &outcome, verdict);
-    // What stays unknown is at least described, so that the model predicts.
-    let contradiction = agree::contradiction(data, &best.fitted, monitor)?;
-    if contradiction.as_ref().is_some_and(|c| c.concerns(&best.fitted.effects())) {
+    let contradiction = agree::contradiction(data, &outcome.best.fitted, monitor)?;
+    let mut reason = contradiction
+        .as_ref()
+        .filter(|c| c.concerns(&outcome.best.fitted.effects()))
+        .map(|c| c.finding.reason());
+    let ran_away = baseline::fault(data, &outcome.base.fitted);
+    reason = ran_away.as_ref().map(Finding::reason).or(reason);
+    if reason.is_some() {
         verdict = Verdict::Undetermined;
         decide::doubt(&mut ranked, agree::CEILING);
     }
-    let own = Outputs::new(data, &best.fitted);
-    if verdict == Verdict::Named && moves_nothing(&best.fitted, &own) {
+    if let Some(why) = data.signals.limits.coarse.as_ref().filter(|_| verdict == Verdict::NoMismatch) {
+        // The motion is explained; of the voltages, which were left out, no all-clear is given.
+        (verdict, reason) = (Verdict::Undetermined, Some(why.reason()));
+    }
+    let own = Outputs::new(data, &outcome.best.fitted);
+    if verdict == Verdict::Named && moves_nothing(&outcome.best.fitted, &own) {
         verdict = Verdict::Unknown;
         decide::doubt(&mut ranked, decide::CEILING_UNKNOWN);
     }
-    let described = match verdict {
-        _ if monitor.cancelled() => None,
-        Verdict::Unknown => Some(unmodelled::explain(data, judge, &best.fitted, monitor)?),
-        Verdict::Named => unmodelled::rival(data, judge, &best.fitted, monitor)?,
-        _ => None,
-    };
-    if described.is_some() && verdict == Verdict::Named {
-        verdict = Verdict::Unknown;
-        decide::doubt(&mut ranked, decide::CEILING_UNKNOWN);
-    }
-    let settled = described.as_ref().map_or(&best.fitted, |(fitted, _)| fitted);
-    let mapped = described.as_ref().map(|(fitted, _)| Outputs::new(data, fitted));
-    let model_outputs = mapped.as_ref().unwrap_or(&own);
     // Steady points have no dynamics to tell an effect from base parameters that can stand in for all of its strength.
     let steady = data.signals.kind == Kind::OperatingPoints;
-    let ties = if steady { model_outputs.ties() } else { Vec::new() };
+    let ties = if steady { own.ties() } else { Vec::new() };
     if verdict == Verdict::Named && ties.iter().any(|tie| tie.doubtful && !outcome.needs(tie.effect)) {
         verdict = Verdict::Ambiguous;
     }
-    let validation = match judge {
-        Some(judge) => {
-            let on_judge = |fitted: &Hypothesis| transfer(judge, fitted, monitor);
-            let (before, after) = rayon::join(|| on_judge(&outcome.base.fitted), || on_judge(settled));
-            Some((judge, before?, after?))
+    let on_judge =
+        |fitted: &Hypothesis| judge.map(|judge| Ok((judge, transfer(judge, fitted, monitor)?))).transpose();
+    let (before, found) = rayon::join(|| on_judge(&outcome.base.fitted), || on_judge(&outcome.best.fitted));
+    let (before, mut after): (Option<(&Data, Hypothesis)>, _) = (before?, found?);
+    let foreseen = after.as_ref().map(|(judge, found)| (*judge, found));
+    let remaining = remaining::beside(data, &outcome.best.fitted, foreseen);
+    let named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
+    if named && !remaining.is_empty() {
+        // Beside another cause no name is sure, however much of the mismatch it explains.
+        decide::doubt(&mut ranked, remaining::CEILING_BESIDE);
+        if verdict == Verdict::Named {
+            verdict = Verdict::Unknown;
         }
-        None => None,
+    }
+    if verdict == Verdict::Named
+        && !monitor.cancelled()
+        && unmodelled::rival(data, judge, &outcome.best.fitted, monitor)?.is_some()
+    {
+        verdict = Verdict::Unknown;
+        decide::doubt(&mut ranked, decide::CEILING_UNKNOWN);
+    }
+    let located = fault::located(data, judge, &outcome, verdict);
+    let asymmetric = own.effect(EffectId::AsymmetricFriction);
+    if verdict == Verdict::Unknown {
+        // No effect earns a name: what was found stays a candidate, and is no part of the model.
+        outcome.best = outcome.base.clone();
+        outcome.path.truncate(1);
+        after = before.clone();
+    }
+    let best = &outcome.best;
+    // What stays unknown is at least described, so that the model predicts.
+    let described = match verdict {
+        Verdict::Unknown if !monitor.cancelled() => {
+            Some(unmodelled::explain(data, judge, &best.fitted, monitor)?)
+        }
+        _ => None,
     };
-    let left = match verdict {
-        Verdict::Named | Verdict::Ambiguous => locate::left(data, settled),
-        _ => Vec::new(),
-    };
+    if let Some((fitted, _)) = &described {
+        after = on_judge(fitted)?;
+    }
+    let settled = described.as_ref().map_or(&best.fitted, |(fitted, _)| fitted);
+    let told = Outputs::new(data, settled);
+    let model_outputs = &told;
+    let validation = before.zip(after).map(|((judge, before), (_, after))| (judge, before, after));
     let mut traces = Traces { recording: traces(data, &outcome.base.fitted, settled), ..Traces::default() };
     let mut fit = FitTable { recording: table(&traces.recording, data), ..FitTable::default() };
     if let Some((judge, before, after)) = &validation {
@@ -138,8 +166,9 @@ pub fn conclude(
     let next_experiment = prescribe::next_experiment(data, &ranked, &outcome, verdict, weak, monitor)?;
     let mut data_quality = quality(data, weak, &ties, refuted);
     data_quality.extend(plausible::against_nameplate(data, &model_outputs.base()));
-    data_quality.extend(stated_load::may_be_off(data, &own.effect(EffectId::AsymmetricFriction)));
+    data_quality.extend(stated_load::may_be_off(data, &asymmetric));
     data_quality.extend(contradiction.map(|c| c.finding));
+    data_quality.splice(0..0, ran_away);
     data_quality.extend(monitor.cancelled().then(|| Finding {
         finding: "the diagnosis was interrupted".into(),
         consequence: "what had not been tried is neither named nor excluded".into(),
@@ -154,11 +183,12 @@ pub fn conclude(
     });
     data_quality.extend(extrapolated.filter_map(|(judge, ..)| reach::beyond(&data.signals, &judge.signals)));
     Ok(Answer {
-        schema: "pmsm-rs.diagnosis/1",
+        schema: SCHEMA,
         verdict,
         data_quality,
         located,
-        left,
+        remaining,
+        reason,
         ranking,
         model: FoundModel {
             effects: outcome.order().iter().map(|e| e.id().to_string()).collect(),

@@ -5,7 +5,7 @@
 
 use crate::base::BASE;
 use crate::error::Result;
-use crate::experiment::{Channel, Channels, Experiment, Joint};
+use crate::experiment::{Channel, Channels, Experiment, Joint, Prior};
 use crate::input_noise::InputNoise;
 use crate::least_squares::Settings;
 use crate::machine::{BaseParameter, Machine};
@@ -19,8 +19,15 @@ use crate::wander::Wander;
 use crate::whitening::Whitening;
 use std::ops::Range;
 
-/// Standard deviation of a nameplate value, share of the value.
-const NAMEPLATE_SPREAD: f64 = 0.3;
+/// Standard deviation of the logarithm of a nameplate value: a fifth either way is ordinary, as magnets and windings scatter and warm up.
+const NAMEPLATE_SPREAD: f64 = 0.2;
+/// Standard deviation of a stated friction, or of a value of zero, share of the value: a bearing's friction may vanish, which no factor
+/// reaches.
+const FRICTION_SPREAD: f64 = 0.3;
+/// Time in which its largest torque brings a rotor to its largest speed, s, and the standard deviation of its logarithm: milliseconds in a
+/// servo, half a minute in a vehicle. All that is known of an inertia that no nameplate states.
+const RUN_UP: f64 = 0.3;
+const RUN_UP_SPREAD: f64 = 2.3;
 /// Fewest mechanical windows from which every other one is held out where no validation run is given.
 const FEWEST_WINDOWS: usize = 4;
 
@@ -39,8 +46,10 @@ pub struct Data {
     pub whitening: Option<Whitening>,
     /// Base parameters to start from.
     pub start: [f64; BASE],
-    /// What the nameplate says of them: index, value, standard deviation.
-    pub prior: Vec<(usize, f64, f64)>,
+    /// What the nameplate says of them.
+    pub nameplate: [Option<f64>; BASE],
+    /// What is known of parameters beforehand, from the nameplate or from what machines there are.
+    pub prior: Vec<Prior>,
     /// Whether the recording does not pin down what the machine does elsewhere.
     pub poor: bool,
     /// Samples that do not count, if some are held out.
@@ -60,15 +69,17 @@ impl Data {
     }
 
     /// The same from given base parameters.
-    pub fn started(signals: Signals, machine: &Machine, start: [f64; BASE]) -> Self {
+    pub fn started(signals: Signals, machine: &Machine, mut start: [f64; BASE]) -> Self {
         let windows = mechanical::windows(&signals);
-        let prior = BaseParameter::ALL
-            .iter()
-            .filter_map(|p| {
-                let value = machine.get(*p)?;
-                Some((p.index(), value, NAMEPLATE_SPREAD * value.abs().max(1e-9)))
-            })
-            .collect();
+        let nameplate = BaseParameter::ALL.map(|p| machine.get(p));
+        let known = |p: &BaseParameter| known(*p, nameplate[p.index()], &signals);
+        let prior: Vec<Prior> = BaseParameter::ALL.iter().filter_map(known).collect();
+        for prior in &prior {
+            // A regression that finds what no machine has is no place to start from.
+            if prior.off(start[prior.index]).0.abs() > OUTLANDISH {
+                start[prior.index] = prior.value;
+            }
+        }
         let channels: &[Channel] = match signals.kind {
             Kind::Full => &[Channel::ID, Channel::IQ, Channel::OmegaE],
             Kind::Electrical => &[Channel::ID, Channel::IQ],
@@ -85,8 +96,9 @@ impl Data {
             .map(|&channel| {
                 let sensor = match channel {
                     Channel::ID | Channel::IQ => current.unwrap_or(0.002 * signals.context.i_max),
-                    Channel::OmegaE => noise::white_noise(&signals.omega_e)
-                        .max(noise::RESOLUTION * signals.context.omega_e_max),
+                    Channel::OmegaE => {
+                        noise::speed_noise(&signals).max(noise::RESOLUTION * signals.context.omega_e_max)
+                    }
                     Channel::VD | Channel::VQ => 0.005 * signals.context.v_max,
                 };
                 Floor { channel, sensor, driven: 0.0, unsure: 0.0, swing: 0.0, wander: None }
@@ -94,7 +106,19 @@ impl Data {
             .collect();
         let (input, whitening) = (InputNoise::default(), None);
         let (held_out, parts) = (None, Vec::new());
-        Self { signals, windows, floors, input, whitening, start, prior, poor: false, held_out, parts }
+        Self {
+            signals,
+            windows,
+            floors,
+            input,
+            whitening,
+            start,
+            nameplate,
+            prior,
+            poor: false,
+            held_out,
+            parts,
+        }
     }
 
     /// The recordings, each by itself.
@@ -108,8 +132,8 @@ impl Data {
         self.runs().iter().rev().max_by_key(rank).expect("at least one recording")
     }
 
-    /// The same with more that is believed of parameters beforehand: index, value, standard deviation.
-    pub fn with_prior(mut self, more: &[(usize, f64, f64)]) -> Self {
+    /// The same with more that is believed of parameters beforehand.
+    pub fn with_prior(mut self, more: &[Prior]) -> Self {
         self.prior.extend(more);
         self.parts.iter_mut().for_each(|part| part.prior.extend(more));
         self
@@ -233,6 +257,25 @@ impl Data {
     /// Whether it holds electrical (or mechanical) channels.
     pub fn has(&self, electrical: bool) -> bool {
         self.floors.iter().any(|f| f.channel.is_electrical() == electrical)
+    }
+}
+
+/// Standard deviations from what is known of it beyond which a parameter is not where a fit begins.
+const OUTLANDISH: f64 = 3.0;
+
+/// What is known of a base parameter whose `nameplate` value is this, if anything is.
+fn known(parameter: BaseParameter, nameplate: Option<f64>, signals: &Signals) -> Option<Prior> {
+    let (index, cx) = (parameter.index(), &signals.context);
+    match nameplate {
+        Some(value) if value > 0.0 && parameter != BaseParameter::B => {
+            Some(Prior::lognormal(index, value, NAMEPLATE_SPREAD))
+        }
+        Some(value) => Some(Prior::normal(index, value, FRICTION_SPREAD * value.abs().max(1e-9))),
+        None if parameter == BaseParameter::J => {
+            let median = RUN_UP * cx.tau_max / cx.omega_m_max();
+            (median > 0.0 && median.is_finite()).then(|| Prior::lognormal(index, median, RUN_UP_SPREAD))
+        }
+        None => None,
     }
 }
 

@@ -176,7 +176,7 @@ const BLOCKS: usize = 24;
 
 /// Independent samples behind a mean square, from how much it varies from block to block: for n normal samples the mean
 /// square has the variance 2σ⁴/n. Held-out samples, which are exactly zero, do not count.
-fn energy_samples(residual: &[f64]) -> f64 {
+pub fn energy_samples(residual: &[f64]) -> f64 {
     let kept: Vec<f64> = residual.iter().filter(|r| **r != 0.0).map(|r| r * r).collect();
     let size = (kept.len() / BLOCKS).max(1);
     let means: Vec<f64> = kept.chunks_exact(size).map(|b| b.iter().sum::<f64>() / size as f64).collect();

@@ -21,8 +21,32 @@ use crate::start;
 /// [`Error::Unusable`] without any recording; those of [`Data::new`], and [`Error::Column`] for one that cannot be combined with the
 /// first, of several recordings within [`Error::InRecording`].
 pub fn prepare(recordings: &[&Recording], machine: &Machine) -> Result<Data> {
+    prepared(recordings, machine, None)
+}
+
+/// The same without the voltages, which tell nothing and `why`, where motion is left without them.
+///
+/// # Errors
+/// Those of [`prepare`].
+pub fn motion_alone(recordings: &[&Recording], machine: &Machine, why: &Finding) -> Result<Data> {
+    prepared(recordings, machine, Some(why))
+}
+
+/// A recording as signals, without its voltages if there is a reason for that.
+///
+/// # Errors
+/// Those of [`Signals::new`].
+pub fn read(recording: &Recording, machine: &Machine, why: Option<&Finding>) -> Result<Signals> {
+    let mut signals = Signals::new(recording, machine)?;
+    if let Some(why) = why.filter(|_| signals.kind == Kind::Full) {
+        signals.leave_voltages_out(why.clone());
+    }
+    Ok(signals)
+}
+
+fn prepared(recordings: &[&Recording], machine: &Machine, why: Option<&Finding>) -> Result<Data> {
     let numbered = |(at, recording): (usize, &&Recording)| {
-        Signals::new(recording, machine).map_err(|e| within(e, at, recordings.len()))
+        read(recording, machine, why).map_err(|e| within(e, at, recordings.len()))
     };
     let mut signals: Vec<Signals> = recordings.iter().enumerate().map(numbered).collect::<Result<_>>()?;
     if signals.is_empty() {
@@ -153,6 +177,7 @@ impl Data {
             whitening: None,
             start: parts[0].start,
             prior: parts[0].prior.clone(),
+            nameplate: parts[0].nameplate,
             poor: false,
             held_out: None,
             parts,

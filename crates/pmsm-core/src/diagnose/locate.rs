@@ -4,7 +4,6 @@ mod lines;
 
 use super::data::Data;
 use super::hypothesis::Hypothesis;
-use super::verdict;
 use crate::experiment::Channel;
 use crate::recording::Kind;
 use lines::{frequency, order};
@@ -109,15 +108,6 @@ pub fn locate(data: &Data, base: &Hypothesis) -> Vec<Located> {
         .collect();
     out.sort_by(|a, b| b.share.total_cmp(&a.share));
     out
-}
-
-/// Where a model with effects leaves as much as would be called a mismatch of the bare machine.
-pub fn left(data: &Data, model: &Hypothesis) -> Vec<Located> {
-    let channels = || model.squares.iter().map(|(channel, _)| channel).zip(verdict::beyond_chance(model));
-    let mismatched = |equation: &str| {
-        channels().any(|(channel, excess)| excess > verdict::MISMATCH && equation_of(*channel) == equation)
-    };
-    locate(data, model).into_iter().filter(|at| mismatched(&at.equation)).collect()
 }
 
 /// Which of several recordings a place is described for, and whether others show it.
@@ -296,8 +286,6 @@ pub fn upper_tail(z: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
-    use crate::effects::EffectId;
 
     #[test]
     fn the_normal_tail_is_right_where_it_is_known() {
@@ -305,23 +293,6 @@ mod tests {
             assert!((upper_tail(z) - p).abs() < 2e-7, "{z}");
         }
         assert!((upper_tail(6.0) / 9.865_9e-10 - 1.0).abs() < 0.03);
-    }
-
-    #[test]
-    fn what_a_named_effect_leaves_is_located_and_nothing_where_it_reaches_the_noise() {
-        let beside = |swing: f64| {
-            let manoeuvre =
-                speeds(2.0, &[(0.2, 60.0), (0.6, 100.0), (1.0, -40.0), (1.4, -90.0), (1.8, 70.0)]);
-            let mut effects = vec![choice("coulomb_friction", "tau_c", 0.3)];
-            let mut pulsating = choice("load_torque_pulsation", "a", swing);
-            pulsating.parameters.insert("order_mech".into(), 1.0);
-            effects.push(pulsating);
-            let (data, base) = data(&setup(manoeuvre, effects));
-            left(&data, &fitted(&data, &base, EffectId::CoulombFriction))
-        };
-        assert_eq!(beside(0.0), []);
-        let left = beside(0.1);
-        assert!(left.len() == 1 && left[0].equation == "mechanical", "{left:?}");
     }
 
     #[test]

@@ -41,8 +41,35 @@ pub fn fit(
     found: Option<Found>,
     monitor: &dyn Monitor,
 ) -> Result<Motion> {
+    let torque = data.torque(model, &start[..model.parameter_count()]);
+    driven(data, model, start, rotor, found, &torque, monitor)
+}
+
+/// The same with the motor `torque` given per sample, N·m, in place of that of the currents, and nothing found before.
+///
+/// # Errors
+/// Those of the least-squares fit.
+pub fn fit_driven_by(
+    data: &Data,
+    model: &Model,
+    start: &[f64],
+    rotor: &[usize],
+    torque: &[f64],
+    monitor: &dyn Monitor,
+) -> Result<Motion> {
+    driven(data, model, start, rotor, None, torque, monitor)
+}
+
+fn driven(
+    data: &Data,
+    model: &Model,
+    start: &[f64],
+    rotor: &[usize],
+    found: Option<Found>,
+    torque: &[f64],
+    monitor: &dyn Monitor,
+) -> Result<Motion> {
     let own = &start[..model.parameter_count()];
-    let torque = &data.torque(model, own);
     let begin = |(run, part): (usize, &Data)| {
         State::start(part, model, own, rotor, &torque[data.samples_of(run)], monitor)
     };

@@ -29,7 +29,7 @@ pub fn against_nameplate(data: &Data, base: &BTreeMap<String, Estimate>) -> Opti
         return None;
     }
     let ratio = |p: &BaseParameter| {
-        let (_, nameplate, _) = *data.prior.iter().find(|(index, ..)| *index == p.index())?;
+        let nameplate = data.nameplate[p.index()]?;
         let found = base.get(p.name()).filter(|e| certain(e))?.value?;
         (nameplate > 0.0 && found > 0.0).then(|| (*p, found / nameplate))
     };

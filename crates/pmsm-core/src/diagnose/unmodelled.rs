@@ -8,6 +8,7 @@
 mod candidates;
 mod choice;
 mod rival;
+mod share;
 mod view;
 mod words;
 
@@ -19,6 +20,7 @@ use super::scale::Scale;
 use super::transfer::transfer;
 use super::verdict::{Judged, UNEXPLAINED};
 use crate::error::Result;
+use crate::experiment::Prior;
 use crate::map::Map;
 use crate::monitor::Monitor;
 use crate::recording::Load;
@@ -100,7 +102,8 @@ pub struct Term {
 pub struct Unmodelled {
     /// In plain words: what is modelled without a name, or that no map helps.
     pub sentence: String,
-    /// Share of the held-out residual's squares above the floor that it removes; none without a map.
+    /// Share of the residual's squares above the floor that it removes: on the validation run, or on the recording itself without one; none
+    /// without a map.
     pub gain_held_out: Option<f64>,
     /// What it adds to each equation; empty if no map improves the prediction.
     pub terms: Vec<Term>,
@@ -130,7 +133,6 @@ fn laid(
 ) -> Result<(Hypothesis, Unmodelled)> {
     let mut ridged = data.clone();
     let mut current = best.clone();
-    let mut gain = 0.0;
     for &side in sides {
         monitor.report("map of what is left", 0.98);
         let places = places(data, best, side);
@@ -138,12 +140,15 @@ fn laid(
             let Some(choice) = choice::choose(data, &current, side, &places, monitor) else { break };
             let richer = with_prior(&ridged, &current, &choice);
             let judged = Trial { data: &richer, judge, monitor };
-            let Some((fitted, share)) = judged.improves(&current, &choice, side)? else { break };
+            let Some(fitted) = judged.improves(&current, &choice, side)? else { break };
             (current, ridged) = (fitted, richer);
-            gain = 1.0 - (1.0 - gain) * (1.0 - share);
         }
     }
-    let unmodelled = words::unmodelled(data, &current, sides, gain);
+    let share = share::taken_away(data, judge, best, &current, monitor)?;
+    if share <= 0.0 {
+        current = best.clone();
+    }
+    let unmodelled = words::unmodelled(data, &current, sides, (share, judge.is_some()));
     Ok((current, unmodelled))
 }
 
@@ -176,7 +181,8 @@ impl Side {
 /// The recording with what is believed of a further part's coefficients beforehand.
 fn with_prior(data: &Data, current: &Hypothesis, choice: &Choice) -> Data {
     let start = current.own().len();
-    let more: Vec<_> = (start..start + choice.part.count()).map(|k| (k, 0.0, choice.spread)).collect();
+    let coefficients = start..start + choice.part.count();
+    let more: Vec<Prior> = coefficients.map(|k| Prior::normal(k, 0.0, choice.spread)).collect();
     data.clone().with_prior(&more)
 }
 
@@ -188,14 +194,9 @@ struct Trial<'a> {
 }
 
 impl Trial<'_> {
-    /// The model with the chosen part, fitted to the whole recording, and the share of the held-out excess that it removes, if it beats
-    /// the model without.
-    fn improves(
-        &self,
-        current: &Hypothesis,
-        choice: &Choice,
-        side: Side,
-    ) -> Result<Option<(Hypothesis, f64)>> {
+    /// The model with the chosen part, fitted to the whole recording, if it beats the model without. Its residuals are not whitened: a
+    /// prior holds the coefficients, and what a filter takes out of them it would pull to zero.
+    fn improves(&self, current: &Hypothesis, choice: &Choice, side: Side) -> Result<Option<Hypothesis>> {
         let mut map: Map = current.model.map().cloned().unwrap_or_default();
         map.parts.push(choice.part.clone());
         let model = current.model.clone().with_map(map);
@@ -212,19 +213,12 @@ impl Trial<'_> {
         if !Scale::new([&before, &after].into_iter()).beats(&after, &before) {
             return Ok(None);
         }
-        let (left, more) = (after.held_out_squares(), before.held_out_squares());
-        let share = match before.held_out.is_empty() {
-            // Nothing but the blocks on which the map was chosen.
-            true => choice.gain,
-            false if more > 0.0 => ((more - left) / more).clamp(-1.0, 1.0),
-            false => 0.0,
-        };
         // What the fit gains and the prediction loses is no model of what is missing.
-        if share <= 0.0 {
+        if !before.held_out.is_empty() && after.held_out_squares() >= before.held_out_squares() {
             return Ok(None);
         }
         let whole = if halves.is_some() { fit(self.data)? } else { after.fitted };
-        Ok(Some((fitting::efficient(self.data, &whole, self.monitor)?, share)))
+        Ok(Some(whole))
     }
 
     fn judged(&self, fitted: Hypothesis, held_out: Option<&Data>) -> Result<Judged> {

@@ -1,6 +1,6 @@
 //! The fit of any subset of an experiment's parameters.
 
-use super::{Experiment, Joint};
+use super::{Experiment, Joint, Prior};
 use crate::error::Result;
 use crate::least_squares::{self, Fit, Normal, Problem, Settings};
 use crate::monitor::Monitor;
@@ -100,16 +100,15 @@ struct Fitting<'a> {
 }
 
 impl Fitting<'_> {
-    /// Prior knowledge of the free parameters: position among them, value, standard deviation.
-    fn known(&self) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
-        self.experiment.prior().iter().filter_map(|(parameter, value, sd)| {
-            self.free.iter().position(|f| f == parameter).map(|k| (k, *value, *sd))
-        })
+    /// Prior knowledge of the free parameters, each with its position among them.
+    fn known(&self) -> impl Iterator<Item = (usize, &Prior)> + '_ {
+        let place = |index: usize| self.free.iter().position(|f| *f == index);
+        self.experiment.prior().iter().filter_map(move |prior| Some((place(prior.index)?, prior)))
     }
 
     /// How far the parameters are from what was known of them, as a sum of squares.
     fn surprise(&self, whole: &[f64]) -> f64 {
-        self.known().map(|(k, value, sd)| ((whole[self.free[k]] - value) / sd).powi(2)).sum()
+        self.known().map(|(k, prior)| prior.off(whole[self.free[k]]).0.powi(2)).sum()
     }
 
     fn whole(&self, point: &[f64]) -> Vec<f64> {
@@ -143,11 +142,11 @@ impl Problem for Fitting<'_> {
             jtj: tall::gram(&linear.jacobian),
             jtr: tall::tr_mul_vector(&linear.jacobian, &linear.residual),
         };
-        for (k, value, sd) in self.known() {
-            let off = (whole[self.free[k]] - value) / sd;
+        for (k, prior) in self.known() {
+            let (off, slope) = prior.off(whole[self.free[k]]);
             normal.cost += off * off;
-            normal.jtj[(k, k)] += 1.0 / (sd * sd);
-            normal.jtr[k] += off / sd;
+            normal.jtj[(k, k)] += slope * slope;
+            normal.jtr[k] += off * slope;
         }
         normal
     }

@@ -6,7 +6,7 @@
 
 mod stacked;
 
-use super::{Channel, Experiment};
+use super::{Channel, Experiment, Prior};
 use crate::simulate::mechanical::Nuisance;
 use nalgebra::DVector;
 use std::borrow::Cow;
@@ -188,7 +188,7 @@ impl<'a> Joint<'a> {
     }
 
     /// What is known beforehand of the parameters.
-    pub(super) fn prior(&self) -> &'a [(usize, f64, f64)] {
+    pub(super) fn prior(&self) -> &'a [Prior] {
         self.runs[0].prior
     }
 

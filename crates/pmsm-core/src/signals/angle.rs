@@ -27,19 +27,6 @@ pub fn unwrap(angle: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Rate of change of `x` at the times `t`, by central differences within each segment.
-pub fn differentiate(t: &[f64], x: &[f64], segments: &[Range<usize>]) -> Vec<f64> {
-    let mut slope = vec![0.0; x.len()];
-    for segment in segments {
-        let (first, last) = (segment.start, segment.end - 1);
-        for k in segment.clone() {
-            let (a, b) = (k.saturating_sub(1).max(first), (k + 1).min(last));
-            slope[k] = if b > a { (x[b] - x[a]) / (t[b] - t[a]) } else { 0.0 };
-        }
-    }
-    slope
-}
-
 /// Derivative of a noisy `x` with respect to `t`, segment by segment: the slope of the straight line through `half` samples to either side
 /// as far as there are any.
 pub fn slopes(t: &[f64], x: &[f64], segments: &[Range<usize>], half: usize) -> Vec<f64> {
@@ -51,6 +38,20 @@ pub fn slopes(t: &[f64], x: &[f64], segments: &[Range<usize>], half: usize) -> V
         }
     }
     slopes
+}
+
+/// Values of a noisy `x` at the times `t`, segment by segment: of the straight line through `half` samples to either side as far as there are
+/// as many on both.
+pub fn smoothed(t: &[f64], x: &[f64], segments: &[Range<usize>], half: usize) -> Vec<f64> {
+    let mut out = x.to_vec();
+    for segment in segments {
+        for k in segment.clone() {
+            let reach = half.min(k - segment.start).min(segment.end - 1 - k);
+            let near = k - reach..k + reach + 1;
+            out[k] = line(&t[near.clone()], &x[near], t[k]).0;
+        }
+    }
+    out
 }
 
 /// Integral of `rate` over the times `t`, from zero, by the trapezoidal rule.

@@ -1,6 +1,6 @@
 //! The same recording with fewer samples, for what is slow against its clock.
 
-use super::{Signals, turned};
+use super::{Limits, Signals, turned};
 use crate::transforms::rotate;
 
 /// What a log holds of what drives the motor within each of its samples that were picked.
@@ -62,6 +62,7 @@ impl Signals {
             theta_e,
             theta_m: picked(&self.theta_m),
             omega_e: picked(&self.omega_e),
+            limits: Limits { speed: picked(&self.limits.speed), ..self.limits.clone() },
             tau_e: self.tau_e.as_ref().map(picked),
             tau_m: self.tau_m.as_ref().map(picked),
             heating: self.heating.as_ref().map(picked),

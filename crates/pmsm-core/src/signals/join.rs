@@ -1,7 +1,7 @@
 //! Several recordings seen as one: laid end to end, for whatever looks at them sample by sample. No model is driven by this;
 //! each recording keeps its own clock and its own start for that.
 
-use super::{Finding, Signals};
+use super::{Finding, Limits, Signals};
 use crate::effect::Context;
 use crate::recording::Kind;
 
@@ -33,6 +33,7 @@ impl Signals {
             phase_voltages: first.phase_voltages,
             v: series(parts, |s| s.v.as_ref()),
             axes: [0, 1].map(|axis| parts.iter().any(|s| s.axes[axis])),
+            phase_currents: all(|s| s.phase_currents),
             i: series(parts, |s| s.i.as_ref()),
             phases: series(parts, |s| s.phases.as_ref()),
             theta_e: chain(|s| &s.theta_e),
@@ -43,6 +44,11 @@ impl Signals {
             three_currents: all(|s| s.three_currents),
             omega_e: chain(|s| &s.omega_e),
             speed_known: all(|s| s.speed_known),
+            limits: Limits {
+                coarse: parts.iter().find_map(|s| s.limits.coarse.clone()),
+                angle_step: parts.iter().map(|s| s.limits.angle_step).fold(0.0, f64::max),
+                ..Limits::default()
+            },
             tau_e: single(parts, |s| s.tau_e.as_ref()),
             tau_m: single(parts, |s| s.tau_m.as_ref()),
             heating: single(parts, |s| s.heating.as_ref()),

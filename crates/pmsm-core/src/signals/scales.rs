@@ -32,10 +32,12 @@ impl Signals {
 
 /// r_s/l of the faster axis; where the nameplate is silent, that of a small servo motor.
 pub(crate) fn electrical_rate(machine: &Machine) -> f64 {
+    stated_rate(machine).unwrap_or(1000.0)
+}
+
+/// r_s/l of the faster axis, 1/s, if the nameplate states both.
+pub(super) fn stated_rate(machine: &Machine) -> Option<f64> {
     let r_s = machine.get(BaseParameter::RS);
     let l = [BaseParameter::LD, BaseParameter::LQ].iter().filter_map(|p| machine.get(*p)).reduce(f64::min);
-    match (r_s, l) {
-        (Some(r_s), Some(l)) => r_s / l,
-        _ => 1000.0,
-    }
+    Some(r_s? / l?)
 }

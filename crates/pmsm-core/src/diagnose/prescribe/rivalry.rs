@@ -78,9 +78,9 @@ impl<'a> Rival<'a> {
                 information -= &cross * inverse * cross.transpose();
             }
         }
-        for (index, _, spread) in &data.prior {
-            if let Some(k) = free.iter().position(|f| f == index) {
-                information[(k, k)] += 1.0 / (spread * spread);
+        for prior in &data.prior {
+            if let Some(k) = free.iter().position(|f| *f == prior.index) {
+                information[(k, k)] += prior.off(fitted.parameters[prior.index]).1.powi(2);
             }
         }
         Self { fitted, free, information, weights }

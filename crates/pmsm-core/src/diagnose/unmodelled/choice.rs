@@ -41,8 +41,6 @@ pub struct Choice {
     pub start: Vec<f64>,
     /// Standard deviation of the coefficients' prior, in their unit.
     pub spread: f64,
-    /// Share of the excess mean square that it removes on the blocks left out.
-    pub gain: f64,
 }
 
 /// One way to use a candidate's columns.
@@ -77,9 +75,7 @@ pub fn choose(
         .collect();
     let loss = |trial: &Trial| scale.loss(trial.left, trial.part.count());
     let chosen = trials.into_iter().min_by(|a, b| loss(a).total_cmp(&loss(b)))?;
-    let floor = (scale.channels * scale.counted) as f64;
-    let gain = ((bare - chosen.left) / (bare - floor).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-    (loss(&chosen) < scale.loss(bare, 0) - LEAST_GAIN).then(|| settled(&view, chosen, gain))
+    (loss(&chosen) < scale.loss(bare, 0) - LEAST_GAIN).then(|| settled(&view, chosen))
 }
 
 /// What a sum of squares over some channels is worth, by the rule by which effects are compared.
@@ -111,7 +107,7 @@ fn trials(view: &View, part: &Part) -> Vec<Trial> {
 }
 
 /// First-order coefficients of a trial from all blocks, and the prior in their unit.
-fn settled(view: &View, trial: Trial, gain: f64) -> Choice {
+fn settled(view: &View, trial: Trial) -> Choice {
     let whole = sum(&view.normals(&view.columns(&trial.part)), None);
     let base = view.parameters();
     let columns: Vec<usize> = (0..trial.part.count()).collect();
@@ -119,7 +115,7 @@ fn settled(view: &View, trial: Trial, gain: f64) -> Choice {
     let spread = 1.0 / weight(&whole, base, &columns, trial.ridge).max(f64::MIN_POSITIVE).sqrt();
     let start =
         step.map_or(vec![0.0; columns.len()], |s| s.rows(base, columns.len()).iter().copied().collect());
-    Choice { part: trial.part, start, spread, gain }
+    Choice { part: trial.part, start, spread }
 }
 
 /// The blocks of a recording dealt to folds; none if there are too few.

@@ -7,8 +7,9 @@ use crate::map::{Equation, Factor, Map, Part, Point, Variable};
 use crate::simulate::electrical::measured_env;
 use std::f64::consts::TAU;
 
-/// Says what the maps of `fitted` are, or that none of those tried on some sides helps.
-pub fn unmodelled(data: &Data, fitted: &Hypothesis, tried: &[Side], gain: f64) -> Unmodelled {
+/// Says what the maps of `fitted` are, or that none of those tried on some sides helps. `gain` is the share that they take away, and
+/// whether that is on data that were not used for fitting.
+pub fn unmodelled(data: &Data, fitted: &Hypothesis, tried: &[Side], gain: (f64, bool)) -> Unmodelled {
     let map = fitted.model.map().cloned().unwrap_or_default();
     let coefficients = &fitted.parameters[fitted.model.map_parameters()];
     let peaks = peaks(data, fitted, &map, coefficients);
@@ -20,15 +21,17 @@ pub fn unmodelled(data: &Data, fitted: &Hypothesis, tried: &[Side], gain: f64) -
         }
     }
     let sentence = if terms.is_empty() { nothing(tried) } else { something(&terms, gain) };
-    Unmodelled { sentence, gain_held_out: (!terms.is_empty()).then_some(gain), terms }
+    Unmodelled { sentence, gain_held_out: (!terms.is_empty()).then_some(gain.0), terms }
 }
 
-fn something(terms: &[Term], gain: f64) -> String {
+fn something(terms: &[Term], (gain, held_out): (f64, bool)) -> String {
     let parts: Vec<&str> = terms.iter().map(|t| t.sentence.as_str()).collect();
     let share = if gain > 0.99 { "over 99".to_string() } else { format!("{:.0}", 100.0 * gain) };
+    let on =
+        if held_out { "data that were not used for fitting" } else { "the recording to which it was fitted" };
     format!(
-        "What the catalogue does not explain is described without a name: {}. On data that were not used for fitting \
-         this takes away {share} % of what was left above the noise. It predicts, but it is no cause.",
+        "What the catalogue does not explain is described without a name: {}. On {on} this takes away {share} % of what was \
+         left above the noise. It predicts, but it is no cause.",
         parts.join(", and ")
     )
 }

@@ -1,0 +1,80 @@
+//! A speed that has to be derived from the angle, and how far it may be off.
+//!
+//! The slope of a straight line through a few samples is the less certain the fewer they are, as an angle comes in steps or with noise, and
+//! the more bent the more they are, as a rotor accelerates. A line of twice the width has an eighth of the variance, and four times the
+//! bend. So the width at which the slope changes least when it is doubled is found, and one doubling less is taken: what is left there is
+//! noise, of which the change tells, and bend, which no noise model holds, is small beside it.
+
+use super::angle::slopes;
+use std::ops::Range;
+
+/// Half the width of the widest line, samples.
+const WIDEST: usize = 64;
+
+/// A derived speed.
+#[derive(Debug, Clone)]
+pub struct Derived {
+    /// Electrical speed, rad/s.
+    pub omega: Vec<f64>,
+    /// How far it may be off, rad/s, sample by sample.
+    pub error: Vec<f64>,
+    /// Half the width of the lines, samples.
+    pub half: usize,
+}
+
+/// Variance of a slope over that of its change when its line is made twice as wide: the wider line has an eighth of it and is part of it.
+const OF_CHANGE: f64 = 8.0 / 7.0;
+
+/// The speed of an unwrapped electrical angle `theta` (rad) at the times `t`.
+pub fn derive(t: &[f64], theta: &[f64], segments: &[Range<usize>]) -> Derived {
+    let shortest = segments.iter().map(Range::len).min().unwrap_or(0);
+    let widened = |narrow: &Derived| {
+        let half = 2 * narrow.half;
+        let omega = slopes(t, theta, segments, half);
+        let error = omega.iter().zip(&narrow.omega).map(|(w, n)| OF_CHANGE.sqrt() * (w - n)).collect();
+        (Derived { error, ..narrow.clone() }, Derived { omega, error: Vec::new(), half })
+    };
+    let square = |x: &Derived| x.error.iter().map(|e| e * e).sum::<f64>();
+    let first = Derived { omega: slopes(t, theta, segments, 1), error: vec![0.0; theta.len()], half: 1 };
+    if shortest <= 8 {
+        return first;
+    }
+    let (mut best, mut wide) = widened(&first);
+    let mut narrower = best.clone();
+    while wide.half < WIDEST && 8 * wide.half < shortest {
+        let (next, wider) = widened(&wide);
+        if square(&next) >= square(&best) {
+            break;
+        }
+        (narrower, best, wide) = (best, next, wider);
+    }
+    narrower
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_angle_in_steps_shows_its_speed_within_the_error_that_is_said() {
+        let n = 8000;
+        let t: Vec<f64> = (0..n).map(|k| 2e-4 * k as f64).collect();
+        let speed = |t: f64| 400.0 * (9.0 * t).sin();
+        let angle = |t: f64| 400.0 / 9.0 * (1.0 - (9.0 * t).cos());
+        let quantum = 6e-3;
+        let exact: Vec<f64> = t.iter().map(|t| angle(*t)).collect();
+        let steps: Vec<f64> = exact.iter().map(|x| quantum * (x / quantum).floor()).collect();
+        let rms = |x: &[f64]| (x.iter().map(|x| x * x).sum::<f64>() / x.len() as f64).sqrt();
+        let off = |derived: &Derived| -> f64 {
+            let off: Vec<f64> = t.iter().zip(&derived.omega).map(|(t, w)| w - speed(*t)).collect();
+            rms(&off)
+        };
+        let all = [0..n];
+        let derived = derive(&t, &steps, &all);
+        assert!(derived.half >= 4, "{}", derived.half);
+        let (off, said) = (off(&derived), rms(&derived.error));
+        assert!((off / said - 1.0).abs() < 0.3 && said < 3.0, "{off} {said}");
+        // An angle without steps is differentiated as it stands.
+        assert_eq!(derive(&t, &exact, &all).half, 1);
+    }
+}
