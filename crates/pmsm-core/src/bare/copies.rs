@@ -8,8 +8,8 @@ use super::{Kernel, POINT};
 use crate::lanes::{self, Job, Lane};
 
 /// Relative size of a perturbation: truncation, about as large, and the rounding of a run, about 1e-12 over it, both are some millionths
-/// of a derivative, and some hundred-thousandths where a parameter hardly shows. A share δ of a derivative moves the minimum over n samples
-/// by δ·√n standard errors at most.
+/// of a derivative. They are some hundred-thousandths where a parameter hardly shows, and more where a light rotor swings for long and
+/// derivatives change faster than parameters. A share δ of a derivative moves the minimum over n samples by δ·√n standard errors at most.
 pub const NUDGE: f64 = 1e-6;
 /// Samples simulated before their errors are used, while they are in the cache.
 const STRETCH: usize = 64;
