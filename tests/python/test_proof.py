@@ -21,14 +21,15 @@ pytest.importorskip("scipy")
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from proof import answers, bench, generate  # noqa: E402
+from proof import answers, bench, generate, limits, splits  # noqa: E402
 from proof.case import make_case  # noqa: E402
+from proof.foreign import FORMS  # noqa: E402
 from proof.least import least_speed, left, rightly_named  # noqa: E402
 from proof.lookalikes import lookalikes  # noqa: E402
 from proof.machines import MACHINES, SERVO, SPREAD, another  # noqa: E402
 from proof.manoeuvres import make  # noqa: E402
 from proof.peers import simulate_by  # noqa: E402
-from proof.plan import FOREIGN, KNOWN, Planned, plan  # noqa: E402
+from proof.plan import DRY, FAMILIES, KNOWN, Planned, plan, together  # noqa: E402
 from proof.plant import simulate  # noqa: E402
 from proof.score import Judged, columns, held_out, judge  # noqa: E402
 from proof.summary import brier, calibration, headline  # noqa: E402
@@ -244,25 +245,54 @@ def test_a_set_without_cases_of_a_kind_says_so() -> None:
 
 
 def test_the_plan_holds_what_the_manual_promises() -> None:
-    cases = plan(300, 11)
-    assert len(cases) == 300
-    assert cases == plan(300, 11)
-    assert cases != plan(300, 12)
-    full = [c for c in cases if c.log == "full"]
-    logs = [c for c in cases if c.log != "full"]
-    assert len(logs) == 75
-    assert {c.log for c in logs} == set(bench.KINDS)
-    assert sum(c.kind == "clean" for c in full) >= 40
-    assert sum(c.kind == "clean" for c in logs) >= 10
-    for group in (full, logs):
-        assert {c.effects[0] for c in group if c.kind == "single"} == set(KNOWN)
-    assert {c.effects[0] for c in cases if c.kind == "unknown"} == set(FOREIGN)
-    assert all(len(set(c.effects)) == 2 for c in cases if c.kind == "pair")
-    assert len(MACHINES) == 7
-    assert set(Counter(c.machine for c in full if c.kind == "clean")) == set(MACHINES)
-    assert Counter(c.simulator for c in cases) == {"plant": 267, "motulator": 21, "gym-electric-motor": 12}
+    cases = plan(600, 11)
+    assert cases == plan(600, 11)
+    assert cases != plan(600, 12)
+    assert Counter(c.family for c in cases) == {
+        "singles": 117, "pairs": 24, "bench": 75, "clean": 42, "poor": 18, "unknown": 24, "whole": 100,
+        "foreign": 100, "limits": 100,
+    }  # fmt: skip
+    assert Counter(c.simulator for c in cases) == {"plant": 567, "motulator": 21, "gym-electric-motor": 12}
+    by = {f: [c for c in cases if c.family == f] for f in FAMILIES}
+    assert {c.log for c in by["bench"]} == set(bench.KINDS)
+    assert {c.log for c in by["limits"]} == set(limits.KINDS)
+    assert Counter(c.kind for c in by["limits"]) == {"clean": 70, "limited": 30}
+    assert {c.effects[0] for c in by["singles"]} == set(KNOWN)
+    assert {c.effects[0] for c in by["foreign"]} == set(splits.forms("scoring"))
+    assert Counter(bool(c.effects[1:]) for c in by["foreign"]) == {True: 50, False: 50}
+    assert {len(c.effects) for c in by["whole"]} == {3, 4, 5, 6, 7}
+    for c in by["whole"] + by["foreign"] + by["pairs"]:
+        assert len(set(c.effects)) == len(c.effects)
+        assert together(c.effects)
+        assert len(set(c.effects) & set(DRY)) <= 1
+    assert set(Counter(c.machine for c in by["clean"])) == set(splits.machines("scoring"))
     for count in (1, 2, 24, 61):
         assert len(plan(count, 3)) == count
+
+
+def test_a_set_of_some_families_has_no_others() -> None:
+    assert {c.family for c in plan(40, 5, ("whole", "limits"))} == {"whole", "limits"}
+    assert Counter(c.family for c in plan(40, 5, ("whole", "limits"))) == {"whole": 20, "limits": 20}
+    with pytest.raises(ValueError, match="no family half"):
+        plan(40, 5, ("half",))
+
+
+def test_what_scores_shares_no_machine_and_no_form_with_what_calibrates() -> None:
+    for of, every in ((splits.machines, MACHINES), (splits.forms, FORMS)):
+        scoring, calibration = set(of("scoring")), set(of("calibration"))
+        assert not scoring & calibration
+        assert scoring | calibration == set(of("all")) == set(every)
+    for split in ("scoring", "calibration"):
+        # each side of the drive is on both sides of the split
+        assert {FORMS[k].equations[0] in ("mechanical", "sensor") for k in splits.forms(split)} == {
+            True,
+            False,
+        }
+        assert {"mechanical", "sensor"} <= {FORMS[k].equations[0] for k in splits.forms(split)}
+        cases = plan(60, 3, ("foreign",), split)
+        assert {c.machine for c in cases} <= set(splits.machines(split))
+        assert {c.effects[0] for c in cases} == set(splits.forms(split))
+    assert len(FORMS) >= 10
 
 
 def test_every_case_has_a_machine_of_its_own() -> None:
