@@ -20,6 +20,7 @@ from .effects import EQUATION, Effects, effect_values
 from .foreign import FORMS
 from .lookalikes import lookalikes
 from .manoeuvres import Manoeuvre, make
+from .oracle import oracle
 from .parameters import Machine
 from .peers import simulate_by
 from .plant import Run, simulate
@@ -190,6 +191,7 @@ def make_case(
     log_command: bool = False,
     log_v_dc: bool = False,
     simulator: str = "plant",
+    solve: bool = False,
 ) -> dict[str, Any]:
     """Make recording.parquet, validation.parquet and machine.toml in `folder`, the truth in `truth_folder`.
 
@@ -199,7 +201,9 @@ def make_case(
     `peers.SIMULATORS`.  Effects outside the package's catalogue begin with x_; "unknown" is then expected.
     Returns what truth.json holds; clean.npz beside it holds the validation run without sensor noise.  Raises
     ValueError if the truth would end up where the tool may see it, and whatever `manoeuvres.make`,
-    `plant.simulate` and `bench.degrade` raise.  `stator_hold`, `log_command`: see `plant.simulate`.
+    `plant.simulate` and `bench.degrade` raise.  `stator_hold`, `log_command`: see `plant.simulate`.  `solve`
+    states what the plant's own equations leave over the noise (`oracle`), for voltages held in the rotor's
+    frame.
     """
     opened, sealed = Path(folder), Path(truth_folder)
     if sealed.resolve() == opened.resolve():
@@ -231,6 +235,10 @@ def make_case(
         else:
             run = simulate_by(simulator, machine, effects, m, seed=run_seed, nameplate=nameplate)
         runs[name] = account(machine, effects, m, run)
+        if solve:
+            noise = runs[name]["noise_rms"]
+            own = oracle(machine, effects, m, run)
+            runs[name]["oracle"] = {k: round(v / noise[k], 4) for k, v in own.items()}
         clean = {k: v.astype(np.float32) for k, v in clean_channels(run).items()}
         full = run
         if degraded is not None:

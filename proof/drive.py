@@ -44,6 +44,8 @@ TRUTH = (
     "seen_b",
     "seen_c",
     "seen_w",
+    "twist",
+    "omega_load",
 )
 # times the rated current: no drive gets there, a plant does whose flux no current makes
 RUNAWAY = 10.0
@@ -153,11 +155,11 @@ def run(
     start: electrical angle and mechanical speed at t = 0.  References and load (n,), noise_i (n, 3) in A,
     noise_w (n,) in rad/s.  stator_hold freezes the command in the stator for an interval, as a real modulator
     does; log_command then logs it as it is, and not its mean in the rotor's frame.  Returns the log (n, 7)
-    and the truth (n, 16), columns as in LOG and TRUTH, and the number of rows
+    and the truth (n, 18), columns as in LOG and TRUTH, and the number of rows
     up to where the integration broke down or a current ran away.
     """
     n, t_s = len(w_ref), gains[10]
-    log, truth = np.zeros((n, 7)), np.zeros((n, 16))
+    log, truth = np.zeros((n, 7)), np.zeros((n, 18))
     y, size = np.zeros(N_STATES), scales(p)
     k = np.zeros((7, N_STATES))
     i_m, i, v, memory = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((2, 3))
@@ -176,12 +178,13 @@ def run(
     h = t_s
     for m in range(n):
         terminal_currents(y, p, i_m, i)
-        measure(y, i, noise_i[m], noise_w[m], lsb_i, lsb_theta, t_s, p, memory, log[m], truth[m, 12:])
+        measure(y, i, noise_i[m], noise_w[m], lsb_i, lsb_theta, t_s, p, memory, log[m], truth[m, 12:16])
         log[m, 0], log[m, 1] = command[0], command[1]
         truth[m, 0], truth[m, 1], truth[m, 2] = i[0], i[1], i[2]
         if not max(abs(i[0]), abs(i[1]), abs(i[2])) <= RUNAWAY * p.i_rated:
             return log, truth, m
         truth[m, 3], truth[m, 4] = y[2], y[3]
+        truth[m, 16], truth[m, 17] = y[4], y[5]
         truth[m, 5] = rotor_torque(y, i_m, p)
         truth[m, 6], truth[m, 7] = y[8], y[6]
         truth[m, 8], truth[m, 9], truth[m, 10] = y[17], y[18], y[19]

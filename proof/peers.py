@@ -211,7 +211,7 @@ def simulate_by(
         state[2], state[3] = angle / machine.n_p, w
         measure(
             state, phases, noise_i[k], noise_w[k], machine.lsb_i, machine.lsb_theta_e, t_s, p, memory, log[k],
-            truth[k, 12:],
+            truth[k, 12:16],
         )  # fmt: skip
         log[k, 0], log[k, 1] = command
         truth[k, :3] = phases
