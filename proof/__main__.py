@@ -99,7 +99,7 @@ def main() -> int:
         print(line, file=sys.stderr)
     if a.only != "make":
         rows = [judge_case(name_of(n), a.out) for n in range(a.cases) if generate.is_made(n, a.out)]
-        print(write_results(rows, a.out, cases=a.cases, seed=a.seed, code=code))
+        print(write_results(rows, a.out, cases=a.cases, seed=a.seed, code=code, split=a.split))
     return int(bool(failed))
 
 
