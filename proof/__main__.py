@@ -26,6 +26,7 @@ from . import answers, generate  # noqa: E402
 from .case import write_text  # noqa: E402
 from .plan import FAMILIES, name_of, plan  # noqa: E402
 from .pool import run  # noqa: E402
+from .rivals import judge_rivals  # noqa: E402
 from .score import judge_case  # noqa: E402
 from .splits import SPLITS  # noqa: E402
 from .table import write_results  # noqa: E402
@@ -75,6 +76,12 @@ def main() -> int:
     )
     ap.add_argument("--split", choices=SPLITS, default="scoring", help="machines and forms (default scoring)")
     ap.add_argument("--jobs", type=int, default=2, help="processes (default 2)")
+    ap.add_argument(
+        "--baselines",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="let simpler methods answer the cases, too (default yes)",
+    )
     ap.add_argument("--only", choices=("make", "score"), help="make the cases, or score what is answered")
     a = ap.parse_args()
     try:
@@ -83,6 +90,7 @@ def main() -> int:
         ap.error(str(error))
     claim(a.out, {"cases": a.cases, "seed": a.seed, "families": list(a.families), "split": a.split})
     code = "" if a.only == "make" else answers.code_of()
+    rivals = a.baselines and a.only != "make"
     failed: list[str] = []
     began = time.monotonic()
     if a.only != "score":
@@ -90,7 +98,7 @@ def main() -> int:
             signal.signal(signal.SIGTERM, signal.default_int_handler)
             # compiles the plant once, so that the workers find it compiled
             generate.warm_up()
-            failed = run(planned, a.seed, a.split, a.out, code, a.jobs)
+            failed = run(planned, a.seed, a.split, a.out, code, a.jobs, rivals)
         except KeyboardInterrupt:
             print("Interrupted; the same command goes on from here.", file=sys.stderr)
             return 130
@@ -99,7 +107,8 @@ def main() -> int:
         print(line, file=sys.stderr)
     if a.only != "make":
         rows = [judge_case(name_of(n), a.out) for n in range(a.cases) if generate.is_made(n, a.out)]
-        print(write_results(rows, a.out, cases=a.cases, seed=a.seed, code=code, split=a.split))
+        others = [judge_rivals(r.case, a.out) for r in rows]
+        print(write_results(rows, a.out, cases=a.cases, seed=a.seed, code=code, split=a.split, rivals=others))
     return int(bool(failed))
 
 

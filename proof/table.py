@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from .case import atomically, write_text
 from .families import families
+from .rivals import compared, lines_of
 from .score import Judged
 from .summary import SEVERITIES, Rate, Value, breakdown, brier, calibration, headline, severity_of
 
@@ -32,7 +33,9 @@ def commit() -> str:
     return done.stdout.strip() if done.returncode == 0 else ""
 
 
-def markdown(rows: Sequence[Judged], facts: dict[str, object]) -> str:
+def markdown(
+    rows: Sequence[Judged], facts: dict[str, object], rivals: Sequence[dict[str, Judged]] = ()
+) -> str:
     """The whole table."""
     full = [r for r in rows if r.log == "full"]
     bench = [r for r in rows if r.log != "full" and r.family != "limits"]
@@ -49,6 +52,7 @@ def markdown(rows: Sequence[Judged], facts: dict[str, object]) -> str:
     lines = [
         head,
         *by_family(rows),
+        *lines_of(rows, rivals),
         "",
         "## By kind of log",
         "",
@@ -174,9 +178,19 @@ def picture(rows: Sequence[Judged]) -> Figure:
 
 
 def write_results(
-    rows: Sequence[Judged], out: Path, *, cases: int, seed: int, code: str, split: str = "scoring"
+    rows: Sequence[Judged],
+    out: Path,
+    *,
+    cases: int,
+    seed: int,
+    code: str,
+    split: str = "scoring",
+    rivals: Sequence[dict[str, Judged]] = (),
 ) -> str:
-    """Write all results into `out` and return a summary for the terminal."""
+    """Write all results into `out` and return a summary for the terminal.
+
+    rivals: for each case what became of the baselines (`rivals.judge_rivals`).
+    """
     facts: dict[str, object] = {
         "cases": cases,
         "seed": seed,
@@ -199,9 +213,10 @@ def write_results(
         "bench": {k: plain(v) for k, v in right.items()},
         "calibration": [asdict(b) for b in calibration(rows)],
         "brier": plain(brier(rows)),
+        "baselines": compared(rows, rivals) if any(rivals) else {},
         "rows": [asdict(r) for r in rows],
     }
-    write_text(out / "table.md", markdown(rows, facts))
+    write_text(out / "table.md", markdown(rows, facts, rivals))
     write_text(out / "seed", f"{seed}\n")
     write_text(out / "score.json", json.dumps(score, indent=1) + "\n")
     figure = picture(rows)
