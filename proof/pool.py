@@ -14,8 +14,8 @@ from .plan import Planned, name_of
 
 
 def work(number: int, planned: Planned, seed: int, split: str, out: Path, code: str, rivals: bool) -> str:
-    """Make a case, and let the tool and the baselines answer it, where that has not been done; a line that says
-    so, empty if nothing was to do."""
+    """Make a case and let the tool and the baselines answer it, where that has not been done; a line that
+    says so, empty if nothing was to do."""
     said: list[str] = []
     if ending:
         return ""
