@@ -45,6 +45,7 @@ def family(rows: Sequence[Judged]) -> dict[str, Rate | Value]:
         "names that are right": summed(rows, lambda r: r.names_right, lambda r: r.names),
         "cases with a wrong name of p > 0.5": rate(rows, lambda r: r.wrong_confident),
         "false alarms": rate(rows, lambda r: r.false_alarm),
+        "verdict named or partial": rate(rows, lambda r: r.verdict in ("named", "partial")),
         **{f"verdict {name.replace('_', ' ')}": share for name, share in verdicts.items()},
         "remaining over noise, median": statistic(rows, lambda r: r.remaining, median, "{:.2f}"),
         "remaining over noise, 90 % below": statistic(rows, lambda r: r.remaining, within(0.9), "{:.2f}"),
