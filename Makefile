@@ -29,7 +29,7 @@ help:
 	@echo 'make demo      install into $(VENV) and diagnose the recording that ships with the package'
 	@echo 'make test      lints, Rust tests, and Python tests against the installed wheel'
 	@echo 'make soak      property tests with fresh seeds, for MINUTES=10; a failing case ends it'
-	@echo 'make proof     make 300 sealed cases, diagnose and score them; CASES= SEED= OUT= JOBS=2'
+	@echo 'make proof     make 600 sealed cases, diagnose and score them; CASES= SEED= OUT= FAMILIES= SPLIT=scoring JOBS=2'
 	@echo 'make accuracy  score the diagnosis on concealed cases, where CONCEALED=folder has them'
 	@echo 'make miri      the unsafe code under Miri; needs a nightly toolchain with miri and rust-src'
 	@echo 'make readme    put real output and the picture into README.md'
@@ -125,10 +125,12 @@ readme: $(VENV)/.installed
 	$(BIN)/python docs/readme.py
 
 # Interrupted, the same command goes on where it stopped.
-proof: CASES ?= 300
+proof: CASES ?= 600
 proof: JOBS ?= 2
+proof: SPLIT ?= scoring
 proof: $(VENV)/.proof
-	@$(BIN)/python -m proof --out $(OUT) --cases $(CASES) --seed $(SEED) --jobs $(JOBS)
+	@$(BIN)/python -m proof --out $(OUT) --cases $(CASES) --seed $(SEED) --jobs $(JOBS) --split $(SPLIT) \
+	  $(if $(FAMILIES),--families $(FAMILIES))
 
 # Puts the results of the last `make proof` into the manual.
 proof-docs:

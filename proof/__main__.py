@@ -24,17 +24,19 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 from . import answers, generate  # noqa: E402
 from .case import write_text  # noqa: E402
-from .plan import name_of  # noqa: E402
+from .plan import FAMILIES, name_of, plan  # noqa: E402
 from .pool import run  # noqa: E402
+from .rivals import judge_rivals  # noqa: E402
 from .score import judge_case  # noqa: E402
+from .splits import SPLITS  # noqa: E402
 from .table import write_results  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 
 
-def claim(out: Path, cases: int, seed: int) -> None:
+def claim(out: Path, wanted: dict[str, object]) -> None:
     """Mark the folder as holding this set.  Raises SystemExit if it holds another."""
-    mark, wanted = out / "set.json", {"cases": cases, "seed": seed}
+    mark = out / "set.json"
     if mark.exists() and (found := json.loads(mark.read_text(encoding="utf-8"))) != wanted:
         raise SystemExit(
             f"{out} holds the set {found}, not {wanted}; name another folder by --out (make: OUT=)"
@@ -64,14 +66,31 @@ def main() -> int:
     ap.add_argument(
         "--out", type=Path, required=True, help="folder of the set; open, sealed, answers and results"
     )
-    ap.add_argument("--cases", type=int, default=300)
+    ap.add_argument("--cases", type=int, default=600)
     ap.add_argument("--seed", type=seed_of, required=True, help="a number, or `commit`")
+    ap.add_argument(
+        "--families",
+        type=lambda text: tuple(text.split(",")),
+        default=tuple(FAMILIES),
+        help=f"of {','.join(FAMILIES)} (default: all, in the shares of a set of 600)",
+    )
+    ap.add_argument("--split", choices=SPLITS, default="scoring", help="machines and forms (default scoring)")
     ap.add_argument("--jobs", type=int, default=2, help="processes (default 2)")
+    ap.add_argument(
+        "--baselines",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="let simpler methods answer the cases, too (default yes)",
+    )
     ap.add_argument("--only", choices=("make", "score"), help="make the cases, or score what is answered")
     a = ap.parse_args()
-    claim(a.out, a.cases, a.seed)
-    numbers = list(range(a.cases))
+    try:
+        planned = plan(a.cases, a.seed, a.families, a.split)
+    except ValueError as error:
+        ap.error(str(error))
+    claim(a.out, {"cases": a.cases, "seed": a.seed, "families": list(a.families), "split": a.split})
     code = "" if a.only == "make" else answers.code_of()
+    rivals = a.baselines and a.only != "make"
     failed: list[str] = []
     began = time.monotonic()
     if a.only != "score":
@@ -79,7 +98,7 @@ def main() -> int:
             signal.signal(signal.SIGTERM, signal.default_int_handler)
             # compiles the plant once, so that the workers find it compiled
             generate.warm_up()
-            failed = run(numbers, a.cases, a.seed, a.out, code, a.jobs)
+            failed = run(planned, a.seed, a.split, a.out, code, a.jobs, rivals)
         except KeyboardInterrupt:
             print("Interrupted; the same command goes on from here.", file=sys.stderr)
             return 130
@@ -87,8 +106,9 @@ def main() -> int:
     for line in failed:
         print(line, file=sys.stderr)
     if a.only != "make":
-        rows = [judge_case(name_of(n), a.out) for n in numbers if generate.is_made(n, a.out)]
-        print(write_results(rows, a.out, cases=a.cases, seed=a.seed, code=code))
+        rows = [judge_case(name_of(n), a.out) for n in range(a.cases) if generate.is_made(n, a.out)]
+        others = [judge_rivals(r.case, a.out) for r in rows]
+        print(write_results(rows, a.out, cases=a.cases, seed=a.seed, code=code, split=a.split, rivals=others))
     return int(bool(failed))
 
 

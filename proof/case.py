@@ -14,14 +14,17 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from . import limits
 from .bench import degrade
-from .effects import EQUATION, Effects, build, effect_values
+from .effects import EQUATION, Effects, effect_values
+from .foreign import FORMS
 from .lookalikes import lookalikes
 from .manoeuvres import Manoeuvre, make
+from .oracle import oracle
 from .parameters import Machine
 from .peers import simulate_by
 from .plant import Run, simulate
-from .reference import currents, fit_plain, park, speed_residual, torque_of
+from .reference import Fit, currents, fit_plain, park, speed_residual, torque_of
 
 BASE = ("r_s", "l_d", "l_q", "psi_m", "n_p", "j", "b")
 
@@ -101,18 +104,35 @@ def machine_file(nameplate: Machine, manoeuvre: Manoeuvre) -> str:
     return "\n".join(lines) + "\n"
 
 
-def clean_channels(machine: Machine, effects: Effects, run: Run) -> dict[str, np.ndarray]:
+def clean_channels(run: Run) -> dict[str, np.ndarray]:
     """What the sensors would have shown without noise and quantisation: i_a, i_b, i_c, omega_e, each (n,)."""
-    p, t = build(machine, effects), run.truth
-    gains = {"i_a": (p.g_a, p.o_a), "i_b": (p.g_b, p.o_b), "i_c": (p.g_c, p.o_c)}
-    out = {k: (1.0 + g) * t[k] + o for k, (g, o) in gains.items()}
-    out["omega_e"] = t["omega_m"] * (p.n_p + p.eccentricity * np.cos(t["theta_m"] + p.phase_ecc))
-    return out
+    names = {"i_a": "seen_a", "i_b": "seen_b", "i_c": "seen_c", "omega_e": "seen_w"}
+    return {name: run.truth[seen] for name, seen in names.items()}
 
 
 def base_of(machine: Machine) -> dict[str, float]:
     """The parameters of the plain machine."""
     return {k: float(getattr(machine, k)) for k in BASE}
+
+
+def noise_of(run: Run) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    """Noise of a full log: i_d, i_q (A) and omega_e (rad/s), each (n,), and their rms."""
+    noise = {k: run.log[k] - v for k, v in clean_channels(run).items()}
+    n_d, n_q = park(noise["i_a"], noise["i_b"], noise["i_c"], run.log["theta_e"])
+    out = {"i_d": n_d, "i_q": n_q, "omega_e": noise["omega_e"]}
+    return out, {k: float(np.sqrt(np.mean(v**2))) for k, v in out.items()}
+
+
+def refit(machine: Machine, manoeuvre: Manoeuvre, run: Run, *, base: bool = True) -> Fit:
+    """The plain machine fitted to a log from its true parameters, which stay as they are without `base`.
+
+    Rows that the log left out are left out of the load's steps, too.
+    """
+    known = manoeuvre.known_load
+    rows = np.rint(run.t * machine.f_sample).astype(int)
+    at = np.searchsorted(rows, known["breaks"])
+    known = {**known, "breaks": tuple(int(k) for k in at if 0 < k < len(rows))}
+    return fit_plain(base_of(machine), run.log, float(np.median(np.diff(run.t))), **known, refit=base)
 
 
 def account(machine: Machine, effects: Effects, manoeuvre: Manoeuvre, run: Run) -> dict[str, Any]:
@@ -122,16 +142,11 @@ def account(machine: Machine, effects: Effects, manoeuvre: Manoeuvre, run: Run) 
     True equations leave more than the noise.  Their free run of the currents is driven by the noisy speed,
     that of the speed by the torque of noisy currents, less a noisy load torque where that is measured.
     """
-    clean, theta = clean_channels(machine, effects, run), run.log["theta_e"]
-    noise = {k: run.log[k] - v for k, v in clean.items()}
-    n_d, n_q = park(noise["i_a"], noise["i_b"], noise["i_c"], theta)
-    rms = {
-        k: float(np.sqrt(np.mean(v**2)))
-        for k, v in (("i_d", n_d), ("i_q", n_q), ("omega_e", noise["omega_e"]))
-    }
+    (noise, rms), clean, theta = noise_of(run), clean_channels(run), run.log["theta_e"]
     load, known = manoeuvre.tau_load[manoeuvre.settle :], manoeuvre.known_load
     base, least = base_of(machine), rms
     if not manoeuvre.locked:
+        n_d, n_q = noise["i_d"], noise["i_q"]
         i_d, i_q = park(*(clean[k] for k in ("i_a", "i_b", "i_c")), theta)
         push = torque_of(base, i_d + n_d, i_q + n_q) - torque_of(base, i_d, i_q)
         if "tau_m" in run.log:
@@ -148,8 +163,8 @@ def account(machine: Machine, effects: Effects, manoeuvre: Manoeuvre, run: Run) 
         }
         least = {k: float(np.sqrt(np.mean(v**2))) for k, v in rest.items()}
     out: dict[str, Any] = {"noise_rms": rms, "least_rms": least, "load_breaks": list(known["breaks"])}
-    for name, refit in (("plain_true", False), ("plain_refit", True)):
-        fit = fit_plain(base, run.log, 1.0 / machine.f_sample, **known, refit=refit)
+    for name, free in (("plain_true", False), ("plain_refit", True)):
+        fit = refit(machine, manoeuvre, run, base=free)
         out[name] = {k: round(v / rms[k], 4) for k, v in fit.rms().items()}
     out["refit_base"] = fit.base
     return out
@@ -176,6 +191,7 @@ def make_case(
     log_command: bool = False,
     log_v_dc: bool = False,
     simulator: str = "plant",
+    solve: bool = False,
 ) -> dict[str, Any]:
     """Make recording.parquet, validation.parquet and machine.toml in `folder`, the truth in `truth_folder`.
 
@@ -185,7 +201,9 @@ def make_case(
     `peers.SIMULATORS`.  Effects outside the package's catalogue begin with x_; "unknown" is then expected.
     Returns what truth.json holds; clean.npz beside it holds the validation run without sensor noise.  Raises
     ValueError if the truth would end up where the tool may see it, and whatever `manoeuvres.make`,
-    `plant.simulate` and `bench.degrade` raise.  `stator_hold`, `log_command`: see `plant.simulate`.
+    `plant.simulate` and `bench.degrade` raise.  `stator_hold`, `log_command`: see `plant.simulate`.  `solve`
+    states what the plant's own equations leave over the noise (`oracle`), for voltages held in the rotor's
+    frame.
     """
     opened, sealed = Path(folder), Path(truth_folder)
     if sealed.resolve() == opened.resolve():
@@ -196,7 +214,8 @@ def make_case(
     runs: dict[str, Any] = {}
     similar: list[str] = []
     clean: dict[str, np.ndarray] = {}
-    unknown = any(k.startswith("x_") for k in filled)
+    forms = {k: FORMS[k] for k in filled if k in FORMS}
+    known = [k for k in filled if k not in FORMS]
     moves = [make(machine, manoeuvre, load, duration=duration, seed=1000 * seed + k) for k in (0, 1)]
     if load == "known_constant":
         # the machine file states one value, so it holds for both runs
@@ -216,10 +235,19 @@ def make_case(
         else:
             run = simulate_by(simulator, machine, effects, m, seed=run_seed, nameplate=nameplate)
         runs[name] = account(machine, effects, m, run)
-        clean = {k: v.astype(np.float32) for k, v in clean_channels(machine, effects, run).items()}
+        if solve:
+            noise = runs[name]["noise_rms"]
+            own = oracle(machine, effects, m, run)
+            runs[name]["oracle"] = {k: round(v / noise[k], 4) for k, v in own.items()}
+        clean = {k: v.astype(np.float32) for k, v in clean_channels(run).items()}
         full = run
         if degraded is not None:
-            logged = degrade(run, degraded, machine, run_seed)
+            limited = degraded in limits.KINDS
+            logged = (
+                limits.limit(run, degraded, machine, seed, run_seed)
+                if limited
+                else degrade(run, degraded, machine, run_seed)
+            )
             # more noise hides more; the other logs do not keep the rows that the fit needs
             run, full = logged, logged if degraded == "noisy" else run
         if name == "recording":
@@ -235,12 +263,13 @@ def make_case(
         "version": "1.0",
         "source": simulator,
         "effect": label,
-        "components": [] if unknown else list(filled),
-        "expected": "unknown" if unknown else label,
+        "components": known,
+        "expected": ("partial" if known else "unknown") if forms else label,
         "equation": {k: EQUATION[k][0] for k in filled},
         "accept": {k: list(EQUATION[k]) for k in filled},
         "parameters": stated(filled),
-        "also_accept": [],
+        "also_accept": sorted({k for form in forms.values() for k in form.accepted}),
+        "foreign": {k: {"equations": list(f.equations), "over": list(f.over)} for k, f in forms.items()},
         "indistinguishable": similar,
         "base_true": {k: getattr(machine, k) for k in BASE},
         "nameplate": {k: getattr(nameplate, k) for k in BASE},
@@ -258,6 +287,8 @@ def make_case(
     }
     if degraded is not None:
         truth["degraded"] = degraded
+    if degraded in limits.KINDS:
+        truth["logger"] = limits.drawn(degraded, seed)
     if degraded == "short":
         truth["shortened"] = True
     write_text(sealed / "truth.json", json.dumps(truth, indent=1) + "\n")

@@ -12,8 +12,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from .coenergy import angles, axis_currents, field_energy, magnet_flux, torque
-from .dynamics import N_STATES, advance, scales, terminal_currents
+from .coenergy import angles, axis_currents, field_energy, magnet_flux
+from .dynamics import (
+    N_STATES,
+    advance,
+    angle_error,
+    angle_error_slope,
+    rotor_torque,
+    scales,
+    terminal_currents,
+)
 
 if TYPE_CHECKING:
     from .parameters import Parameters
@@ -32,6 +40,12 @@ TRUTH = (
     "e_lost",
     "e_shaft",
     "e_field",
+    "seen_a",
+    "seen_b",
+    "seen_c",
+    "seen_w",
+    "twist",
+    "omega_load",
 )
 # times the rated current: no drive gets there, a plant does whose flux no current makes
 RUNAWAY = 10.0
@@ -45,22 +59,37 @@ def measure(
     noise_w: float,
     lsb_i: float,
     lsb_theta: float,
+    t_s: float,
     p: Parameters,
+    memory: np.ndarray,
     row: np.ndarray,
+    seen: np.ndarray,
 ) -> None:
-    """Fill columns 2.. of a log row: currents (A), wrapped electrical angle (rad), electrical speed
-    (rad/s)."""
-    row[2] = (1.0 + p.g_a) * i[0] + p.o_a + noise_i[0]
-    row[3] = (1.0 + p.g_b) * i[1] + p.o_b + noise_i[1]
-    row[4] = (1.0 + p.g_c) * i[2] + p.o_c + noise_i[2]
-    if lsb_i > 0.0:
-        for x in range(2, 5):
-            row[x] = lsb_i * np.rint(row[x] / lsb_i)
-    theta = p.n_p * y[2] + p.angle_offset + p.eccentricity * math.sin(y[2] + p.phase_ecc)
+    """Fill columns 2.. of a log row: currents (A), wrapped electrical angle (rad), electrical speed (rad/s).
+
+    memory (2, 3): the phase currents of the last sample and what the filter held then; it is brought up to
+    date.  seen (4,): currents and speed as the sensors have them before noise and quantisation.
+    """
+    keep = math.exp(-t_s / p.lag_i) if p.lag_i > 0.0 else 0.0
+    gains, offsets = (p.g_a, p.g_b, p.g_c), (p.o_a, p.o_b, p.o_c)
+    for x in range(3):
+        held, at = memory[1, x], i[x]
+        if p.lag_i > 0.0:
+            at = keep * held + (1.0 - keep) * 0.5 * (i[x] + memory[0, x])
+        memory[0, x], memory[1, x] = i[x], at
+        # phases b and c are sampled later than the row says, on the line through the last two samples
+        at += (at - held) * x * p.skew_i / t_s
+        at *= 1.0 - p.bow_i * at * at
+        seen[x] = (1.0 + gains[x]) * at + offsets[x]
+        row[2 + x] = seen[x] + noise_i[x]
+        if lsb_i > 0.0:
+            row[2 + x] = lsb_i * np.rint(row[2 + x] / lsb_i)
+    theta = p.n_p * y[2] + angle_error(y[2], y[3], p)
     if lsb_theta > 0.0:
         theta = lsb_theta * np.rint(theta / lsb_theta)
     row[5] = theta - 2.0 * math.pi * np.rint(theta / (2.0 * math.pi))
-    row[6] = y[3] * (p.n_p + p.eccentricity * math.cos(y[2] + p.phase_ecc)) + noise_w
+    seen[3] = y[3] * (p.n_p + angle_error_slope(y[2], p))
+    row[6] = seen[3] + noise_w
 
 
 @njit(cache=True)
@@ -126,18 +155,19 @@ def run(
     start: electrical angle and mechanical speed at t = 0.  References and load (n,), noise_i (n, 3) in A,
     noise_w (n,) in rad/s.  stator_hold freezes the command in the stator for an interval, as a real modulator
     does; log_command then logs it as it is, and not its mean in the rotor's frame.  Returns the log (n, 7)
-    and the truth (n, 12), columns as in LOG and TRUTH, and the number of rows
+    and the truth (n, 18), columns as in LOG and TRUTH, and the number of rows
     up to where the integration broke down or a current ran away.
     """
     n, t_s = len(w_ref), gains[10]
-    log, truth = np.zeros((n, 7)), np.zeros((n, 12))
+    log, truth = np.zeros((n, 7)), np.zeros((n, 18))
     y, size = np.zeros(N_STATES), scales(p)
     k = np.zeros((7, N_STATES))
-    i_m, i, v = np.zeros(3), np.zeros(3), np.zeros(3)
+    i_m, i, v, memory = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((2, 3))
     integral, command = np.zeros(3), np.zeros(2)
     if p.j_load > 0.0:
         # without a current the load drives both masses, the rotor through the shaft: let go, it would ring
         y[4] = tau_load[0] * (1.0 - p.j_load / p.j) / p.k_shaft
+        y[4] += 0.5 * p.gap * np.sign(tau_load[0])
     y[2], y[3], y[5], y[8] = start[0] / p.n_p, start[1], start[1], p.v_dc
     # flux of the magnet alone: no current flows at t = 0
     at = angles(start[0])
@@ -148,19 +178,24 @@ def run(
     h = t_s
     for m in range(n):
         terminal_currents(y, p, i_m, i)
-        measure(y, i, noise_i[m], noise_w[m], lsb_i, lsb_theta, p, log[m])
+        measure(y, i, noise_i[m], noise_w[m], lsb_i, lsb_theta, t_s, p, memory, log[m], truth[m, 12:16])
         log[m, 0], log[m, 1] = command[0], command[1]
         truth[m, 0], truth[m, 1], truth[m, 2] = i[0], i[1], i[2]
         if not max(abs(i[0]), abs(i[1]), abs(i[2])) <= RUNAWAY * p.i_rated:
             return log, truth, m
         truth[m, 3], truth[m, 4] = y[2], y[3]
-        truth[m, 5] = torque(i_m, p.n_p * y[2], 1.0 - p.psi_drop * y[7], p)
+        truth[m, 16], truth[m, 17] = y[4], y[5]
+        truth[m, 5] = rotor_torque(y, i_m, p)
         truth[m, 6], truth[m, 7] = y[8], y[6]
-        truth[m, 8], truth[m, 9], truth[m, 10] = y[12], y[13], y[14]
+        truth[m, 8], truth[m, 9], truth[m, 10] = y[17], y[18], y[19]
         magnet = 1.0 - p.psi_drop * y[7]
         truth[m, 11] = field_energy(i_m, y[0], y[1], p.n_p * y[2], magnet, p)
         truth[m, 11] += 0.5 * p.l_series * (i[0] ** 2 + i[1] ** 2 + i[2] ** 2)
         truth[m, 11] += 0.05 * p.short_share**2 * p.l_d * y[11] ** 2
+        if p.r_sleeve > 0.0:
+            truth[m, 11] += 0.75 * p.l_sleeve * (y[13] ** 2 + y[14] ** 2)
+        if p.i_hyst > 0.0:
+            truth[m, 11] += 0.75 * p.flux_hyst / p.i_hyst * (y[15] ** 2 + y[16] ** 2)
         hold = math.nan
         if stator_hold:
             # angle expected in the middle of the interval, from the sample the command was computed from

@@ -2,9 +2,10 @@
 
 States, in order: line flux linkages λ_ac, λ_bc (V·s), mechanical angle (rad) and speed (rad/s) of the rotor,
 shaft twist (rad), speed of the load (rad/s), heat of winding and magnet (1 = steady at rated), DC link (V),
-terminal currents a and b behind the leakage (A, iron loss only), current in the shorted turns (A), and three
-integrals that steer nothing: electrical energy taken in, energy lost in resistances, energy given to the
-shaft (J).
+terminal currents a and b behind the leakage (A, iron loss only), current in the shorted turns (A), deflection
+before sliding (rad), currents d and q of the sleeve (A), currents alpha and beta of the hysteresis (A), and
+three integrals that steer nothing: electrical energy taken in, energy lost in resistances, energy given to
+the shaft (J).
 
 The integrator is the 5(4) pair of J. R. Dormand and P. J. Prince, J. Comput. Appl. Math. 6 (1980) 19.
 """
@@ -17,13 +18,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from .coenergy import angles, solve_currents, torque
+from .coenergy import HALF_SQRT3, angles, solve_currents, torque
+from .mechanics import mechanics, short_way
 
 if TYPE_CHECKING:
     from .parameters import Parameters
 
-N_STATES = 15
-N_CONTROLLED = 12
+N_STATES = 20
+N_CONTROLLED = 17
 TOLERANCE = 1e-9
 
 # nodes, stages and error weights of the pair; the seventh stage is the fifth-order solution
@@ -52,11 +54,57 @@ def terminal_currents(y: np.ndarray, p: Parameters, i_m: np.ndarray, i: np.ndarr
     # shorted turns oppose phase a; without a neutral the mean of the magnetomotive forces vanishes
     x = p.short_share * y[11]
     i[0], i[1], i[2] = i_m[0] + 2.0 / 3.0 * x, i_m[1] - x / 3.0, i_m[2] - x / 3.0
+    if p.r_sleeve > 0.0:
+        # the sleeve's currents turn with the rotor and magnetise as the stator's do
+        at = angles(p.n_p * y[2])
+        for z in range(3):
+            i[z] -= y[13] * at[0][z] - y[14] * at[1][z]
+    if p.i_hyst > 0.0:
+        i[0] += y[15]
+        i[1] += -0.5 * y[15] + HALF_SQRT3 * y[16]
+        i[2] += -0.5 * y[15] - HALF_SQRT3 * y[16]
+
+
+@njit(cache=True)
+def axis_fluxes(y: np.ndarray, theta: float) -> tuple[float, float]:
+    """Flux linkages (V·s) along and across the magnet, which a common part of the phases does not change."""
+    at = angles(theta)
+    psi_d = 2.0 / 3.0 * (y[0] * at[0][0] + y[1] * at[0][1])
+    return psi_d, -2.0 / 3.0 * (y[0] * at[1][0] + y[1] * at[1][1])
+
+
+@njit(cache=True)
+def rotor_torque(y: np.ndarray, i_m: np.ndarray, p: Parameters) -> float:
+    """Torque (N·m) on the rotor: of the magnetising currents, less what sleeve currents give themselves."""
+    tau = torque(i_m, p.n_p * y[2], 1.0 - p.psi_drop * y[7], p)
+    if p.r_sleeve > 0.0:
+        psi_d, psi_q = axis_fluxes(y, p.n_p * y[2])
+        tau -= 1.5 * p.n_p * (psi_d * y[14] - psi_q * y[13])
+    return tau
+
+
+@njit(cache=True)
+def angle_error(th: float, w: float, p: Parameters) -> float:
+    """Measured minus true electrical angle (rad) at the mechanical angle th (rad) and speed w (rad/s)."""
+    error = p.angle_offset + p.eccentricity * math.sin(th + p.phase_ecc)
+    if p.flaw != 0.0:
+        error += p.flaw * math.exp(-((short_way(th - p.place_flaw) / p.width_flaw) ** 2))
+    return error - p.late * p.n_p * w * abs(w)
+
+
+@njit(cache=True)
+def angle_error_slope(th: float, p: Parameters) -> float:
+    """Change of the angle's error with the mechanical angle th, in electrical rad per rad."""
+    slope = p.eccentricity * math.cos(th + p.phase_ecc)
+    if p.flaw != 0.0:
+        away = short_way(th - p.place_flaw)
+        slope -= 2.0 * p.flaw * away / p.width_flaw**2 * math.exp(-((away / p.width_flaw) ** 2))
+    return slope
 
 
 @njit(cache=True)
 def leg_voltages(
-    y: np.ndarray, v_d: float, v_q: float, hold: float, p: Parameters, i: np.ndarray, v: np.ndarray
+    t: float, y: np.ndarray, v_d: float, v_q: float, hold: float, p: Parameters, i: np.ndarray, v: np.ndarray
 ) -> float:
     """Average voltages of the three legs against the DC midpoint into v (3,), in V; returns the DC power in
     W.
@@ -67,12 +115,16 @@ def leg_voltages(
     """
     angle = hold
     if math.isnan(hold):
-        angle = p.n_p * y[2] + p.angle_offset + p.eccentricity * math.sin(y[2] + p.phase_ecc)
+        angle = p.n_p * y[2] + angle_error(y[2], y[3], p)
         angle -= p.n_p * y[3] * p.delay
+    link = y[8] / p.v_dc
+    if p.ripple != 0.0:
+        # a rectified sine less its mean
+        link *= 1.0 + p.ripple * (abs(math.sin(math.pi * p.f_ripple * t)) - 2.0 / math.pi)
     power = 0.0
     c, s, _c6, _s6 = angles(angle)
     for x in range(3):
-        v[x] = (v_d * c[x] - v_q * s[x]) * (y[8] / p.v_dc)
+        v[x] = (v_d * c[x] - v_q * s[x]) * link
         if x == 0:
             v[x] *= 1.0 - p.leg_loss
         power += v[x] * i[x]
@@ -83,53 +135,13 @@ def leg_voltages(
 
 
 @njit(cache=True)
-def mechanics(t: float, y: np.ndarray, tau_e: float, tau_load: float, p: Parameters, dy: np.ndarray) -> None:
-    """Angle, speed and shaft derivatives for the air-gap torque tau_e and the load's torque tau_load, in
-    N·m."""
-    th, w = y[2], y[3]
-    sign = math.tanh(w / p.w_smooth)
-    friction = p.b * w + (p.tau_c + p.mu_load * abs(tau_e)) * sign + p.drag * w * abs(w)
-    if p.tau_s != 0.0:
-        friction += p.tau_s * math.exp(-((w / p.w_s) ** 2)) * sign
-    if w > 0.0:
-        friction += p.tau_c_pos * sign + p.b_pos * w
-    else:
-        friction += p.tau_c_neg * sign + p.b_neg * w
-    if p.tau_rub != 0.0:
-        # distance to the tight spot, the short way round
-        away = th - p.place_rub
-        away -= 2.0 * math.pi * np.rint(away / (2.0 * math.pi))
-        friction += p.tau_rub * math.exp(-((away / p.width_rub) ** 2)) * sign
-    if p.tau_hump != 0.0:
-        friction += p.tau_hump * math.exp(-(((abs(w) - p.w_hump) / p.width_hump) ** 2)) * sign
-    rotor, load = tau_e - friction, tau_load
-    if p.tau_cog != 0.0:
-        a = p.order_cog * th + p.phase_cog
-        rotor += p.tau_cog * (math.cos(a) + p.second_cog * math.cos(2.0 * a))
-    if p.tau_pul != 0.0:
-        load += p.tau_pul * math.cos(p.order_pul * (th - y[4]) + p.phase_pul)
-    if p.tau_var != 0.0:
-        load += p.tau_var * math.sin(2.0 * math.pi * p.f_var * t + p.phase_var)
-    dy[2], dy[4], dy[5] = w, 0.0, 0.0
-    if p.locked != 0.0:
-        dy[3] = 0.0
-    elif p.j_load > 0.0:
-        shaft = p.k_shaft * y[4] + p.d_shaft * (w - y[5])
-        dy[3] = (rotor - shaft) / (p.j - p.j_load)
-        dy[4] = w - y[5]
-        dy[5] = (shaft - load) / p.j_load
-    else:
-        dy[3] = (rotor - load) / p.j
-
-
-@njit(cache=True)
 def derivative(
     t: float, y: np.ndarray, v_d: float, v_q: float, hold: float, tau_load: float, p: Parameters,
     i_m: np.ndarray, i: np.ndarray, v: np.ndarray, dy: np.ndarray,
 ) -> None:  # fmt: skip
-    """dy/dt into dy (15,).  i_m, i, v (3,) are work space; i_m also starts the search for the currents."""
+    """dy/dt into dy (20,).  i_m, i, v (3,) are work space; i_m also starts the search for the currents."""
     terminal_currents(y, p, i_m, i)
-    power = leg_voltages(y, v_d, v_q, hold, p, i, v)
+    power = leg_voltages(t, y, v_d, v_q, hold, p, i, v)
     r = p.r_s * (1.0 + p.rs_rise * y[6])
     r_a, r_b, r_c = r * (1.0 + p.excess_a), r * (1.0 + p.excess_b), r * (1.0 + p.excess_c)
     if p.r_loose != 0.0:
@@ -154,7 +166,23 @@ def derivative(
         turn = p.short_share * (e_a - mean + r_a * (i[0] - y[11]))
         dy[11] = (turn - p.short_r * y[11]) / leak
         lost += p.short_r * y[11] ** 2
-    tau_e = torque(i_m, p.n_p * y[2], 1.0 - p.psi_drop * y[7], p)
+    dy[13], dy[14], dy[15], dy[16] = 0.0, 0.0, 0.0, 0.0
+    if p.r_sleeve > 0.0:
+        # the rotor's frame sees the flux change less by its own turning
+        at = angles(p.n_p * y[2])
+        psi_d, psi_q = axis_fluxes(y, p.n_p * y[2])
+        u_d = 2.0 / 3.0 * (dy[0] * at[0][0] + dy[1] * at[0][1]) + p.n_p * y[3] * psi_q
+        u_q = -2.0 / 3.0 * (dy[0] * at[1][0] + dy[1] * at[1][1]) - p.n_p * y[3] * psi_d
+        dy[13] = -(p.r_sleeve * y[13] + u_d) / p.l_sleeve
+        dy[14] = -(p.r_sleeve * y[14] + u_q) / p.l_sleeve
+        lost += 1.5 * p.r_sleeve * (y[13] ** 2 + y[14] ** 2)
+    if p.i_hyst > 0.0:
+        u_a, u_b = (2.0 * dy[0] - dy[1]) / 3.0, dy[1] / (2.0 * HALF_SQRT3)
+        size = math.sqrt(u_a * u_a + u_b * u_b)
+        dy[15] = (p.i_hyst * u_a - size * y[15]) / p.flux_hyst
+        dy[16] = (p.i_hyst * u_b - size * y[16]) / p.flux_hyst
+        lost += 1.5 * size * (y[15] ** 2 + y[16] ** 2) / p.i_hyst
+    tau_e = rotor_torque(y, i_m, p)
     mechanics(t, y, tau_e, tau_load, p, dy)
     copper = (i[0] ** 2 + i[1] ** 2 + i[2] ** 2) / (1.5 * p.i_rated**2)
     dy[6] = (copper - y[6]) / p.rs_tau
@@ -163,17 +191,19 @@ def derivative(
     dy[8] = 0.0
     if p.r_source > 0.0:
         dy[8] = ((p.v_dc - y[8]) / p.r_source - power / y[8]) / p.c_dc
-    dy[12], dy[13], dy[14] = taken_in, lost, tau_e * y[3]
+    dy[17], dy[18], dy[19] = taken_in, lost, tau_e * y[3]
 
 
 @njit(cache=True)
 def scales(p: Parameters) -> np.ndarray:
-    """Size of each state (15,), against which the integrator's error is judged."""
+    """Size of each state (20,), against which the integrator's error is judged."""
     s = np.ones(N_STATES)
     s[0] = s[1] = p.psi_m
     s[3] = s[5] = max(1.0, 0.1 * p.w_rated)
     s[8] = p.v_dc
     s[9] = s[10] = s[11] = p.i_rated
+    s[12] = p.theta_dahl
+    s[13] = s[14] = s[15] = s[16] = p.i_rated
     return s
 
 
@@ -185,7 +215,7 @@ def advance(
     """Integrate y from t to t_end in place; returns the step (s) to try next, or a negative number on
     failure.
 
-    The command and the load are constant meanwhile.  k (7, 15) is work space.
+    The command and the load are constant meanwhile.  k (7, 20) is work space.
     """
     derivative(t, y, v_d, v_q, hold, tau_load, p, i_m, i, v, k[0])
     trial = np.empty(N_STATES)

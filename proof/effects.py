@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from .foreign import FORMS
 from .parameters import Machine, Parameters
 
 Effects = Mapping[str, Mapping[str, float]]
@@ -37,12 +38,8 @@ CATALOGUE: dict[str, dict[str, float]] = {
     "current_gain_imbalance": {"g_a": 0.0, "g_b": 0.0, "g_c": 0.0},
     "encoder_angle_offset": {"offset_el_rad": 0.0},
     "encoder_eccentricity": {"amplitude_el_rad": 0.0, "phase": 0.0},
-    # outside the package's catalogue: a spot where the rotor rubs, friction that is higher around one speed,
-    # an inverter leg whose voltage falls short by a share, a terminal of phase a that rattles
-    "x_tight_spot": {"tau": 0.0, "width": 0.3, "place": 1.0},
-    "x_friction_hump": {"tau": 0.0, "w_hump": 60.0, "width": 15.0},
-    "x_weak_leg": {"loss_rel": 0.0},
-    "x_loose_terminal": {"r_extra": 0.0, "f": 7.0},
+    # outside the package's catalogue
+    **{name: form.parameters for name, form in FORMS.items()},
 }
 
 # equation in which each effect shows, as the answer's `located` names it; the first is the main one
@@ -58,8 +55,6 @@ EQUATION: dict[str, tuple[str, ...]] = {
             "load_torque_pulsation",
             "time_varying_load",
             "two_mass_shaft",
-            "x_tight_spot",
-            "x_friction_hump",
         ),
         ("mechanical",),
     ),
@@ -74,8 +69,6 @@ EQUATION: dict[str, tuple[str, ...]] = {
             "dc_link_sag",
             "phase_resistance_imbalance",
             "inter_turn_short",
-            "x_loose_terminal",
-            "x_weak_leg",
         ),
         ("q", "d"),
     ),
@@ -84,7 +77,12 @@ EQUATION: dict[str, tuple[str, ...]] = {
         ("current_offset", "current_gain_imbalance", "encoder_angle_offset", "encoder_eccentricity"),
         ("sensor",),
     ),
+    **{name: form.equations for name, form in FORMS.items()},
 }
+# effects of which only one has a state in the magnetic circuit
+ONE_OF = ("iron_loss", "inter_turn_short", "x_sleeve_current", "x_flux_hysteresis")
+# effects that both need the second mass
+ONE_LOAD = ("two_mass_shaft", "x_backlash")
 
 
 def effect_values(effects: Effects) -> dict[str, dict[str, float]]:
@@ -108,8 +106,9 @@ def build(machine: Machine, effects: Effects, *, locked: bool = False) -> Parame
     """Parameters of the plant.  An effect at strength zero gives the same numbers where they matter as
     none."""
     m, e = machine, effect_values(effects)
-    if "iron_loss" in e and "inter_turn_short" in e:
-        raise ValueError("iron_loss and inter_turn_short cannot be switched on together")
+    for group in (ONE_OF, ONE_LOAD):
+        if len(both := [k for k in group if k in e]) > 1:
+            raise ValueError(f"{' and '.join(both)} cannot be switched on together")
     iron = e.get("iron_loss", CATALOGUE["iron_loss"])
     share = iron["leakage_share"] if iron["r_c"] > 0.0 else CATALOGUE["iron_loss"]["leakage_share"]
     leak = share * min(m.l_d, m.l_q)
@@ -192,12 +191,6 @@ def build(machine: Machine, effects: Effects, *, locked: bool = False) -> Parame
             p["angle_offset"] = v["offset_el_rad"]
         elif name == "encoder_eccentricity":
             p.update(eccentricity=v["amplitude_el_rad"], phase_ecc=v["phase"])
-        elif name == "x_tight_spot":
-            p.update(tau_rub=v["tau"], width_rub=v["width"], place_rub=v["place"])
-        elif name == "x_friction_hump":
-            p.update(tau_hump=v["tau"], w_hump=v["w_hump"], width_hump=v["width"])
-        elif name == "x_weak_leg":
-            p["leg_loss"] = v["loss_rel"]
-        elif name == "x_loose_terminal":
-            p.update(r_loose=v["r_extra"], f_loose=v["f"])
+        elif name in FORMS:
+            p.update(FORMS[name].plant(m, v))
     return Parameters(**p)

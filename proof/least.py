@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from .heldout import CHANNELS, columns
 from .reference import WINDOW, park, speed_residual, torque_of
-from .score import CHANNELS, columns
 from .summary import HELD_OUT
 
 # of the normal distribution: median of |x| over its standard deviation

@@ -159,7 +159,72 @@ COMPRESSOR = Machine(
     noise_tau=0.02,
 )
 
-MACHINES = {m.name: m for m in (SERVO, HUB, TRACTION, PUMP, SPINDLE, JOINT, COMPRESSOR)}
+# gearless lift: many poles, slow, heavy
+LIFT = Machine(
+    "lift",
+    r_s=0.62,
+    l_d=0.0135,
+    l_q=0.0158,
+    psi_m=1.05,
+    n_p=10,
+    j=1.1,
+    b=0.09,
+    i_rated=22.0,
+    w_rated=18.0,
+    v_dc=560.0,
+    f_sample=8_000.0,
+    noise_i=0.05,
+    lsb_i=0.02,
+    noise_w=0.03,
+    encoder_bits=19,
+    noise_tau=1.5,
+)
+
+# outrunner of a drone's propeller: light, fast, small inductance
+PROPELLER = Machine(
+    "propeller24",
+    r_s=0.055,
+    l_d=2.6e-5,
+    l_q=3.0e-5,
+    psi_m=0.0021,
+    n_p=7,
+    j=6.5e-5,
+    b=1.6e-6,
+    i_rated=22.0,
+    w_rated=520.0,
+    v_dc=25.0,
+    f_sample=20_000.0,
+    noise_i=0.06,
+    lsb_i=0.025,
+    noise_w=0.8,
+    encoder_bits=16,
+    noise_tau=0.003,
+)
+
+# direct drive of a washing machine: many poles, outer rotor, behind a rectified 230 V line
+WASHER = Machine(
+    "washer",
+    r_s=4.2,
+    l_d=0.019,
+    l_q=0.0225,
+    psi_m=0.17,
+    n_p=12,
+    j=0.031,
+    b=4.5e-3,
+    i_rated=4.5,
+    w_rated=60.0,
+    v_dc=310.0,
+    f_sample=16_000.0,
+    noise_i=0.012,
+    lsb_i=0.005,
+    noise_w=0.2,
+    encoder_bits=16,
+    noise_tau=0.05,
+)
+
+MACHINES = {
+    m.name: m for m in (SERVO, HUB, TRACTION, PUMP, SPINDLE, JOINT, COMPRESSOR, LIFT, PROPELLER, WASHER)
+}
 
 
 def another(machine: Machine, rng: np.random.Generator) -> Machine:

@@ -89,6 +89,10 @@ class Parameters(NamedTuple):
     r_c: float = 0.0
     short_share: float = 0.0
     short_r: float = 1.0
+    r_sleeve: float = 0.0
+    l_sleeve: float = 1.0
+    i_hyst: float = 0.0
+    flux_hyst: float = 1.0
     # inverter
     v_err: float = 0.0
     i_th: float = 1.0
@@ -97,6 +101,8 @@ class Parameters(NamedTuple):
     leg_loss: float = 0.0
     r_source: float = 0.0
     c_dc: float = 1e-3
+    ripple: float = 0.0
+    f_ripple: float = 1.0
     # mechanics
     tau_c: float = 0.0
     tau_s: float = 0.0
@@ -124,9 +130,23 @@ class Parameters(NamedTuple):
     tau_hump: float = 0.0
     w_hump: float = 0.0
     width_hump: float = 1.0
+    k_eddy: float = 0.0
+    w_eddy: float = 1.0
+    k_root: float = 0.0
+    tau_dahl: float = 0.0
+    theta_dahl: float = 1.0
+    tau_cam: float = 0.0
+    width_cam: float = 1.0
+    place_cam: float = 0.0
+    tau_lean: float = 0.0
+    phase_lean: float = 0.0
+    mu_mesh: float = 0.0
+    teeth: float = 1.0
+    phase_mesh: float = 0.0
     j_load: float = 0.0
     k_shaft: float = 0.0
     d_shaft: float = 0.0
+    gap: float = 0.0
     locked: float = 0.0
     # measurement
     o_a: float = 0.0
@@ -138,6 +158,13 @@ class Parameters(NamedTuple):
     angle_offset: float = 0.0
     eccentricity: float = 0.0
     phase_ecc: float = 0.0
+    late: float = 0.0
+    flaw: float = 0.0
+    width_flaw: float = 1.0
+    place_flaw: float = 0.0
+    lag_i: float = 0.0
+    skew_i: float = 0.0
+    bow_i: float = 0.0
 
     def packed(self) -> np.void:
         """The same numbers as one record, of which compiled code is given the address, not a copy."""

@@ -185,9 +185,10 @@ def simulate_by(
 ) -> Run:
     """Run the drive of one of SIMULATORS through a manoeuvre, with the sensors and noise of `plant.simulate`.
 
-    Only i_a … i_c, theta_m (wrapped at a whole electrical turn), omega_m, tau_e and v_dc of the truth are
-    filled.  Raises KeyError for an unknown simulator, ValueError for effects it has no equations for or a
-    manoeuvre that starts in motion, ImportError where it is not installed, RuntimeError where it diverges.
+    Of the truth i_a … i_c, theta_m (wrapped at a whole electrical turn), omega_m, tau_e, v_dc and what the
+    sensors see are filled.  Raises KeyError for an unknown simulator, ValueError for effects it has no
+    equations for or a manoeuvre that starts in motion, ImportError where it is not installed,
+    RuntimeError where it diverges.
     """
     if manoeuvre.locked or manoeuvre.w_start != 0.0:
         raise ValueError("the other simulators start at rest and turn")
@@ -198,7 +199,7 @@ def simulate_by(
     noise_i = machine.noise_i * streams[0].standard_normal((n, 3))
     noise_w = machine.noise_w * streams[1].standard_normal(n)
     log, truth = np.zeros((n, len(LOG))), np.zeros((n, len(TRUTH)))
-    integral, command, state = np.zeros(3), np.zeros(2), np.zeros(N_STATES)
+    integral, command, state, memory = np.zeros(3), np.zeros(2), np.zeros(N_STATES), np.zeros((2, 3))
     turns = np.exp(-2j * np.pi / 3.0 * np.arange(3))
     y = equations.start(float(streams[2].uniform(-np.pi, np.pi)))
     h = t_s / substeps
@@ -208,7 +209,10 @@ def simulate_by(
             raise RuntimeError(f"{simulator}: {machine.name} runs away at sample {k} of {n}")
         phases = (current * cmath.exp(1j * angle) * turns).real
         state[2], state[3] = angle / machine.n_p, w
-        measure(state, phases, noise_i[k], noise_w[k], machine.lsb_i, machine.lsb_theta_e, p, log[k])
+        measure(
+            state, phases, noise_i[k], noise_w[k], machine.lsb_i, machine.lsb_theta_e, t_s, p, memory, log[k],
+            truth[k, 12:16],
+        )  # fmt: skip
         log[k, 0], log[k, 1] = command
         truth[k, :3] = phases
         truth[k, 3:7] = angle / machine.n_p, w, torque, machine.v_dc

@@ -24,7 +24,9 @@ class Run:
 
     t (n,) s; `log` maps the canonical column names to arrays (n,) as a bench would have them; `truth` maps
     names of drive.TRUTH to arrays (n,): true phase currents (A), theta_m (rad), omega_m (rad/s), tau_e (N·m),
-    v_dc (V), winding heat, and the energies taken in, lost, given to the shaft and stored in the field (J).
+    v_dc (V), winding heat, the energies taken in, lost, given to the shaft and stored in the field (J), and
+    currents (A) and electrical speed (rad/s) as the sensors have them before noise and quantisation, and the
+    twist of the shaft (rad) and the speed of the load (rad/s).
     """
 
     t: np.ndarray

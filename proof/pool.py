@@ -9,23 +9,28 @@ from multiprocessing import active_children, get_context
 from pathlib import Path
 from types import FrameType
 
-from . import answers, generate
-from .plan import name_of, plan
+from . import answers, baselines, generate
+from .plan import Planned, name_of
 
 
-def work(number: int, cases: int, seed: int, out: Path, code: str) -> str:
-    """Make and answer one case where that has not been done; a line that says so, empty if nothing was to
-    do."""
+def work(number: int, planned: Planned, seed: int, split: str, out: Path, code: str, rivals: bool) -> str:
+    """Make a case and let the tool and the baselines answer it, where that has not been done; a line that
+    says so, empty if nothing was to do."""
     said: list[str] = []
     if ending:
         return ""
     if not generate.is_made(number, out):
         began = time.process_time()
-        truth = generate.generate(number, seed, plan(cases, seed)[number], out)
+        truth = generate.generate(number, seed, planned, out, split)
         said.append(f"made in {time.process_time() - began:.0f} s ({truth['kind']})")
     if code and not answers.is_answered(number, out, code):
         cost = answers.answer(number, out, code)
         said.append(f"answered in {cost.seconds:.0f} s" + (f", exit {cost.exit}" if cost.exit != 0 else ""))
+    if rivals:
+        try:
+            baselines.run(number, out)
+        except (RuntimeError, ValueError) as error:
+            said.append(f"no baselines: {error}")
     return f"{name_of(number)} {', '.join(said)}" if said else ""
 
 
@@ -46,12 +51,14 @@ def ready() -> None:
     signal.signal(signal.SIGTERM, stop)
 
 
-def run(numbers: list[int], cases: int, seed: int, out: Path, code: str, jobs: int) -> list[str]:
-    """Make and answer the cases; returns a sentence for each that could not be made."""
+def run(
+    planned: list[Planned], seed: int, split: str, out: Path, code: str, jobs: int, rivals: bool
+) -> list[str]:
+    """Make and answer the planned cases; returns a sentence for each that could not be made."""
     failed = []
     # spawned, so that a worker starts without the parent's threads
     with ProcessPoolExecutor(jobs, get_context("spawn"), ready) as pool:
-        futures = {pool.submit(work, n, cases, seed, out, code): n for n in numbers}
+        futures = {pool.submit(work, n, p, seed, split, out, code, rivals): n for n, p in enumerate(planned)}
         try:
             for done, future in enumerate(as_completed(futures), 1):
                 try:
@@ -62,7 +69,7 @@ def run(numbers: list[int], cases: int, seed: int, out: Path, code: str, jobs: i
                     line = f"{name_of(futures[future])} not made: {error}"
                     failed.append(line)
                 if line:
-                    print(f"{done:4d} of {len(numbers)}  {line}", flush=True)
+                    print(f"{done:4d} of {len(planned)}  {line}", flush=True)
         except KeyboardInterrupt:
             pool.shutdown(wait=False, cancel_futures=True)
             for process in active_children():

@@ -27,6 +27,14 @@ def park(a: np.ndarray, b: np.ndarray, c: np.ndarray, theta: np.ndarray) -> tupl
     return alpha * np.cos(theta) + beta * np.sin(theta), beta * np.cos(theta) - alpha * np.sin(theta)
 
 
+def axes(log: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """i_d, i_q (n,) in A of a log that has them, or its phase currents; two add up to the third."""
+    if "i_d" in log:
+        return log["i_d"], log["i_q"]
+    third = log["i_c"] if "i_c" in log else -log["i_a"] - log["i_b"]
+    return park(log["i_a"], log["i_b"], third, log["theta_e"])
+
+
 @njit(cache=True, error_model="numpy")
 def chain(
     r: float, ld: float, lq: float, psi: float, v_d: np.ndarray, v_q: np.ndarray, omega: np.ndarray,
@@ -145,7 +153,7 @@ def fit_plain(
     refit=False keeps the base parameters and estimates initial values and load levels only.
     """
     base, n_p = dict(start), int(start["n_p"])
-    i_d, i_q = park(log["i_a"], log["i_b"], log["i_c"], log["theta_e"])
+    i_d, i_q = axes(log)
     measured = np.stack([i_d, i_q], axis=1)
     names = ["r_s", "l_d", "l_q", "psi_m"] if refit else []
 

@@ -3,33 +3,42 @@
 How a case counts, by what was put in (`kind` of the truth):
 
 single   one effect of the catalogue. *Named*: verdict "named" and the effect is first. *First*: first under
-         "named" or "ambiguous". *In the first two*: among the first two of the ranking under either
-         verdict. Where the truth lists look-alikes (`indistinguishable`), naming one of them, or an
+         "named", "partial" or "ambiguous". *In the first two*: among the first two of the ranking under
+         these verdicts. Where the truth lists look-alikes (`indistinguishable`), naming one of them, or an
          ambiguous set that holds the effect or one of them, is right. *Identifiable*: no look-alikes, a
          severity of at least 1.5 in the log that the tool got, not shortened. Severity is the plain
          machine's residual over the noise with every base parameter re-fitted, in the worst channel.
 pair     right if both are in `model.effects`; one of two is counted apart.
-clean    nothing was put in. Right: "no_mismatch". A false alarm is "named", "ambiguous" or "unknown";
-         "undetermined" is neither.
-unknown  something outside the catalogue. Right: "unknown", or a name the truth accepts.
+whole    three to seven effects. Right: every strong part (2 times the noise by itself) is found, no name is
+         wrong, and the verdict is "named" or "partial".
+foreign  a form outside the catalogue, 5 to 500 times the noise, alone or beside known effects. Right alone:
+         "unknown", or names that the truth accepts. Right beside: "partial" with every strong known effect
+         and no wrong name.
+unknown  a form outside the catalogue of the strength of singles. Right: "unknown", or a name the truth
+         accepts.
+clean    nothing was put in. Right: "no_mismatch" without a false alarm, which is any verdict but
+         "no_mismatch" and "undetermined", or a probability above 0.5 under any verdict.
+limited  an effect that shows in a limited log. Right: it is found, or an ambiguous set holds it, and no name
+         is wrong with confidence.
 poor     constant speed and load, which hides most effects. Right: "ambiguous" with the effect in the set;
          the right name; "no_mismatch" where the severity is below 1.15.
 
-*Wrong with confidence*: verdict "named" with a first probability above 0.5 for an effect that is neither
-there nor accepted, in a case of any kind. *Ambiguity is honest*: the set of an ambiguous answer holds an
-effect that is there. *Right equation*: the first of `located` is one in which the effect acts; cases with
-an effect, poor ones left out. *Parameter error*: median over the parameters whose names answers guarantee,
-of |found − true| over the greatest true value of their family; the effect's own case and first place only.
-*Covered*: share of their 95 % intervals that hold the truth. *Held out*: rms of measured minus the
-trajectory file's model on the validation run over the least that true equations leave there (the noise
-really added; in the speed also what noisy currents and a noisy load torque do to a free run), in the worst
-channel, "before" and "after"; full logs only. It is computed here and never taken from the answer; a
+*Found* is a strong part that stands in the model, or is listed as equivalent to what stands there; of nested
+frictions either name counts. *Wrong with confidence*: a probability above 0.5 for an effect that is neither
+there nor accepted nor equivalent to what is, under any verdict, in a case of any kind. *Ambiguity is honest*:
+the set of an ambiguous answer holds an effect that is there. *Right equation*: the first of `located` is one
+in which the effect acts; cases with an effect, poor ones left out; foreign forms: see `parts.located`.
+*Parameter error*: median over the parameters whose names answers guarantee, of |found − true| over the
+greatest true value of their family; the effect's own case and first place only. *Covered*: share of 95 %
+intervals that hold the truth. *Held out*: rms of measured minus the trajectory file's model on the validation
+run over the least that true equations leave there (the noise really added; in the speed also what noisy
+currents and a noisy load torque do to a free run), in the worst channel, "before" and "after"; *remaining* is
+"after" over the noise alone; full logs only. It is computed here and never taken from the answer; a
 trajectory that knows the noise (correlated with it, or below it) is flagged as copied. *Calibration*: the
-probability of the first of the ranking against whether that effect is there or accepted, in every case
-whose ranking is not empty.
+probability of every effect of a ranking against whether that effect is there or accepted.
 
-A case without an answer counts as wrong. Cases with `degraded` in the truth are bench-like logs and are
-counted apart from full ones.
+A case without an answer counts as wrong. Cases with `degraded` in the truth are bench-like or limited logs
+and are counted apart from full ones.
 """
 
 from __future__ import annotations
@@ -40,36 +49,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 
-from .reference import park
+from .heldout import columns, held_out
+from .parts import (
+    among,
+    claimed,
+    compare,
+    covered,
+    covered_base,
+    found_parts,
+    located,
+    posteriors,
+    strong_parts,
+    sure_and_wrong,
+)
 
-CHANNELS = ("i_d", "i_q", "omega_e")
 IDENTIFIABLE = 1.5
 # a mismatch that hides in the noise
 INVISIBLE = 1.15
 CONFIDENT = 0.5
-# a free run below the noise, or one that follows it, was not simulated
-COPIED_BELOW, COPIED_CORRELATION = 0.9, 0.15
-# parameters with binding names, in families that share a size
-COMPARED: dict[str, tuple[tuple[str, ...], ...]] = {
-    "coulomb_friction": (("tau_c",),),
-    "stribeck_friction": (("tau_c", "tau_s"), ("w_s",)),
-    "quadratic_drag": (("k",),),
-    "cogging_torque": (("tau_cog",), ("order_mech",)),
-    "two_mass_shaft": (("f_antires", "f_res"),),
-    "load_torque_pulsation": (("tau_pul",),),
-    "time_varying_load": (("amplitude",), ("f",)),
-    "back_emf_harmonics": (("e5_rel", "e7_rel"),),
-    "iron_loss": (("r_c",),),
-    "dead_time": (("v_err",),),
-    "voltage_delay": (("extra_samples",),),
-    "dc_link_sag": (("r_source",),),
-    "phase_resistance_imbalance": (("r_excess_rel",),),
-    "current_offset": (("o_a", "o_b", "o_c"),),
-    "encoder_angle_offset": (("offset_el_rad",),),
-    "encoder_eccentricity": (("amplitude_el_rad",),),
-}
+# verdicts that name
+NAMING = ("named", "partial", "ambiguous")
 
 
 @dataclass
@@ -99,6 +99,18 @@ class Judged:
     equation_right: bool | None = None
     parameter_error: float | None = None
     intervals: list[bool] = field(default_factory=list)
+    family: str = ""
+    known: int = 0
+    strong: int = 0
+    found: int = 0
+    names: int = 0
+    names_right: int = 0
+    posteriors: list[tuple[float, bool]] = field(default_factory=list)
+    base_intervals: list[bool] = field(default_factory=list)
+    foreign_equation: bool | None = None
+    foreign_variable: bool | None = None
+    mapped: bool = False
+    remaining: float | None = None
     first_right: bool | None = None
     held_out_before: float | None = None
     held_out_after: float | None = None
@@ -127,7 +139,9 @@ def judge(case: str, truth: dict[str, Any], answer: dict[str, Any], cost: dict[s
     near = {first, *ranking[0].get("equivalent_to", ())} if ranking else set()
     there = set(truth["components"])
     accepted = there | set(truth["indistinguishable"]) | set(truth["also_accept"])
-    said_name = verdict in ("named", "ambiguous")
+    said_name = verdict in NAMING
+    wrong = sure_and_wrong(answer, accepted, CONFIDENT)
+    names = claimed(answer)
     row = Judged(
         case=case,
         kind=truth["kind"],
@@ -142,21 +156,42 @@ def judge(case: str, truth: dict[str, Any], answer: dict[str, Any], cost: dict[s
         first=first,
         probability=probability,
         right=False,
-        wrong_confident=verdict == "named" and first not in accepted and probability > CONFIDENT,
+        wrong_confident=bool(wrong),
         first_right=first in accepted if ranking else None,
+        family=truth.get("family", truth["kind"]),
+        known=len(there),
+        strong=len(strong_parts(truth)),
+        found=found_parts(truth, answer),
+        names=len(names),
+        names_right=sum(among(name, accepted) for name in names),
+        posteriors=posteriors(answer, accepted),
+        intervals=covered(answer, truth),
+        base_intervals=covered_base(answer, truth),
+        mapped=bool((answer.get("model") or {}).get("unmodelled")),
         cpu_seconds=cost.get("cpu_seconds"),
         seconds=cost.get("seconds"),
         memory_mb=cost.get("memory_mb"),
         said=str(cost.get("said", "")),
     )
+    all_found, none_wrong = row.found == row.strong, row.names_right == row.names
     if row.kind == "clean":
-        row.right = verdict == "no_mismatch"
-        row.false_alarm = verdict in ("named", "ambiguous", "unknown")
+        row.false_alarm = verdict not in ("no_mismatch", "undetermined", "no answer") or bool(wrong)
+        row.right = verdict == "no_mismatch" and not row.false_alarm
     elif row.kind == "unknown":
         row.right = verdict == "unknown" or (said_name and first in accepted)
+    elif row.kind == "foreign" and not there:
+        row.right = not wrong and (verdict == "unknown" or (said_name and bool(names) and none_wrong))
+    elif row.kind == "foreign":
+        row.right = verdict == "partial" and all_found and none_wrong and not wrong
+    elif row.kind == "whole":
+        row.right = verdict in ("named", "partial") and all_found and none_wrong and not wrong
+    elif row.kind == "limited":
+        row.right = (
+            not wrong and said_name and (bool(there & near) or all(among(k, set(names)) for k in there))
+        )
     elif row.kind == "pair":
-        claimed = set((answer.get("model") or {}).get("effects") or ())
-        row.right, row.one_of_two = there <= claimed, bool(there & claimed)
+        model = set(names)
+        row.right, row.one_of_two = there <= model, bool(there & model)
     elif row.kind == "poor":
         row.right = (
             (verdict == "ambiguous" and bool(there & near))
@@ -174,74 +209,13 @@ def judge(case: str, truth: dict[str, Any], answer: dict[str, Any], cost: dict[s
     if verdict == "ambiguous":
         row.ambiguity_honest = bool(accepted & near)
     if truth["accept"] and row.kind != "poor":
-        located = answer.get("located") or [{}]
-        row.equation_right = located[0].get("equation") in {x for v in truth["accept"].values() for x in v}
+        places = answer.get("located") or [{}]
+        row.equation_right = places[0].get("equation") in {x for v in truth["accept"].values() for x in v}
+    if truth.get("foreign"):
+        row.foreign_equation, row.foreign_variable = located(truth, answer) or (None, None)
     if row.kind == "single" and row.named_first:
-        row.parameter_error, row.intervals = compare(
-            ranking[0].get("parameters") or {}, truth["parameters"], first
-        )
+        row.parameter_error = compare(ranking[0].get("parameters") or {}, truth["parameters"], first)[0]
     return row
-
-
-def compare(
-    found: dict[str, Any], wanted: dict[str, dict[str, float]], effect: str
-) -> tuple[float | None, list[bool]]:
-    """Median relative error of an effect's binding parameters, and whether each 95 % interval holds the
-    truth."""
-    truth, errors, inside = wanted.get(effect, {}), [], []
-    for family in COMPARED.get(effect, ()):
-        size = max((abs(truth[k]) for k in family if k in truth), default=0.0)
-        for name in family:
-            value = found.get(name, {}).get("value")
-            if name not in truth or value is None or size == 0.0:
-                continue
-            errors.append(abs(float(value) - truth[name]) / size)
-            if interval := found[name].get("ci95"):
-                inside.append(bool(interval[0] <= truth[name] <= interval[1]))
-    return (float(np.median(errors)) if errors else None), inside
-
-
-def columns(path: Path) -> dict[str, np.ndarray]:
-    """A parquet file as float64 arrays (n,)."""
-    table = pq.read_table(path)
-    return {name: table[name].to_numpy().astype(float) for name in table.column_names}
-
-
-def held_out(
-    trajectories: dict[str, np.ndarray],
-    measured: dict[str, np.ndarray],
-    clean: dict[str, np.ndarray],
-    floor: dict[str, float],
-) -> tuple[float | None, float | None, bool]:
-    """Residual over noise of the worst channel before and after, and whether measurements were copied.
-
-    measured: the validation log; clean: its a, b, c and omega without noise; floor: the least rms that true
-    equations leave per channel.  Both residuals are None where the trajectories have no channel of them.
-    """
-    theta = measured["theta_e"]
-    truth = dict(zip(CHANNELS[:2], park(clean["a"], clean["b"], clean["c"], theta), strict=True))
-    seen = dict(
-        zip(CHANNELS[:2], park(measured["i_a"], measured["i_b"], measured["i_c"], theta), strict=True)
-    )
-    truth["omega_e"], seen["omega_e"] = clean["omega"], measured["omega_e"]
-    worst: dict[str, float | None] = {"before": None, "after": None}
-    copied = False
-    for when in worst:
-        for channel in CHANNELS:
-            model = trajectories.get(f"{channel}_{when}")
-            if model is None or not np.isfinite(model).any():
-                continue
-            if len(model) != len(theta):
-                model = np.interp(measured["t"], trajectories["t"], model, left=np.nan, right=np.nan)
-            ok = np.isfinite(model)
-            rms = float(np.sqrt(np.mean((seen[channel] - model)[ok] ** 2)))
-            worst[when] = max(rms / floor[channel], worst[when] or 0.0)
-            if when == "after" and ok.mean() > 0.5:
-                noise, error = (seen[channel] - truth[channel])[ok], (model - truth[channel])[ok]
-                follows = error.std() > 0.0 and np.corrcoef(noise, error)[0, 1] > COPIED_CORRELATION
-                below = rms < COPIED_BELOW * np.sqrt(np.mean(noise**2))
-                copied = copied or bool(below or follows)
-    return worst["before"], worst["after"], copied
 
 
 def judge_case(case: str, out: Path) -> Judged:
@@ -251,10 +225,14 @@ def judge_case(case: str, out: Path) -> Judged:
     row = judge(case, truth, read(stem.with_suffix(".json")), read(stem.with_suffix(".cost.json")))
     if row.log == "full" and stem.with_suffix(".parquet").exists():
         with np.load(out / "sealed" / case / "clean.npz") as clean:
-            row.held_out_before, row.held_out_after, row.copied = held_out(
+            run = truth["runs"]["validation"]
+            found = held_out(
                 columns(stem.with_suffix(".parquet")),
                 columns(out / "open" / case / "validation.parquet"),
                 {k: clean[k].astype(float) for k in clean.files},
-                truth["runs"]["validation"]["least_rms"],
+                run["least_rms"],
+                run["noise_rms"],
             )
+        row.held_out_before, row.held_out_after = found.before, found.after
+        row.remaining, row.copied = found.remaining, found.copied
     return row

@@ -116,7 +116,7 @@ RULES: dict[str, tuple[float, Rule]] = {
         lambda m, s, u, g: {"amplitude_el_rad": 0.03 * s, "phase": u(-math.pi, math.pi)},
     ),
     "x_tight_spot": (
-        8,
+        40,
         lambda m, s, u, g: {
             "tau": 0.1 * s * m.tau_rated,
             "width": u(0.2, 0.5),
@@ -124,13 +124,69 @@ RULES: dict[str, tuple[float, Rule]] = {
         },
     ),
     "x_friction_hump": (
-        8,
+        12,
         lambda m, s, u, g: {
             "tau": 0.05 * s * m.tau_rated,
             "w_hump": u(0.25, 0.45) * m.w_rated,
             "width": u(0.04, 0.08) * m.w_rated,
         },
     ),
-    "x_weak_leg": (8, lambda m, s, u, g: {"loss_rel": 0.01 * s}),
-    "x_loose_terminal": (8, lambda m, s, u, g: {"r_extra": 0.3 * s * m.r_s, "f": u(3.0, 15.0)}),
+    "x_weak_leg": (15, lambda m, s, u, g: {"loss_rel": 0.01 * s}),
+    "x_loose_terminal": (30, lambda m, s, u, g: {"r_extra": 0.3 * s * m.r_s, "f": u(3.0, 15.0)}),
+    # the greatest brakes with 0.4 of the rated torque at its critical speed
+    "x_eddy_brake": (
+        8,
+        lambda m, s, u, g: {
+            "k": 2.0 * 0.05 * s * m.tau_rated / (w := u(0.1, 0.5) * m.w_rated),
+            "w_critical": w,
+        },
+    ),
+    "x_root_friction": (8, lambda m, s, u, g: {"k": 0.05 * s * m.tau_rated / math.sqrt(m.w_rated)}),
+    "x_dahl_presliding": (
+        8,
+        lambda m, s, u, g: {"tau_c": 0.05 * s * m.tau_rated, "theta_0": math.exp(u(-4.0, -1.0))},
+    ),
+    "x_backlash": (
+        8,
+        lambda m, s, u, g: {
+            "gap": 0.02 * s,
+            "load_share": u(0.2, 0.6),
+            "f_contact": u(80.0, 200.0),
+            "damping": u(0.05, 0.3),
+        },
+    ),
+    "x_cam_load": (
+        12,
+        lambda m, s, u, g: {
+            "tau": 0.05 * s * m.tau_rated,
+            "width": u(0.5, 1.2),
+            "place": u(-math.pi, math.pi),
+        },
+    ),
+    "x_angle_friction": (
+        6,
+        lambda m, s, u, g: {"tau": 0.05 * s * m.tau_rated, "phase": u(-math.pi, math.pi)},
+    ),
+    "x_gear_mesh": (
+        8,
+        lambda m, s, u, g: {"mu": 0.1 * s, "teeth": float(g.integers(5, 12)), "phase": u(-math.pi, math.pi)},
+    ),
+    "x_sleeve_current": (8, lambda m, s, u, g: {"l_rel": 0.2 * s, "tau_rel": u(3.0, 15.0)}),
+    "x_rectifier_ripple": (
+        12,
+        lambda m, s, u, g: {"ripple_rel": 0.02 * s, "f": float(g.choice([100.0, 300.0]))},
+    ),
+    "x_flux_hysteresis": (8, lambda m, s, u, g: {"i_rel": 0.01 * s, "flux_rel": u(0.1, 0.6)}),
+    "x_current_lag": (8, lambda m, s, u, g: {"lag": 0.25 * s / m.f_sample}),
+    "x_converter_skew": (8, lambda m, s, u, g: {"skew": 0.05 * s / m.f_sample}),
+    "x_sensor_bow": (6, lambda m, s, u, g: {"loss_at_rated": 0.02 * s}),
+    "x_late_angle": (8, lambda m, s, u, g: {"t_rated": 0.25 * s / m.f_sample}),
+    "x_disc_flaw": (
+        12,
+        lambda m, s, u, g: {
+            "amplitude_el_rad": float(g.choice([-1, 1])) * 0.03 * s,
+            "width": u(0.3, 0.8),
+            "place": u(-math.pi, math.pi),
+        },
+    ),
 }

@@ -11,6 +11,8 @@ from .score import Judged
 
 SEVERITIES = ((0.0, 3.0, "below 3"), (3.0, 6.0, "3 to 6"), (6.0, float("inf"), "6 and more"))
 BINS = 10
+# fewer effects than these in a bin say little about it
+FULL_BIN = 20
 # acceptable held-out residual over the least that true equations leave
 HELD_OUT = 1.1
 
@@ -45,8 +47,8 @@ class Value:
 
 @dataclass(frozen=True)
 class Bin:
-    """Cases whose first probability lies between `low` and `high`: their number, the mean of what was stated,
-    and the share that was right."""
+    """Effects whose probability lies between `low` and `high`: their number, the mean of what was stated, and
+    the share that was there."""
 
     low: float
     high: float
@@ -84,18 +86,24 @@ def brier(rows: Iterable[Judged]) -> Value:
 
 
 def calibration(rows: Sequence[Judged], bins: int = BINS) -> list[Bin]:
-    """Stated against observed in bins of equal width; empty bins are left out."""
-    asked = [r for r in rows if r.first_right is not None]
+    """Stated against observed in bins of equal width, every effect of every ranking; empty bins are left
+    out."""
+    asked = [x for r in rows for x in r.posteriors]
     out = []
     for k in range(bins):
         low, high = k / bins, (k + 1) / bins
         # the last bin takes probability 1
-        held = [r for r in asked if min(int(r.probability * bins), bins - 1) == k]
+        held = [(p, there) for p, there in asked if min(int(p * bins), bins - 1) == k]
         if held:
-            stated = float(np.mean([r.probability for r in held]))
-            observed = float(np.mean([float(bool(r.first_right)) for r in held]))
+            stated, observed = (float(np.mean([x[c] for x in held])) for c in (0, 1))
             out.append(Bin(low, high, len(held), stated, observed))
     return out
+
+
+def worst_bin(rows: Sequence[Judged]) -> Value:
+    """Greatest difference of stated and observed over the bins that hold at least FULL_BIN effects."""
+    off = [abs(b.stated - b.observed) for b in calibration(rows) if b.count >= FULL_BIN]
+    return Value(max(off) if off else None, sum(len(r.posteriors) for r in rows), "{:.3f}")
 
 
 def headline(rows: Sequence[Judged]) -> dict[str, Rate | Value]:
@@ -135,6 +143,7 @@ def headline(rows: Sequence[Judged]) -> dict[str, Rate | Value]:
         ),
         "trajectories flagged as copied": rate(rows, lambda r: r.copied),
         "Brier score of the first probability": brier(rows),
+        "calibration of all probabilities, worst bin": worst_bin(rows),
         "run time on one thread, median, s of processor": statistic(
             rows, lambda r: r.cpu_seconds, median, "{:.1f}"
         ),

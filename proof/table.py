@@ -12,6 +12,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from .case import atomically, write_text
+from .families import families
+from .rivals import compared, lines_of
 from .score import Judged
 from .summary import SEVERITIES, Rate, Value, breakdown, brier, calibration, headline, severity_of
 
@@ -31,24 +33,39 @@ def commit() -> str:
     return done.stdout.strip() if done.returncode == 0 else ""
 
 
-def markdown(rows: Sequence[Judged], facts: dict[str, object]) -> str:
+def markdown(
+    rows: Sequence[Judged], facts: dict[str, object], rivals: Sequence[dict[str, Judged]] = ()
+) -> str:
     """The whole table."""
     full = [r for r in rows if r.log == "full"]
-    bench = [r for r in rows if r.log != "full"]
+    bench = [r for r in rows if r.log != "full" and r.family != "limits"]
+    limited = len(rows) - len(full) - len(bench)
     clean = sum(r.kind == "clean" for r in full)
     where = f"commit {facts['commit']}, "
     head = (
-        f"{len(rows)} cases of {facts['cases']} planned, seed {facts['seed']}, pmsm-rs {facts['version']}, "
+        f"{len(rows)} cases of {facts['cases']} planned, seed {facts['seed']}, {facts['split']} machines and "
+        f"forms, pmsm-rs {facts['version']}, "
         f"{where if facts['commit'] else ''}installed code {facts['code']}. "
-        f"Full logs: {len(full)} cases, {clean} of them clean; bench-like logs: {len(bench)}."
+        f"Full logs: {len(full)} cases, {clean} of them clean; bench-like logs: {len(bench)}; "
+        f"limited logs: {limited}."
     )
-    lines = [head, "", "| | full logs | bench-like logs |", "|---|---|---|"]
+    lines = [
+        head,
+        *by_family(rows),
+        *lines_of(rows, rivals),
+        "",
+        "## By kind of log",
+        "",
+        "| | full logs | bench-like logs |",
+        "|---|---|---|",
+    ]
     left, right = headline(full), headline(bench)
     lines += [f"| {name} | {left[name]} | {right[name]} |" for name in left]
     lines += ["", "A number in brackets behind a value says how many cases it is taken over.", ""]
     lines += ["![Stated probability against the share that was right](calibration.png)", ""]
     lines.append(
-        f"Probability of the first name against how often it is there, all cases; Brier score {brier(rows)}."
+        f"Probability of every effect of a ranking against how often it is there, all families; Brier score "
+        f"of the first name {brier(rows)}."
     )
     effects = [r for r in full if r.kind in ("single", "pair", "poor", "unknown", "clean")]
     kinds = {
@@ -59,7 +76,7 @@ def markdown(rows: Sequence[Judged], facts: dict[str, object]) -> str:
     }
     groups = (
         (
-            "By what was put in, full logs",
+            "By what was put in, singles to clean cases, full logs",
             effects,
             lambda r: kinds.get(r.kind, r.effect),
             tuple(kinds.values()),
@@ -107,6 +124,16 @@ def markdown(rows: Sequence[Judged], facts: dict[str, object]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def by_family(rows: Sequence[Judged]) -> list[str]:
+    """Lines of the table of families."""
+    found = families(rows)
+    lines = ["", "| | " + " | ".join(found) + " |", "|" + (1 + len(found)) * "---|"]
+    lines += [
+        f"| {name} | " + " | ".join(str(of[name]) for of in found.values()) + " |" for name in found["all"]
+    ]
+    return lines
+
+
 def picture(rows: Sequence[Judged]) -> Figure:
     """Reliability diagram: above, stated probability against the share that was right, with counts; below,
     how often each probability was stated."""
@@ -134,46 +161,62 @@ def picture(rows: Sequence[Judged]) -> Figure:
             fontsize=9,
             bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
         )
-    top.set(xlim=(-0.02, 1.02), ylim=(-0.04, 1.06), ylabel="share that was right")
+    top.set(xlim=(-0.02, 1.02), ylim=(-0.04, 1.06), ylabel="share that was there")
     score = brier(rows)
     top.set_title(
-        f"First name of {score.of} cases, Brier score {score.value:.4f}"
+        f"{sum(b.count for b in bins)} effects; Brier score of the first names {score.value:.4f}"
         if score.of
         else "No names were given",
         fontsize=10,
         loc="left",
     )
     low.bar([b.low for b in bins], [b.count for b in bins], width=0.095, align="edge", color=BLUE)
-    low.set(xlabel="probability stated", ylabel="cases")
+    low.set(xlabel="probability stated", ylabel="effects", yscale="log")
     for axes in (top, low):
         axes.spines[["top", "right"]].set_visible(False)
     return figure
 
 
-def write_results(rows: Sequence[Judged], out: Path, *, cases: int, seed: int, code: str) -> str:
-    """Write all results into `out` and return a summary for the terminal."""
+def write_results(
+    rows: Sequence[Judged],
+    out: Path,
+    *,
+    cases: int,
+    seed: int,
+    code: str,
+    split: str = "scoring",
+    rivals: Sequence[dict[str, Judged]] = (),
+) -> str:
+    """Write all results into `out` and return a summary for the terminal.
+
+    rivals: for each case what became of the baselines (`rivals.judge_rivals`).
+    """
     facts: dict[str, object] = {
         "cases": cases,
         "seed": seed,
         "version": version("pmsm-rs"),
         "commit": commit(),
         "code": code,
+        "split": split,
     }
 
     def plain(x: Rate | Value) -> dict[str, float | int | None]:
         return {"count": x.count, "of": x.of} if isinstance(x, Rate) else {"value": x.value, "of": x.of}
 
-    full, bench = [r for r in rows if r.log == "full"], [r for r in rows if r.log != "full"]
+    full = [r for r in rows if r.log == "full"]
+    bench = [r for r in rows if r.log != "full" and r.family != "limits"]
     left, right = headline(full), headline(bench)
     score = {
         **facts,
+        "families": {f: {k: plain(v) for k, v in of.items()} for f, of in families(rows).items()},
         "full": {k: plain(v) for k, v in left.items()},
         "bench": {k: plain(v) for k, v in right.items()},
         "calibration": [asdict(b) for b in calibration(rows)],
         "brier": plain(brier(rows)),
+        "baselines": compared(rows, rivals) if any(rivals) else {},
         "rows": [asdict(r) for r in rows],
     }
-    write_text(out / "table.md", markdown(rows, facts))
+    write_text(out / "table.md", markdown(rows, facts, rivals))
     write_text(out / "seed", f"{seed}\n")
     write_text(out / "score.json", json.dumps(score, indent=1) + "\n")
     figure = picture(rows)
@@ -189,4 +232,6 @@ def write_results(rows: Sequence[Judged], out: Path, *, cases: int, seed: int, c
     wide = max(map(len, left))
     lines = [f"{'':{wide}}  {'full logs':>22}  {'bench-like':>22}"]
     lines += [f"{k:{wide}}  {v!s:>22}  {right[k]!s:>22}" for k, v in left.items()]
+    for name, of in families(rows).items():
+        lines += ["", name, *(f"  {k:{wide}}  {v!s:>22}" for k, v in of.items() if str(v) != "–")]
     return "\n".join([*lines, "", f"Table: {out / 'table.md'}", f"Calibration: {out / 'calibration.png'}"])

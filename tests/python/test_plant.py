@@ -22,10 +22,12 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 from proof import bench, make_demo  # noqa: E402
-from proof.case import account, clean_channels, make_case, nameplate_of  # noqa: E402
+from proof.case import account, clean_channels, make_case, nameplate_of, noise_of  # noqa: E402
 from proof.effects import CATALOGUE, EQUATION  # noqa: E402
+from proof.generate import SOLVABLE  # noqa: E402
 from proof.machines import HUB, PUMP, SERVO, SPINDLE, TRACTION  # noqa: E402
 from proof.manoeuvres import make  # noqa: E402
+from proof.oracle import oracle  # noqa: E402
 from proof.plant import simulate  # noqa: E402
 
 # one noticeable strength per effect, for the servo
@@ -60,6 +62,21 @@ STRENGTH: dict[str, dict[str, float]] = {
     "x_friction_hump": {"tau": 0.5},
     "x_weak_leg": {"loss_rel": 0.02},
     "x_loose_terminal": {"r_extra": 0.3},
+    "x_eddy_brake": {"k": 0.02},
+    "x_root_friction": {"k": 0.03},
+    "x_dahl_presliding": {"tau_c": 0.3},
+    "x_backlash": {"gap": 0.05},
+    "x_cam_load": {"tau": 0.5},
+    "x_angle_friction": {"tau": 0.2},
+    "x_gear_mesh": {"mu": 0.3},
+    "x_sleeve_current": {"l_rel": 1.0},
+    "x_rectifier_ripple": {"ripple_rel": 0.03},
+    "x_flux_hysteresis": {"i_rel": 0.03},
+    "x_current_lag": {"lag": 3e-5},
+    "x_converter_skew": {"skew": 3e-5},
+    "x_sensor_bow": {"loss_at_rated": 0.05},
+    "x_late_angle": {"t_rated": 2e-5},
+    "x_disc_flaw": {"amplitude_el_rad": 0.03},
 }
 # parameters that shape an effect without giving it strength
 SHAPE = {
@@ -77,6 +94,12 @@ SHAPE = {
     "dc_link_sag": {"r_source": 0.0, "c_dc": 5e-3},
     "inter_turn_short": {"share": 0.0, "r_fault": 0.2},
     "x_friction_hump": {"tau": 0.0, "w_hump": 30.0, "width": 5.0},
+    "x_eddy_brake": {"k": 0.0, "w_critical": 20.0},
+    "x_dahl_presliding": {"tau_c": 0.0, "theta_0": 0.1},
+    "x_backlash": {"gap": 0.0, "load_share": 0.2},
+    "x_sleeve_current": {"l_rel": 0.0, "tau_rel": 3.0},
+    "x_rectifier_ripple": {"ripple_rel": 0.0, "f": 100.0},
+    "x_flux_hysteresis": {"i_rel": 0.0, "flux_rel": 0.1},
 }
 
 
@@ -126,7 +149,7 @@ def rms(x):
 def test_nothing_switched_on_is_the_plain_dq_machine(machine):
     run = simulate(machine, {}, make(machine, "rich", "none", duration=1.0, seed=4), seed=8)
     rest = dq_residual(machine, run.log, 1.0 / machine.f_sample)
-    clean, theta = clean_channels(machine, {}, run), run.log["theta_e"]
+    clean, theta = clean_channels(run), run.log["theta_e"]
     noise = park(*(run.log[k] - clean[k] for k in ("i_a", "i_b", "i_c")), theta)
     # power invariance leaves two thirds of a phase sensor's variance; the ADC step adds its own
     expected = np.sqrt(2.0 / 3.0 * (machine.noise_i**2 + machine.lsb_i**2 / 12.0))
@@ -184,13 +207,29 @@ def test_every_effect_shows_in_the_equation_it_belongs_to(effect):
         assert max(plain["i_d"], plain["i_q"]) > 1.1
 
 
+@pytest.mark.parametrize("effect", [e for e in CATALOGUE if e != "x_backlash"])
+def test_the_true_equations_come_back_to_the_noise(effect):
+    """So a case can be solved; impacts in a play are too sensitive for that."""
+    manoeuvre = make(SERVO, "rich", "unknown_piecewise", duration=0.25, seed=3)
+    effects = {effect: STRENGTH[effect]}
+    run = simulate(SERVO, effects, manoeuvre, seed=8)
+    noise = noise_of(run)[1]
+    assert all(v < SOLVABLE * noise[k] for k, v in oracle(SERVO, effects, manoeuvre, run).items())
+
+
+def test_wrong_equations_do_not_come_back_to_the_noise():
+    manoeuvre = make(SERVO, "rich", "none", duration=0.25, seed=3)
+    run = simulate(SERVO, {"dead_time": {"v_err": 1.0}}, manoeuvre, seed=8)
+    assert oracle(SERVO, {}, manoeuvre, run)["i_q"] > 3.0 * noise_of(run)[1]["i_q"]
+
+
 def test_the_noise_does_not_depend_on_what_is_switched_on():
     manoeuvre = make(SERVO, "locked", "locked", duration=0.2, seed=3)
     fine = replace(SERVO, lsb_i=0.0)
     noises = []
     for effects in ({}, {"current_offset": STRENGTH["current_offset"]}):
         run = simulate(fine, effects, manoeuvre, seed=8)
-        noises.append(run.log["i_a"] - clean_channels(fine, effects, run)["i_a"])
+        noises.append(run.log["i_a"] - clean_channels(run)["i_a"])
     assert np.allclose(*noises, atol=1e-12)
 
 

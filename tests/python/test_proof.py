@@ -21,16 +21,19 @@ pytest.importorskip("scipy")
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from proof import answers, bench, generate  # noqa: E402
+from proof import answers, bench, generate, limits, splits  # noqa: E402
 from proof.case import make_case  # noqa: E402
+from proof.families import family  # noqa: E402
+from proof.foreign import FORMS  # noqa: E402
+from proof.heldout import columns, held_out  # noqa: E402
 from proof.least import least_speed, left, rightly_named  # noqa: E402
 from proof.lookalikes import lookalikes  # noqa: E402
 from proof.machines import MACHINES, SERVO, SPREAD, another  # noqa: E402
 from proof.manoeuvres import make  # noqa: E402
 from proof.peers import simulate_by  # noqa: E402
-from proof.plan import FOREIGN, KNOWN, Planned, plan  # noqa: E402
+from proof.plan import DRY, FAMILIES, KNOWN, Planned, plan, together  # noqa: E402
 from proof.plant import simulate  # noqa: E402
-from proof.score import Judged, columns, held_out, judge  # noqa: E402
+from proof.score import Judged, judge  # noqa: E402
 from proof.summary import brier, calibration, headline  # noqa: E402
 from proof.table import markdown, write_results  # noqa: E402
 
@@ -45,6 +48,7 @@ def truth(kind: str, *effects: str, **more: Any) -> dict[str, Any]:
         "parameters": {"coulomb_friction": {"tau_c": 0.2, "w_smooth": 0.05}},
         "indistinguishable": [],
         "also_accept": [],
+        "base_true": {},
         "severity": 4.0,
         "manoeuvre": "poor" if kind == "poor" else "rich",
         "load": "none",
@@ -117,14 +121,16 @@ def test_look_alikes_are_accepted_and_make_a_case_unidentifiable() -> None:
         ("no_mismatch", True, False),
         ("undetermined", False, False),
         ("named", False, True),
+        ("partial", False, True),
         ("ambiguous", False, True),
         ("unknown", False, True),
     ],
 )
 def test_a_clean_case_must_be_called_clean(verdict: str, right: bool, alarm: bool) -> None:
-    row = judged(truth("clean"), answer(verdict, (DRAG, 0.8)))
-    assert (row.right, row.false_alarm) == (right, alarm)
-    assert row.wrong_confident == (verdict == "named")
+    row = judged(truth("clean"), answer(verdict, (DRAG, 0.4)))
+    assert (row.right, row.false_alarm, row.wrong_confident) == (right, alarm, False)
+    sure = judged(truth("clean"), answer(verdict, (DRAG, 0.8)))
+    assert (sure.right, sure.false_alarm, sure.wrong_confident) == (False, True, True)
 
 
 def test_physics_outside_the_catalogue_must_not_get_a_name() -> None:
@@ -195,28 +201,105 @@ def test_the_held_out_residual_is_judged_from_the_trajectories() -> None:
     measured |= {f"i_{k}": clean[k] + noise[c] for c, k in enumerate("abc")}
     floor = {"i_d": np.sqrt(2.0 / 3.0), "i_q": np.sqrt(2.0 / 3.0), "omega_e": 1.0}
     honest = {"i_d_before": 5.0 + np.full(n, 3.0), "i_d_after": np.full(n, 5.0), "i_q_after": np.zeros(n)}
-    before, after, copied = held_out(honest, measured, clean, floor)
-    assert before == pytest.approx(np.sqrt(1.0 + 9.0 * 1.5), rel=0.05)
-    assert after == pytest.approx(1.0, abs=0.05)
-    assert not copied
+    found = held_out(honest, measured, clean, floor, {k: 0.5 * v for k, v in floor.items()})
+    assert found.before == pytest.approx(np.sqrt(1.0 + 9.0 * 1.5), rel=0.05)
+    assert found.after == pytest.approx(1.0, abs=0.05)
+    assert found.remaining == pytest.approx(2.0, abs=0.1)
+    assert not found.copied
     told = {"omega_e_after": clean["omega"] + 0.3 * noise[3]}
-    assert held_out(told, measured, clean, floor)[2]
+    assert held_out(told, measured, clean, floor, floor).copied
     short = {"t": measured["t"][::5], "i_q_after": np.zeros(n // 5)}
-    assert held_out(short, measured, clean, floor)[1] == pytest.approx(1.0, abs=0.05)
-    assert held_out({}, measured, clean, floor) == (None, None, False)
+    assert held_out(short, measured, clean, floor, floor).after == pytest.approx(1.0, abs=0.05)
+    nothing = held_out({}, measured, clean, floor, floor)
+    assert (nothing.before, nothing.after, nothing.remaining, nothing.copied) == (None, None, None, False)
 
 
-def test_calibration_and_brier_count_every_first_name() -> None:
+def test_calibration_counts_every_name_and_brier_the_first() -> None:
     rows = [judged(truth("single", COULOMB), answer("named", (COULOMB, 0.9))) for _ in range(3)]
     rows.append(judged(truth("clean"), answer("named", (DRAG, 0.9))))
     rows.append(judged(truth("single", COULOMB), answer("unknown", (DRAG, 1.0))))
     rows.append(judged(truth("clean"), answer("no_mismatch")))
+    rows[0] = judged(truth("single", COULOMB), answer("named", (COULOMB, 0.9), (DRAG, 0.05)))
     found = calibration(rows)
+    assert [(b.low, b.count, b.observed) for b in found[:1]] == [(0.0, 1, 0.0)]
+    found = found[1:]
     assert [(b.low, b.count) for b in found] == [(0.9, 5)]
     assert found[0].stated == pytest.approx(0.92)
     assert found[0].observed == pytest.approx(0.6)
     assert brier(rows).value == pytest.approx((3 * 0.01 + 0.81 + 1.0) / 5)
     assert brier([]).value is None
+
+
+def test_the_parts_of_a_whole_bench_are_counted() -> None:
+    alone = {"dead_time": 5.0, "stribeck_friction": 3.0, "iron_loss": 9.0, DRAG: 1.4}
+    what = truth("whole", *alone, alone=alone, family="whole")
+    said = answer("partial", ("dead_time", 0.99), (COULOMB, 0.95), ("saturation_d", 0.3))
+    said["model"]["effects"] = ["dead_time", COULOMB, "saturation_d"]
+    row = judged(what, said)
+    # a nested friction counts, the drag is too weak to be asked for, the saturation is not there
+    assert (row.strong, row.found, row.names, row.names_right) == (3, 2, 3, 2)
+    assert (row.right, row.wrong_confident) == (False, False)
+    said["ranking"][0]["equivalent_to"] = ["iron_loss"]
+    said["model"]["effects"] = ["dead_time", COULOMB]
+    row = judged(what, said)
+    assert (row.found, row.right) == (3, True)
+    assert not judged(what, {**said, "verdict": "unknown"}).right
+    said["ranking"][2]["probability"] = 0.6
+    assert judged(what, said).wrong_confident
+    assert not judged(what, said).right
+    assert str(family([row])["parts of 2 times the noise and more, found"]) == "3 of 3 (100.0 %)"
+
+
+def foreign(*known: str) -> dict[str, Any]:
+    """Truth of an eddy brake, alone or beside known effects."""
+    place = {"equations": ["mechanical"], "over": ["omega_e"], "shows": ["mechanical"]}
+    more = {"alone": dict.fromkeys(known, 4.0), "foreign": {"x_eddy_brake": place}, "family": "foreign"}
+    return truth("foreign", "x_eddy_brake", *known, **more)
+
+
+def test_a_foreign_form_is_left_without_a_name_and_known_effects_are_named_beside_it() -> None:
+    assert judged(foreign(), answer("unknown")).right
+    assert not judged(foreign(), answer("partial", (COULOMB, 0.95))).right
+    assert judged({**foreign(), "also_accept": [COULOMB]}, answer("partial", (COULOMB, 0.95))).right
+    # without a verdict that names, a probability above a half is still a wrong name
+    assert judged(foreign(), answer("unknown", (COULOMB, 0.7))).wrong_confident
+    beside = answer("partial", ("dead_time", 0.95))
+    assert judged(foreign("dead_time"), beside).right
+    assert not judged(foreign("dead_time"), {**beside, "verdict": "named"}).right
+    assert not judged(foreign("dead_time", DRAG), beside).right
+
+
+def test_what_remains_is_to_lie_in_the_equation_and_over_the_variable_of_the_form() -> None:
+    def placed(**more: Any) -> tuple[bool | None, bool | None]:
+        row = judged(foreign("dead_time"), answer("partial", ("dead_time", 0.95), **more))
+        return row.foreign_equation, row.foreign_variable
+
+    left = {"times_noise": {"recording": 3.0, "validation": 9.0}}
+    small = {"equation": "q", "over": ["i_q"], "times_noise": {"recording": 1.2, "validation": 1.1}}
+    greatest = {"equation": "mechanical", "over": ["omega_e"], **left}
+    assert placed(remaining=[small, greatest]) == (True, True)
+    assert placed(remaining=[small, {**greatest, "over": ["theta_m"]}]) == (True, False)
+    assert placed(remaining=[greatest | {"equation": "d"}, small]) == (False, False)
+    term = {"equation": "mechanical", "variables": [{"variable": "omega_e"}]}
+    assert placed(model={"effects": ["dead_time"], "unmodelled": {"terms": [term]}}) == (True, True)
+    where = [{"variable": "omega_e", "low": 0.0, "high": 1.0}]
+    assert placed(located=[{"equation": "q"}, {"equation": "mechanical", "where": where}]) == (True, True)
+    alone = judged(foreign(), answer("unknown", located=[{"equation": "q"}, {"equation": "mechanical"}]))
+    assert alone.foreign_equation is False
+    assert judged(truth("single", COULOMB), answer("unknown")).foreign_equation is None
+
+
+def test_intervals_of_whole_benches_and_of_the_base_are_compared() -> None:
+    what = truth("whole", COULOMB, "dead_time", base_true={"r_s": 1.0, "j": 2.0})
+    said = answer("named", (COULOMB, 0.99))
+    said["ranking"][0]["parameters"] = {"tau_c": {"value": 0.21, "ci95": [0.19, 0.23]}}
+    said["model"]["base"] = {
+        "r_s": {"ci95": [0.9, 1.1]},
+        "j": {"ci95": [2.1, 2.2]},
+        "tau_load": {"ci95": [0, 1]},
+    }
+    row = judged(what, said)
+    assert (row.intervals, row.base_intervals) == ([True], [True, False])
 
 
 def test_bench_like_logs_are_counted_apart(tmp_path: Path) -> None:
@@ -239,30 +322,59 @@ def test_bench_like_logs_are_counted_apart(tmp_path: Path) -> None:
 def test_a_set_without_cases_of_a_kind_says_so() -> None:
     assert all(str(v) == "–" for v in headline([]).values())
     assert "There is none." in markdown(
-        [], {"cases": 1, "seed": 1, "version": "1", "commit": "", "code": "a"}
+        [], {"cases": 1, "seed": 1, "version": "1", "commit": "", "code": "a", "split": "all"}
     )
 
 
 def test_the_plan_holds_what_the_manual_promises() -> None:
-    cases = plan(300, 11)
-    assert len(cases) == 300
-    assert cases == plan(300, 11)
-    assert cases != plan(300, 12)
-    full = [c for c in cases if c.log == "full"]
-    logs = [c for c in cases if c.log != "full"]
-    assert len(logs) == 75
-    assert {c.log for c in logs} == set(bench.KINDS)
-    assert sum(c.kind == "clean" for c in full) >= 40
-    assert sum(c.kind == "clean" for c in logs) >= 10
-    for group in (full, logs):
-        assert {c.effects[0] for c in group if c.kind == "single"} == set(KNOWN)
-    assert {c.effects[0] for c in cases if c.kind == "unknown"} == set(FOREIGN)
-    assert all(len(set(c.effects)) == 2 for c in cases if c.kind == "pair")
-    assert len(MACHINES) == 7
-    assert set(Counter(c.machine for c in full if c.kind == "clean")) == set(MACHINES)
-    assert Counter(c.simulator for c in cases) == {"plant": 267, "motulator": 21, "gym-electric-motor": 12}
+    cases = plan(600, 11)
+    assert cases == plan(600, 11)
+    assert cases != plan(600, 12)
+    assert Counter(c.family for c in cases) == {
+        "singles": 117, "pairs": 24, "bench": 75, "clean": 42, "poor": 18, "unknown": 24, "whole": 100,
+        "foreign": 100, "limits": 100,
+    }  # fmt: skip
+    assert Counter(c.simulator for c in cases) == {"plant": 567, "motulator": 21, "gym-electric-motor": 12}
+    by = {f: [c for c in cases if c.family == f] for f in FAMILIES}
+    assert {c.log for c in by["bench"]} == set(bench.KINDS)
+    assert {c.log for c in by["limits"]} == set(limits.KINDS)
+    assert Counter(c.kind for c in by["limits"]) == {"clean": 70, "limited": 30}
+    assert {c.effects[0] for c in by["singles"]} == set(KNOWN)
+    assert {c.effects[0] for c in by["foreign"]} == set(splits.forms("scoring"))
+    assert Counter(bool(c.effects[1:]) for c in by["foreign"]) == {True: 50, False: 50}
+    assert {len(c.effects) for c in by["whole"]} == {3, 4, 5, 6, 7}
+    for c in by["whole"] + by["foreign"] + by["pairs"]:
+        assert len(set(c.effects)) == len(c.effects)
+        assert together(c.effects)
+        assert len(set(c.effects) & set(DRY)) <= 1
+    assert set(Counter(c.machine for c in by["clean"])) == set(splits.machines("scoring"))
     for count in (1, 2, 24, 61):
         assert len(plan(count, 3)) == count
+
+
+def test_a_set_of_some_families_has_no_others() -> None:
+    assert {c.family for c in plan(40, 5, ("whole", "limits"))} == {"whole", "limits"}
+    assert Counter(c.family for c in plan(40, 5, ("whole", "limits"))) == {"whole": 20, "limits": 20}
+    with pytest.raises(ValueError, match="no family half"):
+        plan(40, 5, ("half",))
+
+
+def test_what_scores_shares_no_machine_and_no_form_with_what_calibrates() -> None:
+    for of, every in ((splits.machines, MACHINES), (splits.forms, FORMS)):
+        scoring, calibration = set(of("scoring")), set(of("calibration"))
+        assert not scoring & calibration
+        assert scoring | calibration == set(of("all")) == set(every)
+    for split in ("scoring", "calibration"):
+        # each side of the drive is on both sides of the split
+        assert {FORMS[k].equations[0] in ("mechanical", "sensor") for k in splits.forms(split)} == {
+            True,
+            False,
+        }
+        assert {"mechanical", "sensor"} <= {FORMS[k].equations[0] for k in splits.forms(split)}
+        cases = plan(60, 3, ("foreign",), split)
+        assert {c.machine for c in cases} <= set(splits.machines(split))
+        assert {c.effects[0] for c in cases} == set(splits.forms(split))
+    assert len(FORMS) >= 10
 
 
 def test_every_case_has_a_machine_of_its_own() -> None:
