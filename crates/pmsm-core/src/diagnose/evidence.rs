@@ -15,7 +15,7 @@ use crate::simulate::mechanical::Nuisance;
 
 /// Samples that count as one. Forms of real curves, quantisation and a floor known to a per cent leave errors that last: a twentieth of
 /// the samples is the count at which such errors do not call for further effects (engine trials on independent plants).
-const CORRELATED: f64 = 20.0;
+const CORRELATED: f64 = 100.0;
 /// Fewest independent samples of a channel.
 const FEWEST: f64 = 10.0;
 /// What an effect costs by itself, nats: of the two dozen of the catalogue about one is there, prior odds of 1 to 20.

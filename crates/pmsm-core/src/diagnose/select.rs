@@ -126,7 +126,7 @@ impl Search<'_> {
             stamp("exchanged");
             if std::env::var("PMSM_TRACE").is_ok() {
                 eprintln!("worth {:?}", worth);
-                for s in &swaps { eprintln!("   {:?} by {:?} {:.1}", s.replaced, s.by, evidence.cost(&s.judged) - evidence.cost(&best)); }
+                for s in &swaps { let sq = |j: &Judged| std::iter::once(&j.fitted).chain(&j.held_out).flat_map(|h| h.squares.iter().map(|x| (x.1 * 1000.0).round() / 1000.0)).collect::<Vec<_>>(); eprintln!("   {:?} by {:?} {:.1} {:?} from {:?}", s.replaced, s.by, evidence.cost(&s.judged) - evidence.cost(&best), sq(&s.judged), sq(&best)); }
             }
             let better = swaps.iter().filter(|s| evidence.prefers(&s.judged, &best));
             let better = better.min_by(|a, b| evidence.cost(&a.judged).total_cmp(&evidence.cost(&b.judged)));
