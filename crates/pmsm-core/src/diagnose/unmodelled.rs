@@ -78,6 +78,8 @@ pub enum Basis {
         degree: usize,
         /// Pieces of the range.
         pieces: usize,
+        /// Half-width w about zero within which the pieces are narrow: they are uniform in x/(w + |x|). Zero where they are in x.
+        warp: f64,
     },
 }
 
@@ -218,6 +220,9 @@ impl Trial<'_> {
             None => (self.data, self.judge.into_iter().collect()),
         };
         let evidence = Evidence::new(data, &held_out);
+        if std::env::var("PMSM_TRACE").is_ok() {
+            eprintln!("improves {:?} -> {:?} cost {:.1} {:.1} elsewhere {:.1} {:.1}", before.fitted.squares, after.fitted.squares, evidence.cost(&before), evidence.cost(&after), evidence.cost_elsewhere(&before), evidence.cost_elsewhere(&after));
+        }
         if !evidence.prefers(&after, &before) {
             return Ok(None);
         }
