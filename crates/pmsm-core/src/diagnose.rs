@@ -139,9 +139,7 @@ pub fn diagnose(
         base = fitting::refit(&whole, &base, monitor)?;
     }
     monitor.report("bare machine", 0.1);
-    select::stamp("base");
     let mut outcome = searching::search(&mut whole, &mut others, &mut base, None, monitor)?;
-    select::stamp("searched");
     let (bare, best) = outcome.ends();
     let Judged { fitted: found, held_out, .. } = best;
     let known = if held_out.len() == others.len() { &held_out[..] } else { &[] };
@@ -156,12 +154,10 @@ pub fn diagnose(
     } else if let Some(finer) = searching::judged_finer(&whole, &others, &outcome, monitor)? {
         (whole, others, outcome) = finer;
     }
-    select::stamp("again");
     monitor.report("answer", 0.97);
     let judge = others.last().filter(|_| validation.is_some());
     let first = outcome.ends().0.fitted.clone();
     let mut answer = conclude::conclude(&whole, judge, outcome, &weak, monitor)?;
-    select::stamp("concluded");
     if answer.verdict != Verdict::Named
         && let Some(finding) = wiring::suspected(recordings, machine, &first, monitor)?
     {

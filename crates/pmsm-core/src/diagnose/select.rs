@@ -113,21 +113,13 @@ impl Search<'_> {
         for _ in 0..MOST {
             let evidence = self.evidence();
             let worth = power::worth(self.data, &best.fitted, evidence.samples());
-            stamp("worth");
             if let Some(simpler) = self.simpler(&best, &worth, &mut seen)? {
                 best = simpler;
                 continue;
             }
-            stamp("simpler");
             let (absent, poor) = (absent(&able, &best), self.most < MOST);
             shown = power::survey(self.data, &best.fitted, &absent, evidence.samples(), poor, self.monitor);
-            stamp("surveyed");
             swaps = self.exchange(&best, &worth, &shown, &mut seen)?;
-            stamp("exchanged");
-            if std::env::var("PMSM_TRACE").is_ok() {
-                eprintln!("worth {:?}", worth);
-                for s in &swaps { let sq = |j: &Judged| std::iter::once(&j.fitted).chain(&j.held_out).flat_map(|h| h.squares.iter().map(|x| (x.1 * 1000.0).round() / 1000.0)).collect::<Vec<_>>(); eprintln!("   {:?} by {:?} {:.1} {:?} from {:?}", s.replaced, s.by, evidence.cost(&s.judged) - evidence.cost(&best), sq(&s.judged), sq(&best)); }
-            }
             let better = swaps.iter().filter(|s| evidence.prefers(&s.judged, &best));
             let better = better.min_by(|a, b| evidence.cost(&a.judged).total_cmp(&evidence.cost(&b.judged)));
             let Some(better) = better.map(|s| s.judged.clone()) else { break };
@@ -157,7 +149,6 @@ impl Search<'_> {
             let larger = self.extended(&best, &absent(able, &best))?;
             let sets = larger.iter().filter_map(|(_, set)| set.as_ref());
             let next = sets.min_by(|a, b| cost(a).total_cmp(&cost(b))).cloned();
-            trace(&best, &larger, &cost);
             let worth = next.filter(|next| cost(next) < cost(&best));
             let beside = worth.as_ref().and_then(|next| other_side(next, &larger, cost(&best), &cost));
             if singles.is_empty() {
@@ -173,9 +164,7 @@ impl Search<'_> {
                     next = both;
                 }
             }
-            stamp("both sides");
             best = self.renewed(next)?;
-            stamp("renewed");
             seen.push(best.clone());
             let share = best.fitted.effects().len() as f64 / MOST as f64;
             self.monitor.report("effects", 0.2 + 0.6 * share);
@@ -212,7 +201,6 @@ impl Search<'_> {
             }
             let Some(fitted) = self.refit(&Judged { fitted: without, ..set.clone() }, &prospect)? else { continue };
             if evidence.cost_on_recording(&fitted) < evidence.cost_on_recording(&set.fitted) {
-                if std::env::var("PMSM_TRACE").is_ok() { eprintln!("renewed {effect:?} {:?} {:?}", prospect.start, fitted.squares); }
                 set = Judged { fitted, held_out: Vec::new(), refuted: false };
             }
         }
@@ -228,11 +216,9 @@ impl Search<'_> {
         let scorer = Scorer::new(self.data, &parent.fitted);
         let score = |effect: &EffectId| match self.monitor.cancelled() {
             true => Prospect::nothing(*effect, parent.fitted.model.context()),
-            false => { let t = std::time::Instant::now(); let s = scorer.score(*effect); if std::env::var("PMSM_TRACE").is_ok_and(|x| x == "3") { eprintln!("t {:?} {:.3}", effect, t.elapsed().as_secs_f64()); } s },
+            false => scorer.score(*effect),
         };
-        stamp("score");
         let mut prospects: Vec<Prospect> = candidates.par_iter().map(score).collect();
-        stamp("scored");
         prospects.sort_by(|a, b| b.score.total_cmp(&a.score));
         // Those that lead on their side, and those that may be what leads.
         let mut leading: Vec<EffectId> = Vec::new();
@@ -246,9 +232,7 @@ impl Search<'_> {
             let set = if asked { self.refit(parent, &prospect)? } else { None };
             Ok((prospect, set.map(|fitted| Judged { fitted, held_out: Vec::new(), refuted: false })))
         };
-        let out = prospects.into_par_iter().map(refit).collect();
-        stamp("refitted");
-        out
+        prospects.into_par_iter().map(refit).collect()
     }
 
     /// By what sets are compared.
@@ -266,22 +250,6 @@ impl Search<'_> {
             refuted |= !fitted.effects().is_empty() && verdict::refutes(&on(data)?, bare);
         }
         Ok(Judged { fitted, held_out, refuted })
-    }
-}
-
-pub static T0: std::sync::LazyLock<std::time::Instant> = std::sync::LazyLock::new(std::time::Instant::now);
-pub fn stamp(what: &str) {
-    if std::env::var("PMSM_TRACE").is_ok() {
-        eprintln!("{:8.3} {what}", T0.elapsed().as_secs_f64());
-    }
-}
-fn trace(best: &Judged, larger: &[(Prospect, Option<Judged>)], cost: &dyn Fn(&Judged) -> f64) {
-    if std::env::var("PMSM_TRACE").is_ok() {
-        let round = |h: &Hypothesis| h.squares.iter().map(|x| (x.1 * 100.0).round() / 100.0).collect::<Vec<_>>();
-        eprintln!("at {:?} cost {:.1} squares {:?}", best.fitted.effects(), cost(best), round(&best.fitted));
-        for (p, s) in larger.iter().filter(|(p, _)| p.score > LEAST_SCORE) {
-            eprintln!("   {:?} {:.4} {:?}", p.effect, p.score, s.as_ref().map(|s| (cost(s), round(&s.fitted))));
-        }
     }
 }
 

@@ -39,7 +39,7 @@ impl Search<'_> {
         seen: &mut Vec<Judged>,
     ) -> Result<Option<Judged>> {
         let effects = best.fitted.effects();
-        let weak = worth.iter().filter(|(e, nats)| *nats < sure() || self.wanders(*e)).map(|(e, _)| (*e, None));
+        let weak = worth.iter().filter(|(e, nats)| *nats < SURE || self.wanders(*e)).map(|(e, _)| (*e, None));
         let narrower = effects.iter().flat_map(|gone| {
             let instead = special_cases(*gone).filter(|e| !effects.contains(e));
             instead.map(|narrow| (*gone, Some(narrow)))
@@ -102,7 +102,7 @@ impl Search<'_> {
     ) -> Result<Vec<Swap>> {
         let loses = |s: &Shown, found: EffectId, nats: f64| nats * (1.0 - s.cosine(found).powi(2));
         let open = |found: EffectId, nats: f64| {
-            nats < sure() || shown.iter().any(|s| loses(s, found, nats) < FIRST_ORDER)
+            nats < SURE || shown.iter().any(|s| loses(s, found, nats) < FIRST_ORDER)
         };
         let asked: Vec<(EffectId, f64)> =
             worth.iter().copied().filter(|(e, nats)| open(*e, *nats)).collect();
@@ -141,7 +141,6 @@ impl Search<'_> {
     }
 }
 
-fn sure() -> f64 { if std::env::var("PMSM_SURE").is_ok() { 1e9 } else { SURE } }
 /// Whether both hold the same effects.
 fn is_set(a: &[EffectId], b: &[EffectId]) -> bool {
     a.len() == b.len() && a.iter().all(|e| b.contains(e))
