@@ -106,7 +106,9 @@ fn unlikely(outcome: &Outcome) -> Vec<Ranked> {
         .filter_map(|(prospect, judged)| {
             let judged = judged.as_ref()?;
             let odds = (outcome.evidence.cost_on_recording(&outcome.base.fitted)
-                - outcome.evidence.cost_on_recording(&judged.fitted)).min(0.0).exp();
+                - outcome.evidence.cost_on_recording(&judged.fitted))
+            .min(0.0)
+            .exp();
             let probability = 0.2 * odds;
             (probability > LEAST_LISTED).then(|| Ranked {
                 effect: prospect.effect,

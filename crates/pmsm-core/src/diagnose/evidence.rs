@@ -65,7 +65,8 @@ impl Evidence {
     /// shows the channels in which it gains.
     pub fn prefers(&self, larger: &Judged, smaller: &Judged) -> bool {
         let elsewhere = self.cost_elsewhere(larger) < self.cost_elsewhere(smaller);
-        self.cost(larger) + DECISIVE < self.cost(smaller) && (elsewhere || !self.shown_elsewhere(larger, smaller))
+        self.cost(larger) + DECISIVE < self.cost(smaller)
+            && (elsewhere || !self.shown_elsewhere(larger, smaller))
     }
 
     /// Whether the other recordings hold the channels in which `larger` gains most on the fitted one.

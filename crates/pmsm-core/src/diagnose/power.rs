@@ -17,9 +17,9 @@ mod shapes;
 mod words;
 
 use super::data::Data;
+use super::evidence::{DECISIVE, PRIOR, price};
 use super::hypothesis::Hypothesis;
 use super::locate::upper_tail;
-use super::evidence::{DECISIVE, PRIOR, price};
 use super::shortlist::{Scorer, batches, solve};
 use super::verdict::MISMATCH;
 use crate::basis::{freed, orthonormal, orthonormal_beside};
@@ -73,9 +73,7 @@ impl Shown {
 
     /// Whether first-order analysis tells this effect from the found one.
     pub fn resembles(&self, found: EffectId) -> bool {
-        self.likeness
-            .iter()
-            .any(|(e, cosine, nats)| *e == found && *cosine > ALIKE && *nats < DECISIVE)
+        self.likeness.iter().any(|(e, cosine, nats)| *e == found && *cosine > ALIKE && *nats < DECISIVE)
     }
 }
 

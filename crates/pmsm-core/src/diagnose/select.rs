@@ -192,14 +192,17 @@ impl Search<'_> {
             let nuisances = set.fitted.nuisances.clone();
             let without = Hypothesis::on(self.data, model, parameters, free, nuisances);
             let prospect = Scorer::new(self.data, &without).score(effect);
-            let slot = set.fitted.model.slots().iter().find(|s| s.effect == effect).expect("it is in the set");
+            let slot =
+                set.fitted.model.slots().iter().find(|s| s.effect == effect).expect("it is in the set");
             let own = &set.fitted.parameters[slot.parameters.clone()];
             let same = effect.info().parameters.iter().zip(own).zip(&prospect.start);
             let mut numbers = same.filter(|((p, _), _)| p.role == Role::Fixed);
             if prospect.score == 0.0 || numbers.all(|((_, a), b)| a == b) {
                 continue;
             }
-            let Some(fitted) = self.refit(&Judged { fitted: without, ..set.clone() }, &prospect)? else { continue };
+            let Some(fitted) = self.refit(&Judged { fitted: without, ..set.clone() }, &prospect)? else {
+                continue;
+            };
             if evidence.cost_on_recording(&fitted) < evidence.cost_on_recording(&set.fitted) {
                 set = Judged { fitted, held_out: Vec::new(), refuted: false };
             }
@@ -208,11 +211,7 @@ impl Search<'_> {
     }
 
     /// Scores `candidates` beside a set and refits it with each of the best of them.
-    fn extended(
-        &self,
-        parent: &Judged,
-        candidates: &[EffectId],
-    ) -> Result<Vec<(Prospect, Option<Judged>)>> {
+    fn extended(&self, parent: &Judged, candidates: &[EffectId]) -> Result<Vec<(Prospect, Option<Judged>)>> {
         let scorer = Scorer::new(self.data, &parent.fitted);
         let score = |effect: &EffectId| match self.monitor.cancelled() {
             true => Prospect::nothing(*effect, parent.fitted.model.context()),
@@ -223,7 +222,8 @@ impl Search<'_> {
         // Those that lead on their side, and those that may be what leads.
         let mut leading: Vec<EffectId> = Vec::new();
         for moves in [true, false] {
-            let side = || prospects.iter().filter(|p| is_mechanical(p.effect) == moves && p.score > LEAST_SCORE);
+            let side =
+                || prospects.iter().filter(|p| is_mechanical(p.effect) == moves && p.score > LEAST_SCORE);
             let top = side().next().map_or(0.0, |p| p.score);
             leading.extend(side().take(REFITTED).filter(|p| p.score >= RIVAL * top).map(|p| p.effect));
         }

@@ -14,10 +14,10 @@ mod view;
 mod words;
 
 use super::data::Data;
+use super::evidence::Evidence;
 use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::locate::{self, Located};
-use super::evidence::Evidence;
 use super::transfer::transfer;
 use super::verdict::{Judged, UNEXPLAINED};
 use crate::error::Result;

@@ -104,8 +104,7 @@ impl Search<'_> {
         let open = |found: EffectId, nats: f64| {
             nats < SURE || shown.iter().any(|s| loses(s, found, nats) < FIRST_ORDER)
         };
-        let asked: Vec<(EffectId, f64)> =
-            worth.iter().copied().filter(|(e, nats)| open(*e, *nats)).collect();
+        let asked: Vec<(EffectId, f64)> = worth.iter().copied().filter(|(e, nats)| open(*e, *nats)).collect();
         let ways: Vec<(EffectId, Option<EffectId>)> = asked.iter().map(|(e, _)| (*e, None)).collect();
         let without = self.each(best, &ways, seen)?;
         let mut out: Vec<Swap> = Vec::new();
@@ -113,8 +112,7 @@ impl Search<'_> {
         for ((replaced, nats), fewer) in asked.iter().zip(&without) {
             out.push(Swap { replaced: *replaced, by: None, judged: fewer.clone() });
             let loses = |s: &Shown| loses(s, *replaced, *nats);
-            let mut rivals: Vec<&Shown> =
-                shown.iter().filter(|s| loses(s) < FIRST_ORDER).collect();
+            let mut rivals: Vec<&Shown> = shown.iter().filter(|s| loses(s) < FIRST_ORDER).collect();
             rivals.sort_by(|a, b| loses(a).total_cmp(&loses(b)));
             tasks.extend(rivals.into_iter().take(RIVALS).map(|s| (*replaced, s.effect, fewer)));
         }

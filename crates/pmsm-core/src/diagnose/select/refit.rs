@@ -30,7 +30,12 @@ impl Search<'_> {
 ///
 /// A score lets the parameters of the parent give way to the effect, while a fit starts from them as they are, and to first order a
 /// strength may come out far too large where shapes matter: either may lead a shape astray.
-fn beside(data: &Data, parent: &Hypothesis, prospect: &Prospect, monitor: &dyn Monitor) -> Result<Hypothesis> {
+fn beside(
+    data: &Data,
+    parent: &Hypothesis,
+    prospect: &Prospect,
+    monitor: &dyn Monitor,
+) -> Result<Hypothesis> {
     let mut effects = parent.effects();
     effects.push(prospect.effect);
     let model = Model::new(*parent.model.context(), &effects);
@@ -51,7 +56,8 @@ fn beside(data: &Data, parent: &Hypothesis, prospect: &Prospect, monitor: &dyn M
         let promised = prospect.score > LEAST_PROMISE && !shapes.is_empty() && !monitor.cancelled();
         promised && explained(parent, fitted) < KEPT_PROMISE * prospect.score
     };
-    let better = |a: Hypothesis, b: Hypothesis| if explained(parent, &b) > explained(parent, &a) { b } else { a };
+    let better =
+        |a: Hypothesis, b: Hypothesis| if explained(parent, &b) > explained(parent, &a) { b } else { a };
     if short(&best) {
         best = better(best, fit(&prospect.start, &shapes, Some(parent))?);
     }

@@ -31,12 +31,7 @@ pub struct Earned {
 ///
 /// # Errors
 /// Those of the least-squares fits.
-pub fn earned(
-    data: &Data,
-    judge: Option<&Data>,
-    best: &Hypothesis,
-    monitor: &dyn Monitor,
-) -> Result<Earned> {
+pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dyn Monitor) -> Result<Earned> {
     let held_out: Vec<&Data> = judge.into_iter().collect();
     let evidence = Evidence::new(data, &held_out);
     let cost_with_map = |set: &Hypothesis| -> Result<f64> {
