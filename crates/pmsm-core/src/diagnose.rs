@@ -1,9 +1,8 @@
 //! Diagnosis: what does the model of this machine leave out?
 //!
-//! The bare machine is fitted, what it leaves is located, every effect of the catalogue is scored on it, the most promising
-//! ones are refitted by simulation, alone and together, and judged on samples that were not used for fitting. What
-//! explains everything down to the noise is named; what several effects explain is ambiguous; what none explains is
-//! unknown, and still located.
+//! The bare machine is fitted, and what the fit does not explain is located. Sets of effects are then grown, exchanged and pruned by
+//! evidence, each refitted by simulation and held against samples that it was not fitted to. Where several sets do as well, the answer is
+//! ambiguous. Where none reaches the noise, effects that a smooth map cannot replace are named beside one; else the answer is unknown.
 
 mod able;
 mod agree;

@@ -52,13 +52,16 @@ pub struct Search<'a> {
     pub monitor: &'a dyn Monitor,
 }
 
+/// Scored effects, each with the set that was refitted with it, if it was.
+type Tried = Vec<(Prospect, Option<Judged>)>;
+
 /// What came out of a selection.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// The bare machine.
     pub base: Judged,
-    /// Single effects that were scored beside the bare machine, with what came of their refit.
-    pub singles: Vec<(Prospect, Option<Judged>)>,
+    /// The effects that were scored beside the bare machine, with what came of their refit.
+    pub singles: Tried,
     /// The best set of effects (possibly none).
     pub best: Judged,
     /// For each effect of `best`, the sets in which another effect or none is in its place.
@@ -130,13 +133,8 @@ impl Search<'_> {
         Ok(Outcome { base, singles, best, swaps, unfit, shown, evidence, path })
     }
 
-    /// Adds effects one at a time as long as the evidence of the recording grows: the largest set, and what single effects came to.
-    fn grow(
-        &self,
-        base: &Judged,
-        able: &[EffectId],
-        seen: &mut Vec<Judged>,
-    ) -> Result<(Judged, Vec<(Prospect, Option<Judged>)>)> {
+    /// Adds effects one at a time as long as the evidence of the recording grows: the largest set, and what came of the first effects tried.
+    fn grow(&self, base: &Judged, able: &[EffectId], seen: &mut Vec<Judged>) -> Result<(Judged, Tried)> {
         let mut best = base.clone();
         let mut singles = Vec::new();
         let evidence = self.evidence();
@@ -211,7 +209,7 @@ impl Search<'_> {
     }
 
     /// Scores `candidates` beside a set and refits it with each of the best of them.
-    fn extended(&self, parent: &Judged, candidates: &[EffectId]) -> Result<Vec<(Prospect, Option<Judged>)>> {
+    fn extended(&self, parent: &Judged, candidates: &[EffectId]) -> Result<Tried> {
         let scorer = Scorer::new(self.data, &parent.fitted);
         let score = |effect: &EffectId| match self.monitor.cancelled() {
             true => Prospect::nothing(*effect, parent.fitted.model.context()),
@@ -261,7 +259,7 @@ fn is_mechanical(effect: EffectId) -> bool {
 /// place by itself: as it was fitted.
 fn other_side(
     next: &Judged,
-    larger: &[(Prospect, Option<Judged>)],
+    larger: &Tried,
     without: f64,
     cost: &dyn Fn(&Judged) -> f64,
 ) -> Option<Prospect> {
@@ -305,4 +303,74 @@ fn path(base: &Judged, best: &Judged, seen: &[Judged], evidence: &Evidence) -> V
         path.push(best.clone());
     }
     path
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{self, choice, setup, speeds};
+    use crate::drive::{Choice, Manoeuvre, Schedule, Shape};
+    use crate::monitor::Silent;
+
+    /// Reversals at several speeds with steps of i_d.
+    fn rich() -> Manoeuvre {
+        let path: Vec<(f64, f64)> =
+            (0..8).map(|k| (0.05 + 0.2 * f64::from(k), [110.0, -90.0, 40.0][k as usize % 3])).collect();
+        let mut manoeuvre = speeds(1.6, &path);
+        manoeuvre.i_d = Some(Schedule::new(vec![(0.0, 0.0), (0.4, -4.0), (1.1, 2.0)], Shape::Steps).unwrap());
+        manoeuvre
+    }
+
+    fn search(data: &Data) -> Search<'_> {
+        Search { data, held_out: Vec::new(), refuting: Vec::new(), most: MOST, from: None, monitor: &Silent }
+    }
+
+    fn selected(present: Vec<Choice>) -> Vec<EffectId> {
+        let (data, base) = testing::data(&setup(rich(), present));
+        let outcome = search(&data).run(base).unwrap();
+        let found = outcome.best.fitted.effects();
+        assert_eq!(outcome.order().len(), found.len());
+        assert!(outcome.path.windows(2).all(|w| w[0].fitted.effects().len() < w[1].fitted.effects().len()));
+        found
+    }
+
+    #[test]
+    fn three_effects_at_once_are_all_found_and_nothing_else() {
+        let present = vec![
+            choice("dead_time", "v_err", 4.0),
+            choice("coulomb_friction", "tau_c", 0.3),
+            choice("cogging_torque", "tau_cog", 0.2),
+        ];
+        let mut found = selected(present);
+        found.sort_by_key(|e| e.id());
+        assert_eq!(found, [EffectId::CoggingTorque, EffectId::CoulombFriction, EffectId::DeadTime]);
+    }
+
+    #[test]
+    fn a_clean_machine_gets_no_effect() {
+        assert_eq!(selected(Vec::new()), []);
+    }
+
+    #[test]
+    fn an_order_chosen_before_the_others_were_known_is_corrected() {
+        let both = vec![choice("cogging_torque", "tau_cog", 0.2), choice("coulomb_friction", "tau_c", 0.3)];
+        let (data, base) = testing::data(&setup(rich(), both));
+        let (cogging, friction) = (EffectId::CoggingTorque, EffectId::CoulombFriction);
+        let model = crate::model::Model::new(data.signals.context, &[friction, cogging]);
+        let typical = |e: EffectId| -> Vec<f64> {
+            e.info().parameters.iter().map(|p| (p.typical)(&data.signals.context)).collect()
+        };
+        let mut start = [base.own(), &typical(friction), &typical(cogging)].concat();
+        let order = start.len() - 1;
+        assert_eq!(cogging.info().parameters.last().map(|p| p.role), Some(Role::Fixed));
+        let right = start[order];
+        start[order] = right / 3.0;
+        let fitted = fitting::fit(&data, &model, &start, false, &Silent).unwrap();
+        let wrong = Judged { fitted, held_out: Vec::new(), refuted: false };
+        assert!(wrong.excess() > verdict::MISMATCH && wrong.fitted.own()[order] == right / 3.0);
+        let found = search(&data).renewed(wrong).unwrap();
+        let slot = found.fitted.model.slots().iter().find(|s| s.effect == cogging).unwrap();
+        assert_eq!(found.fitted.own()[slot.parameters.end - 1], right);
+        assert!(found.excess() < verdict::MISMATCH, "{:?}", found.fitted.squares);
+    }
 }

@@ -2,7 +2,7 @@
 //! it depends, added to the equations and fitted by simulation like any effect, if it predicts what it was not fitted to.
 //!
 //! The map and its stiffness are chosen on blocks of the recording that are left out (`choice`); then the whole model is
-//! fitted with it, and it is kept only if it beats the model without it by the rule that holds for effects. It has no place in the
+//! fitted with it, and it is kept only if it has more evidence than the model without it, as holds for effects. It has no place in the
 //! catalogue and takes part in no ranking.
 
 mod candidates;
@@ -162,7 +162,7 @@ fn places(data: &Data, best: &Hypothesis, side: Side) -> Vec<Located> {
 
 /// Sides on which more is left than may remain where something is explained, the larger excess first.
 fn sides(data: &Data, best: &Hypothesis) -> Vec<Side> {
-    let mut left: Vec<_> = best.squares.iter().filter(|(_, s)| *s > 1.0 + UNEXPLAINED.1).collect();
+    let mut left: Vec<_> = best.squares.iter().filter(|(_, s)| *s > 1.0 + UNEXPLAINED).collect();
     left.sort_by(|a, b| b.1.total_cmp(&a.1));
     let mut sides = Vec::new();
     for (channel, _) in left {

@@ -2,7 +2,7 @@
 
 use super::Search;
 use crate::diagnose::data::Data;
-use crate::diagnose::fitting::{self, Currents};
+use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::shortlist::Prospect;
 use crate::diagnose::verdict::Judged;
@@ -42,10 +42,9 @@ fn beside(
     let parameters = prospect.effect.info().parameters;
     let first = model.parameter_count() - parameters.len();
     let mechanical = prospect.effect.info().site == Site::Mechanical;
-    let currents = if mechanical { Currents::Done } else { Currents::Open };
     let fit = |own: &[f64], held: &[usize], under: Option<&Hypothesis>| {
         let start = [parent.own(), own].concat();
-        fitting::fit_unless(None, (held, under), data, &model, (&start, currents), monitor)
+        fitting::fit_under(under, held, data, &model, (&start, mechanical), monitor)
     };
     // What moves beside the rotor is no step of a load, which need not be found anew for it.
     let under = (prospect.effect.mechanical_state_count() > 0).then_some(parent);

@@ -72,3 +72,36 @@ pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dy
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
+    use crate::drive::Choice;
+    use crate::monitor::Silent;
+
+    /// The effects of a set that holds `named` alone which a map cannot replace.
+    fn kept(present: Vec<Choice>, named: EffectId) -> Vec<(EffectId, f64)> {
+        let path: Vec<(f64, f64)> =
+            (0..8).map(|k| (0.05 + 0.2 * f64::from(k), [60.0, -50.0, 20.0][k as usize % 3])).collect();
+        let (data, base) = data(&setup(speeds(1.6, &path), present));
+        let set = fitted(&data, &base, named);
+        let earned = earned(&data, None, &set, &Silent).unwrap();
+        assert_eq!(earned.set.effects().len(), earned.probabilities.len());
+        earned.probabilities
+    }
+
+    #[test]
+    fn friction_beside_a_torque_that_no_effect_of_the_set_explains_stays_named() {
+        let both = vec![choice("coulomb_friction", "tau_c", 0.3), choice("cogging_torque", "tau_cog", 0.3)];
+        let kept = kept(both, EffectId::CoulombFriction);
+        assert_eq!(kept.len(), 1, "{kept:?}");
+        assert!(kept[0].0 == EffectId::CoulombFriction && kept[0].1 > 0.9, "{kept:?}");
+    }
+
+    #[test]
+    fn such_a_torque_alone_names_nothing() {
+        let alone = vec![choice("cogging_torque", "tau_cog", 0.3)];
+        assert_eq!(kept(alone, EffectId::QuadraticDrag), []);
+    }
+}
