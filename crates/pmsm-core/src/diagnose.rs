@@ -1,9 +1,8 @@
 //! Diagnosis: what does the model of this machine leave out?
 //!
-//! The bare machine is fitted, what it leaves is located, every effect of the catalogue is scored on it, the most promising
-//! ones are refitted by simulation, alone and together, and judged on samples that were not used for fitting. What
-//! explains everything down to the noise is named; what several effects explain is ambiguous; what none explains is
-//! unknown, and still located.
+//! The bare machine is fitted, and what the fit does not explain is located. Sets of effects are then grown, exchanged and pruned by
+//! evidence, each refitted by simulation and held against samples that it was not fitted to. Where several sets do as well, the answer is
+//! ambiguous. Where none reaches the noise, effects that a smooth map cannot replace are named beside one; else the answer is unknown.
 
 mod able;
 mod agree;
@@ -139,9 +138,7 @@ pub fn diagnose(
         base = fitting::refit(&whole, &base, monitor)?;
     }
     monitor.report("bare machine", 0.1);
-    select::stamp("base");
     let mut outcome = searching::search(&mut whole, &mut others, &mut base, None, monitor)?;
-    select::stamp("searched");
     let (bare, best) = outcome.ends();
     let Judged { fitted: found, held_out, .. } = best;
     let known = if held_out.len() == others.len() { &held_out[..] } else { &[] };
@@ -156,12 +153,10 @@ pub fn diagnose(
     } else if let Some(finer) = searching::judged_finer(&whole, &others, &outcome, monitor)? {
         (whole, others, outcome) = finer;
     }
-    select::stamp("again");
     monitor.report("answer", 0.97);
     let judge = others.last().filter(|_| validation.is_some());
     let first = outcome.ends().0.fitted.clone();
     let mut answer = conclude::conclude(&whole, judge, outcome, &weak, monitor)?;
-    select::stamp("concluded");
     if answer.verdict != Verdict::Named
         && let Some(finding) = wiring::suspected(recordings, machine, &first, monitor)?
     {

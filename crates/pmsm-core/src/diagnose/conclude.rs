@@ -220,7 +220,7 @@ pub fn conclude(
 
 /// The verdict where a set has more than noise left: the effects that explain what a map cannot are named beside it, and make up the set
 /// from then on.
-fn beside_a_map(outcome: &mut Outcome, ranked: &mut Vec<Ranked>, earned: Earned) -> Verdict {
+fn beside_a_map(outcome: &mut Outcome, ranked: &mut [Ranked], earned: Earned) -> Verdict {
     let kept = earned.set.effects();
     if kept.is_empty() {
         decide::doubt(ranked, decide::CEILING_UNKNOWN);

@@ -98,7 +98,7 @@ fn order(ranked: &mut [Ranked], effects: &[EffectId]) {
     });
 }
 
-/// The best singles where none was worth being taken into the model.
+/// The first effects that were refitted beside the bare machine, where none was worth being taken into the model.
 fn unlikely(outcome: &Outcome) -> Vec<Ranked> {
     outcome
         .singles
@@ -106,7 +106,9 @@ fn unlikely(outcome: &Outcome) -> Vec<Ranked> {
         .filter_map(|(prospect, judged)| {
             let judged = judged.as_ref()?;
             let odds = (outcome.evidence.cost_on_recording(&outcome.base.fitted)
-                - outcome.evidence.cost_on_recording(&judged.fitted)).min(0.0).exp();
+                - outcome.evidence.cost_on_recording(&judged.fitted))
+            .min(0.0)
+            .exp();
             let probability = 0.2 * odds;
             (probability > LEAST_LISTED).then(|| Ranked {
                 effect: prospect.effect,
@@ -116,4 +118,101 @@ fn unlikely(outcome: &Outcome) -> Vec<Ranked> {
             })
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::evidence::Evidence;
+    use super::super::hypothesis::Hypothesis;
+    use super::super::select::Swap;
+    use super::*;
+    use crate::effects::testing::CX;
+    use crate::experiment::Channel;
+    use crate::model::Model;
+
+    /// A set of effects that leaves this mean square of the speed.
+    fn judged(effects: &[EffectId], square: f64) -> Judged {
+        let mut fitted = Hypothesis::bare(Model::new(CX, effects), Vec::new());
+        (fitted.squares, fitted.samples) = (vec![(Channel::OmegaE, square)], vec![200.0]);
+        fitted.chance = vec![0.0];
+        Judged { fitted, held_out: Vec::new(), refuted: false }
+    }
+
+    fn outcome(base: Judged, best: Judged, swaps: Vec<Swap>) -> Outcome {
+        let mut path = vec![base.clone()];
+        path.extend((!best.fitted.effects().is_empty()).then(|| best.clone()));
+        let evidence = Evidence::counting(vec![50.0], vec![vec![50.0]]);
+        let (singles, unfit, shown) = (Vec::new(), Vec::new(), Vec::new());
+        Outcome { base, singles, best, swaps, unfit, shown, evidence, path }
+    }
+
+    #[test]
+    fn a_name_that_the_validation_run_refutes_is_unlikely_even_without_a_rival() {
+        let probability = |refuted: bool| {
+            let (base, mut best) = (judged(&[], 9.0), judged(&[EffectId::CurrentGainImbalance], 1.0));
+            best.refuted = refuted;
+            let (verdict, ranked) = decide(&outcome(base, best, Vec::new()), true);
+            assert_eq!((verdict, ranked.len()), (Verdict::Ambiguous, 1));
+            ranked[0].probability
+        };
+        assert!(probability(false) > 0.9 && probability(true) <= CEILING_UNKNOWN);
+    }
+
+    #[test]
+    fn the_posterior_of_all_sets_sums_to_what_is_not_kept_for_the_unknown() {
+        let (dry, drag) = (EffectId::CoulombFriction, EffectId::QuadraticDrag);
+        let told = |rival: f64, without: f64| {
+            let swap = |by, judged| Swap { replaced: dry, by, judged };
+            let swaps = vec![swap(None, judged(&[], without)), swap(Some(drag), judged(&[drag], rival))];
+            let (verdict, ranked) = decide(&outcome(judged(&[], 9.0), judged(&[dry], 1.0), swaps), false);
+            let probability =
+                |e: EffectId| ranked.iter().find(|r| r.effect == e).map_or(0.0, |r| r.probability);
+            (verdict, ranked[0].equivalent.clone(), probability(dry), probability(drag))
+        };
+        let (verdict, equivalent, dry_is, drag_is) = told(1.0, 9.0);
+        assert_eq!((verdict, equivalent), (Verdict::Ambiguous, vec![drag]));
+        assert!((dry_is - drag_is).abs() < 1e-9 && (dry_is + drag_is - (1.0 - UNKNOWN)).abs() < 1e-3);
+        let (verdict, equivalent, dry_is, drag_is) = told(3.0, 9.0);
+        assert_eq!((verdict, equivalent), (Verdict::Named, Vec::new()));
+        assert!((dry_is + drag_is - (1.0 - UNKNOWN)).abs() < 1e-3 && drag_is < 1e-6);
+        // The set without the effect takes its share, too.
+        let (.., dry_is, drag_is) = told(3.0, 1.1);
+        let without = 1.0 - UNKNOWN - dry_is - drag_is;
+        assert!(without > 0.001 && without < dry_is, "{dry_is} {drag_is}");
+    }
+
+    #[test]
+    fn a_bare_machine_at_the_noise_on_every_recording_is_no_mismatch() {
+        let told = |here: f64, elsewhere: f64| {
+            let mut base = judged(&[], here);
+            base.held_out = vec![judged(&[], elsewhere).fitted];
+            decide(&outcome(base.clone(), base, Vec::new()), false).0
+        };
+        assert_eq!(told(1.0, 1.0), Verdict::NoMismatch);
+        assert_eq!(told(2.0, 1.0), Verdict::Unknown);
+        assert_eq!(told(1.0, 3.0), Verdict::Unknown);
+    }
+
+    #[test]
+    fn a_refinement_comes_first_unless_it_is_in_doubt() {
+        let (coulomb, directional, swing) =
+            (EffectId::CoulombFriction, EffectId::AsymmetricFriction, EffectId::TimeVaryingLoad);
+        let told = |equivalent: Vec<EffectId>| {
+            let candidate = |effect, probability, equivalent| Ranked {
+                effect,
+                probability,
+                equivalent,
+                judged: judged(&[], 1.0),
+            };
+            let mut ranked = vec![
+                candidate(swing, 0.9, Vec::new()),
+                candidate(coulomb, 0.75, Vec::new()),
+                candidate(directional, 0.46, equivalent),
+            ];
+            order(&mut ranked, &[coulomb, directional]);
+            ranked.iter().map(|r| r.effect).collect::<Vec<_>>()
+        };
+        assert_eq!(told(Vec::new()), [directional, coulomb, swing]);
+        assert_eq!(told(vec![swing]), [coulomb, directional, swing]);
+    }
 }

@@ -78,7 +78,10 @@ impl Evidence {
         let mapped = fitted.model.map_parameters();
         let parameters = fitted.free.iter().filter(|k| **k < mapped.start).count() as f64;
         let effects = fitted.model.slots().len() as f64;
-        misfit(fitted, &self.fitted) + price(&self.fitted) * parameters + PRIOR * effects + COEFFICIENT * mapped.len() as f64
+        misfit(fitted, &self.fitted)
+            + price(&self.fitted) * parameters
+            + PRIOR * effects
+            + COEFFICIENT * mapped.len() as f64
     }
 
     /// Cost of what a set predicts of the recordings that it was not fitted to, nats.
@@ -90,7 +93,8 @@ impl Evidence {
     /// shows the channels in which it gains.
     pub fn prefers(&self, larger: &Judged, smaller: &Judged) -> bool {
         let elsewhere = self.cost_elsewhere(larger) < self.cost_elsewhere(smaller);
-        self.cost(larger) + DECISIVE < self.cost(smaller) && (elsewhere || !self.shown_elsewhere(larger, smaller))
+        self.cost(larger) + DECISIVE < self.cost(smaller)
+            && (elsewhere || !self.shown_elsewhere(larger, smaller))
     }
 
     /// Whether the other recordings hold the channels in which `larger` gains most on the fitted one.
@@ -132,4 +136,90 @@ fn misfit(hypothesis: &Hypothesis, samples: &[f64]) -> f64 {
 /// Logarithm of a mean square; what lies below the floor or within chance of it earns nothing, what is not a number costs all.
 fn log_square(square: f64, chance: f64) -> f64 {
     if square.is_finite() { square.max(0.9 + chance).ln() } else { 1e6 }
+}
+
+#[cfg(test)]
+impl Evidence {
+    /// By these independent samples of each channel.
+    pub fn counting(fitted: Vec<f64>, held_out: Vec<Vec<f64>>) -> Self {
+        Self { fitted, held_out }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{hypothesis, judged};
+    use super::*;
+    use crate::effects::EffectId;
+    use crate::model::Model;
+
+    /// Two channels of the recording and of another one.
+    fn evidence() -> Evidence {
+        Evidence::counting(vec![50.0; 2], vec![vec![50.0; 2]])
+    }
+
+    #[test]
+    fn what_explains_all_recordings_is_preferred_and_a_gain_on_the_fitted_one_alone_is_not_enough() {
+        let (bare, lucky) = (judged(2.0, 1.0, 2.0, 4), judged(1.0, 1.0, 2.0, 5));
+        let right = judged(1.0, 1.0, 1.0, 5);
+        let evidence = evidence();
+        assert!(evidence.prefers(&right, &bare) && !evidence.prefers(&bare, &right));
+        assert!(evidence.cost(&lucky) + DECISIVE < evidence.cost(&bare));
+        assert!(!evidence.prefers(&lucky, &bare));
+    }
+
+    #[test]
+    fn a_recording_without_the_channel_cannot_speak_against_a_gain_in_it() {
+        let of_motion = |d: f64| {
+            let mut judged = judged(d, 1.0, 1.0, 4);
+            let other = &mut judged.held_out[0];
+            (other.squares, other.chance) = (other.squares.split_off(1), vec![0.0]);
+            judged
+        };
+        let evidence = Evidence::counting(vec![50.0; 2], vec![vec![50.0]]);
+        assert!(evidence.prefers(&of_motion(1.0), &of_motion(9.0)));
+        assert!(!evidence.prefers(&of_motion(9.0), &of_motion(1.0)));
+    }
+
+    #[test]
+    fn parameters_effects_and_steps_of_the_load_have_their_price() {
+        let (evidence, bare) = (evidence(), judged(1.0, 1.0, 1.0, 4));
+        let more = |set: &Judged| evidence.cost(set) - evidence.cost(&bare);
+        assert!((more(&judged(1.0, 1.0, 1.0, 6)) - 2.0 * price(evidence.samples())).abs() < 1e-9);
+        let mut named = bare.clone();
+        named.fitted.model = Model::new(*bare.fitted.model.context(), &[EffectId::CoulombFriction]);
+        assert!((more(&named) - PRIOR).abs() < 1e-9);
+        // Two steps on the recording, one on the other: as many more constants, each with its instant.
+        let mut stepping = bare.clone();
+        stepping.fitted.nuisances = vec![Nuisance::unknown(3, 0)];
+        stepping.held_out[0].nuisances = vec![Nuisance::unknown(2, 0)];
+        assert!((more(&stepping) - 3.0 * 50.0f64.ln()).abs() < 1e-9);
+        // Small gains do not pay for them.
+        assert!(!evidence.prefers(&judged(1.0, 1.0, 1.0, 5), &judged(1.02, 1.0, 1.02, 4)));
+    }
+
+    #[test]
+    fn what_driven_noise_may_do_by_chance_decides_nothing() {
+        let (mut bare, mut other) = (judged(1.0, 1.3, 1.0, 4), judged(1.0, 1.0, 1.0, 5));
+        let evidence = evidence();
+        assert!(evidence.prefers(&other, &bare));
+        for set in [&mut bare, &mut other] {
+            set.fitted.chance[1] = 0.5;
+            set.held_out[0].chance[1] = 0.5;
+        }
+        assert!(evidence.cost(&other) > evidence.cost(&bare));
+        // Nor does what is below the floor.
+        assert_eq!(log_square(0.5, 0.0), log_square(0.2, 0.0));
+    }
+
+    #[test]
+    fn what_is_not_a_number_never_wins_and_the_cost_is_one() {
+        let (evidence, bare) = (evidence(), judged(5.0, 1.0, 5.0, 4));
+        for broken in [judged(f64::NAN, 1.0, 1.0, 4), judged(1.0, 1.0, f64::INFINITY, 4)] {
+            assert!(evidence.cost(&broken).is_finite());
+            assert!(!evidence.prefers(&broken, &bare) && evidence.prefers(&bare, &broken));
+        }
+        // Recordings too short for one independent sample count as a few.
+        assert!(price(&[0.0]) > 0.0 && misfit(&hypothesis(1.0, 1.0, 4), &[0.0, 0.0]) == 0.0);
+    }
 }

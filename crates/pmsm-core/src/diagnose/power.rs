@@ -17,9 +17,9 @@ mod shapes;
 mod words;
 
 use super::data::Data;
+use super::evidence::{DECISIVE, PRIOR, price};
 use super::hypothesis::Hypothesis;
 use super::locate::upper_tail;
-use super::evidence::{DECISIVE, PRIOR, price};
 use super::shortlist::{Scorer, batches, solve};
 use super::verdict::MISMATCH;
 use crate::basis::{freed, orthonormal, orthonormal_beside};
@@ -37,8 +37,6 @@ use std::ops::Range;
 
 pub use words::{cannot_see, times};
 
-/// Cosine from which an effect is taken for a look-alike of another.
-pub const ALIKE: f64 = 0.95;
 /// Power below which an effect is listed as one that the recording would not show.
 pub const EVEN: f64 = 0.5;
 
@@ -69,13 +67,6 @@ impl Shown {
     /// How much of a found effect's trace this one reproduces within its bounds; all of it where that is not known.
     pub fn cosine(&self, found: EffectId) -> f64 {
         self.likeness.iter().find(|(e, ..)| *e == found).map_or(1.0, |(_, cosine, _)| *cosine)
-    }
-
-    /// Whether first-order analysis tells this effect from the found one.
-    pub fn resembles(&self, found: EffectId) -> bool {
-        self.likeness
-            .iter()
-            .any(|(e, cosine, nats)| *e == found && *cosine > ALIKE && *nats < DECISIVE)
     }
 }
 
@@ -294,6 +285,12 @@ mod tests {
         shown.iter().find(|s| s.effect == effect).unwrap().power
     }
 
+    /// Whether an effect does nearly all that the found one does, for little less evidence.
+    fn resembles(shown: &Shown, found: EffectId) -> bool {
+        let (_, cosine, nats) = shown.likeness.iter().find(|(e, ..)| *e == found).unwrap();
+        *cosine > 0.95 && *nats < DECISIVE
+    }
+
     #[test]
     fn reversals_show_what_one_speed_hides() {
         let (poor, base) = data(&setup(narrow(), Vec::new()));
@@ -321,13 +318,13 @@ mod tests {
         let best = fitted(&poor, &base, EffectId::CoulombFriction);
         let asked = [EffectId::AsymmetricFriction, EffectId::CoggingTorque];
         let shown = survey(&poor, &best, &asked, &worth(&best), false, &Silent);
-        assert!(shown[0].resembles(EffectId::CoulombFriction), "{shown:?}");
-        assert!(!shown[1].resembles(EffectId::CoulombFriction), "{shown:?}");
+        assert!(resembles(&shown[0], EffectId::CoulombFriction), "{shown:?}");
+        assert!(!resembles(&shown[1], EffectId::CoulombFriction), "{shown:?}");
         let rich = speeds(1.0, &[(0.1, 100.0), (0.4, -100.0), (0.6, -100.0), (0.9, 100.0)]);
         let (rich, base) = data(&setup(rich, effects));
         let best = fitted(&rich, &base, EffectId::CoulombFriction);
         let shown = survey(&rich, &best, &asked, &worth(&best), false, &Silent);
-        assert!(!shown[0].resembles(EffectId::CoulombFriction), "{shown:?}");
+        assert!(!resembles(&shown[0], EffectId::CoulombFriction), "{shown:?}");
     }
 
     #[test]

@@ -14,6 +14,7 @@ use crate::error::Result;
 use crate::monitor::Monitor;
 
 /// Searches for the effects, held against the other recordings or against every other window of this one, at the pace that these allow for.
+/// It begins with the set `from`, if there is one.
 pub fn search(
     whole: &mut Data,
     others: &mut [Data],
@@ -160,7 +161,7 @@ mod tests {
         setup.drive.sensors.noise_i = 0.3;
         let ((mut data, mut base), (other, _)) = (testing::data(&setup), testing::data(&setup));
         assert!(data.wanders_unfiltered() && verdict::largest_excess(&base) > 30.0);
-        let outcome = search(&mut data, &mut [other], &mut base, &Silent).unwrap();
+        let outcome = search(&mut data, &mut [other], &mut base, None, &Silent).unwrap();
         assert_eq!(outcome.best.fitted.effects(), [effects::EffectId::CoulombFriction]);
         assert!(data.wander().is_some() && !data.wanders_unfiltered());
     }
@@ -176,7 +177,7 @@ mod tests {
         let ((data, base), (other, _)) = (testing::data(&setup), testing::data(&setup));
         assert!(data.wanders_unfiltered(), "{:?}", base.squares);
         let mut outcome =
-            search(&mut data.clone(), &mut [other.clone()], &mut base.clone(), &Silent).unwrap();
+            search(&mut data.clone(), &mut [other.clone()], &mut base.clone(), None, &Silent).unwrap();
         let others = [other];
         let mut finer = |found: &[effects::EffectId]| {
             let model = Model::new(data.signals.context, found);

@@ -52,13 +52,16 @@ pub struct Search<'a> {
     pub monitor: &'a dyn Monitor,
 }
 
+/// Scored effects, each with the set that was refitted with it, if it was.
+type Tried = Vec<(Prospect, Option<Judged>)>;
+
 /// What came out of a selection.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// The bare machine.
     pub base: Judged,
-    /// Single effects that were scored beside the bare machine, with what came of their refit.
-    pub singles: Vec<(Prospect, Option<Judged>)>,
+    /// The effects that were scored beside the bare machine, with what came of their refit.
+    pub singles: Tried,
     /// The best set of effects (possibly none).
     pub best: Judged,
     /// For each effect of `best`, the sets in which another effect or none is in its place.
@@ -113,21 +116,13 @@ impl Search<'_> {
         for _ in 0..MOST {
             let evidence = self.evidence().limited(std::iter::once(&best));
             let worth = power::worth(self.data, &best.fitted, evidence.samples());
-            stamp("worth");
             if let Some(simpler) = self.simpler(&best, &worth, &evidence, &mut seen)? {
                 best = simpler;
                 continue;
             }
-            stamp("simpler");
             let (absent, poor) = (absent(&able, &best), self.most < MOST);
             shown = power::survey(self.data, &best.fitted, &absent, evidence.samples(), poor, self.monitor);
-            stamp("surveyed");
             swaps = self.exchange(&best, &worth, &shown, &mut seen)?;
-            stamp("exchanged");
-            if std::env::var("PMSM_TRACE").is_ok() {
-                eprintln!("worth {:?}", worth);
-                for s in &swaps { let sq = |j: &Judged| std::iter::once(&j.fitted).chain(&j.held_out).flat_map(|h| h.squares.iter().map(|x| (x.1 * 1000.0).round() / 1000.0)).collect::<Vec<_>>(); eprintln!("   {:?} by {:?} {:.1} {:?} from {:?}", s.replaced, s.by, evidence.cost(&s.judged) - evidence.cost(&best), sq(&s.judged), sq(&best)); }
-            }
             let better = swaps.iter().filter(|s| evidence.prefers(&s.judged, &best));
             let better = better.min_by(|a, b| evidence.cost(&a.judged).total_cmp(&evidence.cost(&b.judged)));
             let Some(better) = better.map(|s| s.judged.clone()) else { break };
@@ -138,13 +133,8 @@ impl Search<'_> {
         Ok(Outcome { base, singles, best, swaps, unfit, shown, evidence, path })
     }
 
-    /// Adds effects one at a time as long as the evidence of the recording grows: the largest set, and what single effects came to.
-    fn grow(
-        &self,
-        base: &Judged,
-        able: &[EffectId],
-        seen: &mut Vec<Judged>,
-    ) -> Result<(Judged, Vec<(Prospect, Option<Judged>)>)> {
+    /// Adds effects one at a time as long as the evidence of the recording grows: the largest set, and what came of the first effects tried.
+    fn grow(&self, base: &Judged, able: &[EffectId], seen: &mut Vec<Judged>) -> Result<(Judged, Tried)> {
         let mut best = base.clone();
         let mut singles = Vec::new();
         let evidence = self.evidence();
@@ -157,7 +147,6 @@ impl Search<'_> {
             let larger = self.extended(&best, &absent(able, &best))?;
             let sets = larger.iter().filter_map(|(_, set)| set.as_ref());
             let next = sets.min_by(|a, b| cost(a).total_cmp(&cost(b))).cloned();
-            trace(&best, &larger, &cost);
             let worth = next.filter(|next| cost(next) < cost(&best));
             let beside = worth.as_ref().and_then(|next| other_side(next, &larger, cost(&best), &cost));
             if singles.is_empty() {
@@ -173,9 +162,7 @@ impl Search<'_> {
                     next = both;
                 }
             }
-            stamp("both sides");
             best = self.renewed(next)?;
-            stamp("renewed");
             seen.push(best.clone());
             let share = best.fitted.effects().len() as f64 / MOST as f64;
             self.monitor.report("effects", 0.2 + 0.6 * share);
@@ -203,16 +190,18 @@ impl Search<'_> {
             let nuisances = set.fitted.nuisances.clone();
             let without = Hypothesis::on(self.data, model, parameters, free, nuisances);
             let prospect = Scorer::new(self.data, &without).score(effect);
-            let slot = set.fitted.model.slots().iter().find(|s| s.effect == effect).expect("it is in the set");
+            let slot =
+                set.fitted.model.slots().iter().find(|s| s.effect == effect).expect("it is in the set");
             let own = &set.fitted.parameters[slot.parameters.clone()];
             let same = effect.info().parameters.iter().zip(own).zip(&prospect.start);
             let mut numbers = same.filter(|((p, _), _)| p.role == Role::Fixed);
             if prospect.score == 0.0 || numbers.all(|((_, a), b)| a == b) {
                 continue;
             }
-            let Some(fitted) = self.refit(&Judged { fitted: without, ..set.clone() }, &prospect)? else { continue };
+            let Some(fitted) = self.refit(&Judged { fitted: without, ..set.clone() }, &prospect)? else {
+                continue;
+            };
             if evidence.cost_on_recording(&fitted) < evidence.cost_on_recording(&set.fitted) {
-                if std::env::var("PMSM_TRACE").is_ok() { eprintln!("renewed {effect:?} {:?} {:?}", prospect.start, fitted.squares); }
                 set = Judged { fitted, held_out: Vec::new(), refuted: false };
             }
         }
@@ -220,24 +209,19 @@ impl Search<'_> {
     }
 
     /// Scores `candidates` beside a set and refits it with each of the best of them.
-    fn extended(
-        &self,
-        parent: &Judged,
-        candidates: &[EffectId],
-    ) -> Result<Vec<(Prospect, Option<Judged>)>> {
+    fn extended(&self, parent: &Judged, candidates: &[EffectId]) -> Result<Tried> {
         let scorer = Scorer::new(self.data, &parent.fitted);
         let score = |effect: &EffectId| match self.monitor.cancelled() {
             true => Prospect::nothing(*effect, parent.fitted.model.context()),
-            false => { let t = std::time::Instant::now(); let s = scorer.score(*effect); if std::env::var("PMSM_TRACE").is_ok_and(|x| x == "3") { eprintln!("t {:?} {:.3}", effect, t.elapsed().as_secs_f64()); } s },
+            false => scorer.score(*effect),
         };
-        stamp("score");
         let mut prospects: Vec<Prospect> = candidates.par_iter().map(score).collect();
-        stamp("scored");
         prospects.sort_by(|a, b| b.score.total_cmp(&a.score));
         // Those that lead on their side, and those that may be what leads.
         let mut leading: Vec<EffectId> = Vec::new();
         for moves in [true, false] {
-            let side = || prospects.iter().filter(|p| is_mechanical(p.effect) == moves && p.score > LEAST_SCORE);
+            let side =
+                || prospects.iter().filter(|p| is_mechanical(p.effect) == moves && p.score > LEAST_SCORE);
             let top = side().next().map_or(0.0, |p| p.score);
             leading.extend(side().take(REFITTED).filter(|p| p.score >= RIVAL * top).map(|p| p.effect));
         }
@@ -246,9 +230,7 @@ impl Search<'_> {
             let set = if asked { self.refit(parent, &prospect)? } else { None };
             Ok((prospect, set.map(|fitted| Judged { fitted, held_out: Vec::new(), refuted: false })))
         };
-        let out = prospects.into_par_iter().map(refit).collect();
-        stamp("refitted");
-        out
+        prospects.into_par_iter().map(refit).collect()
     }
 
     /// By what sets are compared.
@@ -269,22 +251,6 @@ impl Search<'_> {
     }
 }
 
-pub static T0: std::sync::LazyLock<std::time::Instant> = std::sync::LazyLock::new(std::time::Instant::now);
-pub fn stamp(what: &str) {
-    if std::env::var("PMSM_TRACE").is_ok() {
-        eprintln!("{:8.3} {what}", T0.elapsed().as_secs_f64());
-    }
-}
-fn trace(best: &Judged, larger: &[(Prospect, Option<Judged>)], cost: &dyn Fn(&Judged) -> f64) {
-    if std::env::var("PMSM_TRACE").is_ok() {
-        let round = |h: &Hypothesis| h.squares.iter().map(|x| (x.1 * 100.0).round() / 100.0).collect::<Vec<_>>();
-        eprintln!("at {:?} cost {:.1} squares {:?}", best.fitted.effects(), cost(best), round(&best.fitted));
-        for (p, s) in larger.iter().filter(|(p, _)| p.score > LEAST_SCORE) {
-            eprintln!("   {:?} {:.4} {:?}", p.effect, p.score, s.as_ref().map(|s| (cost(s), round(&s.fitted))));
-        }
-    }
-}
-
 fn is_mechanical(effect: EffectId) -> bool {
     effect.info().site == Site::Mechanical
 }
@@ -293,7 +259,7 @@ fn is_mechanical(effect: EffectId) -> bool {
 /// place by itself: as it was fitted.
 fn other_side(
     next: &Judged,
-    larger: &[(Prospect, Option<Judged>)],
+    larger: &Tried,
     without: f64,
     cost: &dyn Fn(&Judged) -> f64,
 ) -> Option<Prospect> {
@@ -337,4 +303,74 @@ fn path(base: &Judged, best: &Judged, seen: &[Judged], evidence: &Evidence) -> V
         path.push(best.clone());
     }
     path
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{self, choice, setup, speeds};
+    use crate::drive::{Choice, Manoeuvre, Schedule, Shape};
+    use crate::monitor::Silent;
+
+    /// Reversals at several speeds with steps of i_d.
+    fn rich() -> Manoeuvre {
+        let path: Vec<(f64, f64)> =
+            (0..8).map(|k| (0.05 + 0.2 * f64::from(k), [110.0, -90.0, 40.0][k as usize % 3])).collect();
+        let mut manoeuvre = speeds(1.6, &path);
+        manoeuvre.i_d = Some(Schedule::new(vec![(0.0, 0.0), (0.4, -4.0), (1.1, 2.0)], Shape::Steps).unwrap());
+        manoeuvre
+    }
+
+    fn search(data: &Data) -> Search<'_> {
+        Search { data, held_out: Vec::new(), refuting: Vec::new(), most: MOST, from: None, monitor: &Silent }
+    }
+
+    fn selected(present: Vec<Choice>) -> Vec<EffectId> {
+        let (data, base) = testing::data(&setup(rich(), present));
+        let outcome = search(&data).run(base).unwrap();
+        let found = outcome.best.fitted.effects();
+        assert_eq!(outcome.order().len(), found.len());
+        assert!(outcome.path.windows(2).all(|w| w[0].fitted.effects().len() < w[1].fitted.effects().len()));
+        found
+    }
+
+    #[test]
+    fn three_effects_at_once_are_all_found_and_nothing_else() {
+        let present = vec![
+            choice("dead_time", "v_err", 4.0),
+            choice("coulomb_friction", "tau_c", 0.3),
+            choice("cogging_torque", "tau_cog", 0.2),
+        ];
+        let mut found = selected(present);
+        found.sort_by_key(|e| e.id());
+        assert_eq!(found, [EffectId::CoggingTorque, EffectId::CoulombFriction, EffectId::DeadTime]);
+    }
+
+    #[test]
+    fn a_clean_machine_gets_no_effect() {
+        assert_eq!(selected(Vec::new()), []);
+    }
+
+    #[test]
+    fn an_order_chosen_before_the_others_were_known_is_corrected() {
+        let both = vec![choice("cogging_torque", "tau_cog", 0.2), choice("coulomb_friction", "tau_c", 0.3)];
+        let (data, base) = testing::data(&setup(rich(), both));
+        let (cogging, friction) = (EffectId::CoggingTorque, EffectId::CoulombFriction);
+        let model = crate::model::Model::new(data.signals.context, &[friction, cogging]);
+        let typical = |e: EffectId| -> Vec<f64> {
+            e.info().parameters.iter().map(|p| (p.typical)(&data.signals.context)).collect()
+        };
+        let mut start = [base.own(), &typical(friction), &typical(cogging)].concat();
+        let order = start.len() - 1;
+        assert_eq!(cogging.info().parameters.last().map(|p| p.role), Some(Role::Fixed));
+        let right = start[order];
+        start[order] = right / 3.0;
+        let fitted = fitting::fit(&data, &model, &start, false, &Silent).unwrap();
+        let wrong = Judged { fitted, held_out: Vec::new(), refuted: false };
+        assert!(wrong.excess() > verdict::MISMATCH && wrong.fitted.own()[order] == right / 3.0);
+        let found = search(&data).renewed(wrong).unwrap();
+        let slot = found.fitted.model.slots().iter().find(|s| s.effect == cogging).unwrap();
+        assert_eq!(found.fitted.own()[slot.parameters.end - 1], right);
+        assert!(found.excess() < verdict::MISMATCH, "{:?}", found.fitted.squares);
+    }
 }

@@ -148,14 +148,17 @@ impl<'a> Scorer<'a> {
         let model = Model::new(*hypothesis.model.context(), &effects);
         let mut parameters = [hypothesis.own(), own].concat();
         let mut nuisances = Vec::with_capacity(hypothesis.nuisances.len());
-        for (nuisance, left_open) in split(&hypothesis.nuisances, &hypothesis.parameters[hypothesis.own().len()..]) {
+        for (nuisance, left_open) in
+            split(&hypothesis.nuisances, &hypothesis.parameters[hypothesis.own().len()..])
+        {
             let run = &self.data.runs()[nuisances.len()];
             let initial = if run.has(false) { run.initial_states(&model) } else { 0 };
             parameters.extend(left_open);
             parameters.extend(std::iter::repeat_n(0.0, initial - nuisance.initial));
             nuisances.push(Nuisance { initial, ..nuisance });
         }
-        let experiment = self.data.experiment(&model, &nuisances, projector.channels.clone()).with_plain_speed();
+        let experiment =
+            self.data.experiment(&model, &nuisances, projector.channels.clone()).with_plain_speed();
         let residual = experiment.residual(&parameters);
         let free = &residual - &projector.basis * tall::tr_mul_vector(&projector.basis, &residual);
         let gain = projector.residual.norm_squared() - free.norm_squared();

@@ -2,7 +2,7 @@
 //! it depends, added to the equations and fitted by simulation like any effect, if it predicts what it was not fitted to.
 //!
 //! The map and its stiffness are chosen on blocks of the recording that are left out (`choice`); then the whole model is
-//! fitted with it, and it is kept only if it beats the model without it by the rule that holds for effects. It has no place in the
+//! fitted with it, and it is kept only if it has more evidence than the model without it, as holds for effects. It has no place in the
 //! catalogue and takes part in no ranking.
 
 mod candidates;
@@ -14,10 +14,10 @@ mod view;
 mod words;
 
 use super::data::Data;
+use super::evidence::Evidence;
 use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::locate::{self, Located};
-use super::evidence::Evidence;
 use super::transfer::transfer;
 use super::verdict::{Judged, UNEXPLAINED};
 use crate::error::Result;
@@ -164,7 +164,7 @@ fn places(data: &Data, best: &Hypothesis, side: Side) -> Vec<Located> {
 
 /// Sides on which more is left than may remain where something is explained, the larger excess first.
 fn sides(data: &Data, best: &Hypothesis) -> Vec<Side> {
-    let mut left: Vec<_> = best.squares.iter().filter(|(_, s)| *s > 1.0 + UNEXPLAINED.1).collect();
+    let mut left: Vec<_> = best.squares.iter().filter(|(_, s)| *s > 1.0 + UNEXPLAINED).collect();
     left.sort_by(|a, b| b.1.total_cmp(&a.1));
     let mut sides = Vec::new();
     for (channel, _) in left {
@@ -220,9 +220,6 @@ impl Trial<'_> {
             None => (self.data, self.judge.into_iter().collect()),
         };
         let evidence = Evidence::new(data, &held_out);
-        if std::env::var("PMSM_TRACE").is_ok() {
-            eprintln!("improves {:?} -> {:?} cost {:.1} {:.1} elsewhere {:.1} {:.1}", before.fitted.squares, after.fitted.squares, evidence.cost(&before), evidence.cost(&after), evidence.cost_elsewhere(&before), evidence.cost_elsewhere(&after));
-        }
         if !evidence.prefers(&after, &before) {
             return Ok(None);
         }

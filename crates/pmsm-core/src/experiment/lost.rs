@@ -236,7 +236,9 @@ mod tests {
     use std::ops::Range;
 
     fn parts() -> [Part; 3] {
-        let line = |variable, low, high| Factor::Spline(Spline { variable, low, high, degree: 1, pieces: 1, warp: 0.0 });
+        let line = |variable, low, high| {
+            Factor::Spline(Spline { variable, low, high, degree: 1, pieces: 1, warp: 0.0 })
+        };
         let wave = |order, count| Factor::Harmonics { angle: Variable::ThetaE, order, count };
         let part =
             |equations: &[Equation], first, second| Part { equations: equations.to_vec(), first, second };

@@ -223,7 +223,8 @@ mod tests {
     #[test]
     fn splines_are_a_partition_of_unity_and_hold_their_ends() {
         for degree in 1..=3 {
-            let spline = Spline { variable: Variable::OmegaE, low: -50.0, high: 150.0, degree, pieces: 4, warp: 0.0 };
+            let spline =
+                Spline { variable: Variable::OmegaE, low: -50.0, high: 150.0, degree, pieces: 4, warp: 0.0 };
             let at = |omega| values(Factor::Spline(spline), &at_speed(omega));
             for k in 0..=100 {
                 let b = at(-50.0 + 2.0 * f64::from(k));
@@ -238,7 +239,8 @@ mod tests {
 
     #[test]
     fn a_spline_of_its_nodes_is_the_variable_itself() {
-        let spline = Spline { variable: Variable::OmegaE, low: 0.0, high: 4.0, degree: 3, pieces: 4, warp: 0.0 };
+        let spline =
+            Spline { variable: Variable::OmegaE, low: 0.0, high: 4.0, degree: 3, pieces: 4, warp: 0.0 };
         for omega in [0.0, 0.7, 1.9, 3.3, 4.0] {
             let b = values(Factor::Spline(spline), &at_speed(omega));
             let sum: f64 = b.iter().enumerate().map(|(k, b)| b * (k as f64 - 1.0)).sum();

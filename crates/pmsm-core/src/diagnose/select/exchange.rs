@@ -6,6 +6,7 @@ use crate::diagnose::evidence::Evidence;
 use crate::diagnose::fitting;
 use crate::diagnose::power::Shown;
 use crate::diagnose::shortlist::Scorer;
+use crate::diagnose::stated_load;
 use crate::diagnose::verdict::Judged;
 use crate::effect::Site;
 use crate::effects::EffectId;
@@ -41,7 +42,12 @@ impl Search<'_> {
         seen: &mut Vec<Judged>,
     ) -> Result<Option<Judged>> {
         let effects = best.fitted.effects();
-        let weak = worth.iter().filter(|(e, nats)| *nats < sure() || self.wanders(*e)).map(|(e, _)| (*e, None));
+        let of_load = |e: &&EffectId| stated_load::accounts_for(self.data, &best.fitted, **e);
+        if let Some(gone) = effects.iter().find(of_load) {
+            // A stated load is known to a share of its value: within that it is as likely to be off, and no effect is called for.
+            return Ok(self.each(best, &[(*gone, None)], seen)?.pop());
+        }
+        let weak = worth.iter().filter(|(e, nats)| *nats < SURE || self.wanders(*e)).map(|(e, _)| (*e, None));
         let narrower = effects.iter().flat_map(|gone| {
             let instead = special_cases(*gone).filter(|e| !effects.contains(e));
             instead.map(|narrow| (*gone, Some(narrow)))
@@ -58,7 +64,7 @@ impl Search<'_> {
         effect.info().site == Site::Mechanical && self.data.runs().iter().any(|run| run.wander().is_some())
     }
 
-    /// The sets in which the first of each pair is taken out of `best`, with the second in its place, as fitted before or now.
+    /// The sets in which one effect is taken out of `best`, with another in its place if one is given, as fitted before or now.
     fn each(
         &self,
         best: &Judged,
@@ -89,8 +95,8 @@ impl Search<'_> {
 
     /// A set of these effects that was fitted and held against all recordings.
     fn known<'s>(&self, seen: &'s [Judged], wanted: &[EffectId]) -> Option<&'s Judged> {
-        let whole = seen.iter().filter(|set| set.held_out.len() == self.held_out.len());
-        whole.filter(|set| is_set(&set.fitted.effects(), wanted)).last()
+        let mut whole = seen.iter().filter(|set| set.held_out.len() == self.held_out.len());
+        whole.rfind(|set| is_set(&set.fitted.effects(), wanted))
     }
 
     /// Sets beside the best one that may have as much evidence to first order: without one of its effects, or with another in its place.
@@ -103,10 +109,9 @@ impl Search<'_> {
     ) -> Result<Vec<Swap>> {
         let loses = |s: &Shown, found: EffectId, nats: f64| nats * (1.0 - s.cosine(found).powi(2));
         let open = |found: EffectId, nats: f64| {
-            nats < sure() || shown.iter().any(|s| loses(s, found, nats) < FIRST_ORDER)
+            nats < SURE || shown.iter().any(|s| loses(s, found, nats) < FIRST_ORDER)
         };
-        let asked: Vec<(EffectId, f64)> =
-            worth.iter().copied().filter(|(e, nats)| open(*e, *nats)).collect();
+        let asked: Vec<(EffectId, f64)> = worth.iter().copied().filter(|(e, nats)| open(*e, *nats)).collect();
         let ways: Vec<(EffectId, Option<EffectId>)> = asked.iter().map(|(e, _)| (*e, None)).collect();
         let without = self.each(best, &ways, seen)?;
         let mut out: Vec<Swap> = Vec::new();
@@ -114,8 +119,7 @@ impl Search<'_> {
         for ((replaced, nats), fewer) in asked.iter().zip(&without) {
             out.push(Swap { replaced: *replaced, by: None, judged: fewer.clone() });
             let loses = |s: &Shown| loses(s, *replaced, *nats);
-            let mut rivals: Vec<&Shown> =
-                shown.iter().filter(|s| loses(s) < FIRST_ORDER).collect();
+            let mut rivals: Vec<&Shown> = shown.iter().filter(|s| loses(s) < FIRST_ORDER).collect();
             rivals.sort_by(|a, b| loses(a).total_cmp(&loses(b)));
             tasks.extend(rivals.into_iter().take(RIVALS).map(|s| (*replaced, s.effect, fewer)));
         }
@@ -142,8 +146,78 @@ impl Search<'_> {
     }
 }
 
-fn sure() -> f64 { if std::env::var("PMSM_SURE").is_ok() { 1e9 } else { SURE } }
 /// Whether both hold the same effects.
 fn is_set(a: &[EffectId], b: &[EffectId]) -> bool {
     a.len() == b.len() && a.iter().all(|e| b.contains(e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::data::Data;
+    use crate::diagnose::hypothesis::Hypothesis;
+    use crate::diagnose::power;
+    use crate::diagnose::select::MOST;
+    use crate::diagnose::testing::{choice, data, setup, speeds};
+    use crate::drive::{Choice, Manoeuvre, Schedule};
+    use crate::model::Model;
+    use crate::monitor::Silent;
+
+    fn reversing() -> Manoeuvre {
+        speeds(1.0, &[(0.1, 90.0), (0.3, -80.0), (0.5, 60.0), (0.7, -60.0), (0.9, 80.0)])
+    }
+
+    /// A fitted set of these effects, from their typical strengths.
+    fn set(data: &Data, base: &Hypothesis, effects: &[EffectId]) -> Judged {
+        let context = data.signals.context;
+        let typical = effects.iter().flat_map(|e| e.info().parameters).map(|p| (p.typical)(&context));
+        let start: Vec<f64> = base.own().iter().copied().chain(typical).collect();
+        let fitted = fitting::fit(data, &Model::new(context, effects), &start, false, &Silent).unwrap();
+        Judged { fitted, held_out: Vec::new(), refuted: false }
+    }
+
+    /// The effects of the simpler set that is preferred to the set `of` these effects, if one is.
+    fn simpler(manoeuvre: Manoeuvre, present: Vec<Choice>, of: &[EffectId]) -> Option<Vec<EffectId>> {
+        let (data, base) = data(&setup(manoeuvre, present));
+        let search = Search {
+            data: &data,
+            held_out: Vec::new(),
+            refuting: Vec::new(),
+            most: MOST,
+            from: None,
+            monitor: &Silent,
+        };
+        let best = set(&data, &base, of);
+        let worth = power::worth(&data, &best.fitted, search.evidence().samples());
+        let simpler = search.simpler(&best, &worth, &mut Vec::new()).unwrap();
+        simpler.map(|set| set.fitted.effects())
+    }
+
+    #[test]
+    fn an_effect_that_the_others_make_superfluous_is_dropped_and_one_that_is_needed_is_not() {
+        let (dry, drag) = (EffectId::CoulombFriction, EffectId::QuadraticDrag);
+        let friction = || vec![choice("coulomb_friction", "tau_c", 0.3)];
+        assert_eq!(simpler(reversing(), friction(), &[dry, drag]), Some(vec![dry]));
+        assert_eq!(simpler(reversing(), friction(), &[dry]), None);
+    }
+
+    #[test]
+    fn a_special_case_takes_the_place_of_a_wider_effect() {
+        let friction = vec![choice("coulomb_friction", "tau_c", 0.3)];
+        let narrower = simpler(reversing(), friction, &[EffectId::StribeckFriction]);
+        assert_eq!(narrower, Some(vec![EffectId::CoulombFriction]));
+    }
+
+    #[test]
+    fn what_a_stated_load_may_be_off_by_is_no_friction() {
+        let dropped = |tau_a: f64| {
+            let mut manoeuvre = speeds(0.6, &[(0.05, 50.0), (0.2, -40.0), (0.35, 60.0), (0.5, -30.0)]);
+            manoeuvre.tau_load = Some(Schedule::constant(5.0).unwrap());
+            manoeuvre.load_kind = Some("known_constant".into());
+            let present = vec![choice("asymmetric_friction", "tau_a", tau_a)];
+            simpler(manoeuvre, present, &[EffectId::AsymmetricFriction])
+        };
+        assert_eq!(dropped(0.003), Some(Vec::new()));
+        assert_eq!(dropped(0.1), None);
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::Search;
 use crate::diagnose::data::Data;
-use crate::diagnose::fitting::{self, Currents};
+use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::shortlist::Prospect;
 use crate::diagnose::verdict::Judged;
@@ -30,17 +30,21 @@ impl Search<'_> {
 ///
 /// A score lets the parameters of the parent give way to the effect, while a fit starts from them as they are, and to first order a
 /// strength may come out far too large where shapes matter: either may lead a shape astray.
-fn beside(data: &Data, parent: &Hypothesis, prospect: &Prospect, monitor: &dyn Monitor) -> Result<Hypothesis> {
+fn beside(
+    data: &Data,
+    parent: &Hypothesis,
+    prospect: &Prospect,
+    monitor: &dyn Monitor,
+) -> Result<Hypothesis> {
     let mut effects = parent.effects();
     effects.push(prospect.effect);
     let model = Model::new(*parent.model.context(), &effects);
     let parameters = prospect.effect.info().parameters;
     let first = model.parameter_count() - parameters.len();
     let mechanical = prospect.effect.info().site == Site::Mechanical;
-    let currents = if mechanical { Currents::Done } else { Currents::Open };
     let fit = |own: &[f64], held: &[usize], under: Option<&Hypothesis>| {
         let start = [parent.own(), own].concat();
-        fitting::fit_unless(None, (held, under), data, &model, (&start, currents), monitor)
+        fitting::fit_under(under, held, data, &model, (&start, mechanical), monitor)
     };
     // What moves beside the rotor is no step of a load, which need not be found anew for it.
     let under = (prospect.effect.mechanical_state_count() > 0).then_some(parent);
@@ -51,7 +55,8 @@ fn beside(data: &Data, parent: &Hypothesis, prospect: &Prospect, monitor: &dyn M
         let promised = prospect.score > LEAST_PROMISE && !shapes.is_empty() && !monitor.cancelled();
         promised && explained(parent, fitted) < KEPT_PROMISE * prospect.score
     };
-    let better = |a: Hypothesis, b: Hypothesis| if explained(parent, &b) > explained(parent, &a) { b } else { a };
+    let better =
+        |a: Hypothesis, b: Hypothesis| if explained(parent, &b) > explained(parent, &a) { b } else { a };
     if short(&best) {
         best = better(best, fit(&prospect.start, &shapes, Some(parent))?);
     }

@@ -75,9 +75,6 @@ pub fn choose(
         .collect();
     let loss = |trial: &Trial| scale.loss(trial.left, trial.part.count());
     let chosen = trials.into_iter().min_by(|a, b| loss(a).total_cmp(&loss(b)))?;
-    if std::env::var("PMSM_TRACE").is_ok() {
-        eprintln!("choose {:?}: bare {:.3} chosen {:.3} {:?} ridge {} loss {:.1} {:.1}", side, bare / (scale.channels * scale.counted) as f64, chosen.left / (scale.channels * scale.counted) as f64, chosen.part, chosen.ridge, loss(&chosen), scale.loss(bare, 0));
-    }
     (loss(&chosen) < scale.loss(bare, 0) - LEAST_GAIN).then(|| settled(&view, chosen))
 }
 

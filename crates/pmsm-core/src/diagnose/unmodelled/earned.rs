@@ -31,12 +31,7 @@ pub struct Earned {
 ///
 /// # Errors
 /// Those of the least-squares fits.
-pub fn earned(
-    data: &Data,
-    judge: Option<&Data>,
-    best: &Hypothesis,
-    monitor: &dyn Monitor,
-) -> Result<Earned> {
+pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dyn Monitor) -> Result<Earned> {
     let held_out: Vec<&Data> = judge.into_iter().collect();
     let with_map = |set: &Hypothesis| -> Result<Judged> {
         let (fitted, _) = explain(data, judge, set, monitor)?;
@@ -77,7 +72,6 @@ pub fn earned(
         match least {
             Some((_, nats, fewer)) if *nats < DECISIVE && !monitor.cancelled() => set = fewer.clone(),
             _ => {
-                if std::env::var("PMSM_TRACE").is_ok() { eprintln!("earned {:?} map {:?} squares {:?} {:?} samples {:?}", tried.iter().map(|t| (t.0, t.1)).collect::<Vec<_>>(), whole.fitted.model.map().map(|m| m.parts.clone()), whole.fitted.squares, whole.held_out.iter().map(|h| h.squares.clone()).collect::<Vec<_>>(), whole.fitted.samples); }
                 let probability = |effect: EffectId| {
                     let nats = tried.iter().find(|(e, ..)| *e == effect).map_or(f64::INFINITY, |t| t.1);
                     (effect, 1.0 / (1.0 + (-nats).exp()))
@@ -86,5 +80,38 @@ pub fn earned(
                 return Ok(Earned { set, probabilities });
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
+    use crate::drive::Choice;
+    use crate::monitor::Silent;
+
+    /// The effects of a set that holds `named` alone which a map cannot replace.
+    fn kept(present: Vec<Choice>, named: EffectId) -> Vec<(EffectId, f64)> {
+        let path: Vec<(f64, f64)> =
+            (0..8).map(|k| (0.05 + 0.2 * f64::from(k), [60.0, -50.0, 20.0][k as usize % 3])).collect();
+        let (data, base) = data(&setup(speeds(1.6, &path), present));
+        let set = fitted(&data, &base, named);
+        let earned = earned(&data, None, &set, &Silent).unwrap();
+        assert_eq!(earned.set.effects().len(), earned.probabilities.len());
+        earned.probabilities
+    }
+
+    #[test]
+    fn friction_beside_a_torque_that_no_effect_of_the_set_explains_stays_named() {
+        let both = vec![choice("coulomb_friction", "tau_c", 0.3), choice("cogging_torque", "tau_cog", 0.3)];
+        let kept = kept(both, EffectId::CoulombFriction);
+        assert_eq!(kept.len(), 1, "{kept:?}");
+        assert!(kept[0].0 == EffectId::CoulombFriction && kept[0].1 > 0.9, "{kept:?}");
+    }
+
+    #[test]
+    fn such_a_torque_alone_names_nothing() {
+        let alone = vec![choice("cogging_torque", "tau_cog", 0.3)];
+        assert_eq!(kept(alone, EffectId::QuadraticDrag), []);
     }
 }
