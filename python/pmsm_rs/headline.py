@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from .errors import shown
-from .results import DiagnosisValues
+from .results import DiagnosisValues, Remaining
 from .words import EQUATIONS, listed, lower_first, number, percent, title
 
 _NAMED: Final = 3
@@ -65,6 +65,13 @@ def _first_sentence(answer: DiagnosisValues) -> str:
     """The verdict with what remains beside the effects that were found."""
     if answer.verdict == "undetermined" and answer.reason:
         return f"Nothing can be said of the motor: {answer.reason}."
+    if answer.verdict == "no_mismatch" and answer.remaining:
+        these = "these recordings" if answer.recordings else "this recording"
+        worst = max(answer.remaining, key=lambda at: at.times)
+        return (
+            f"The dq-model explains {these} down to the noise, but not the validation run: "
+            f"{_left(worst)}, by a parameter that stays open here or by what is missing."
+        )
     rest = _rest(answer)
     if rest and answer.verdict == "unknown" and (found := _mostly_explained(answer)):
         return f"{found}; {rest}, so another cause is at work."
@@ -80,9 +87,12 @@ def _rest(answer: DiagnosisValues) -> str:
     beside = [at for at in answer.remaining if at.beside]
     if not beside:
         return ""
-    worst = max(beside, key=lambda at: at.times)
-    where = EQUATIONS.get(worst.equation, worst.equation)
-    return f"{number(worst.times)} times the noise is left in the {where}"
+    return _left(max(beside, key=lambda at: at.times))
+
+
+def _left(at: Remaining) -> str:
+    """How much is left of an equation."""
+    return f"{number(at.times)} times the noise is left in the {EQUATIONS.get(at.equation, at.equation)}"
 
 
 def _mostly_explained(answer: DiagnosisValues) -> str:

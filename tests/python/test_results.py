@@ -226,6 +226,13 @@ def test_an_effect_that_explains_most_and_leaves_more_than_noise_is_told_with_bo
     assert said in " ".join(str(answer).split("\n\n")[0].split())
 
 
+def test_an_all_clear_that_the_validation_run_does_not_share_says_so_first() -> None:
+    answer = diagnosis(verdict="no_mismatch", remaining=[{**REMAINING, "beside": []}])
+    first = " ".join(str(answer).split("\n\n")[0].split())
+    assert "but not the validation run: 14.8 times the noise is left" in first
+    assert "Nothing is missing" not in first
+
+
 def test_an_undetermined_answer_begins_with_its_reason() -> None:
     answer = diagnosis(
         verdict="undetermined", reason="the torque counts with the opposite sign; turn it round"

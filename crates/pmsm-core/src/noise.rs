@@ -230,8 +230,9 @@ fn add_driven(
         }
     }
     let step = (steps.0 / steps.1.max(1) as f64).sqrt();
-    // The error of a speed that was derived or held lasts itself, and no filter tells it from what noise does to the rotor.
-    let speed = speed.filter(|_| !experiment.signals.limits.lasting);
+    // The error of a speed that was derived or held lasts itself, and so does that of a torque between rows far apart: no filter tells these
+    // from what white noise does to the rotor.
+    let speed = speed.filter(|_| !experiment.signals.limits.bounded());
     if let Some(at) = speed.filter(|at| step.is_finite() && floors[*at].share() > WANDERS) {
         let floor = &mut floors[at];
         let wander = Wander::new(floor.sensor, step);
