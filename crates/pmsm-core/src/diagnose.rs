@@ -1,9 +1,8 @@
 //! Diagnosis: what does the model of this machine leave out?
 //!
-//! The bare machine is fitted, what it leaves is located, every effect of the catalogue is scored on it, the most promising
-//! ones are refitted by simulation, alone and together, and judged on samples that were not used for fitting. What
-//! explains everything down to the noise is named; what several effects explain is ambiguous; what none explains is
-//! unknown, and still located.
+//! The bare machine is fitted, and what the fit does not explain is located. Sets of effects are then grown, exchanged and pruned by
+//! evidence, each refitted by simulation and held against samples that it was not fitted to. Where several sets do as well, the answer is
+//! ambiguous. Where none reaches the noise, effects that a smooth map cannot replace are named beside one; else the answer is unknown.
 
 mod able;
 mod agree;
@@ -17,6 +16,7 @@ mod counts;
 pub mod data;
 mod decide;
 mod each;
+pub mod evidence;
 mod fault;
 mod fitting;
 mod hold;
@@ -31,10 +31,8 @@ mod power;
 mod prescribe;
 mod reach;
 pub mod remaining;
-mod reversals;
-pub mod scale;
-pub mod search;
 mod searching;
+pub mod select;
 pub mod shortlist;
 mod stated_load;
 #[cfg(test)]
@@ -140,7 +138,7 @@ pub fn diagnose(
         base = fitting::refit(&whole, &base, monitor)?;
     }
     monitor.report("bare machine", 0.1);
-    let mut outcome = searching::search(&mut whole, &mut others, &mut base, monitor)?;
+    let mut outcome = searching::search(&mut whole, &mut others, &mut base, None, monitor)?;
     let (bare, best) = outcome.ends();
     let Judged { fitted: found, held_out, .. } = best;
     let known = if held_out.len() == others.len() { &held_out[..] } else { &[] };
@@ -150,7 +148,8 @@ pub fn diagnose(
         || hold::in_place_of_one(&mut whole, &mut others, &outcome, monitor)?;
     if again && !monitor.cancelled() {
         base = fitting::refit(&whole, &base, monitor)?;
-        outcome = searching::search(&mut whole, &mut others, &mut base, monitor)?;
+        let found = outcome.best.fitted;
+        outcome = searching::search(&mut whole, &mut others, &mut base, Some(&found), monitor)?;
     } else if let Some(finer) = searching::judged_finer(&whole, &others, &outcome, monitor)? {
         (whole, others, outcome) = finer;
     }

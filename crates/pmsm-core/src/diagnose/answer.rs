@@ -19,6 +19,8 @@ pub enum Verdict {
     NoMismatch,
     /// The omitted physics is named.
     Named,
+    /// Named physics is missing, and something more beside it.
+    Partial,
     /// Several effects explain it equally well.
     Ambiguous,
     /// Something is missing that the catalogue does not hold.

@@ -8,9 +8,11 @@ use super::decide::{self, Ranked};
 use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::outputs::Outputs;
-use super::search::Outcome;
+use super::select::Outcome;
 use super::ties::{self, Tie};
 use super::transfer::transfer;
+use super::unmodelled::Earned;
+use super::verdict::Judged;
 use super::{
     able, agree, baseline, each, fault, plausible, power, prescribe, reach, remaining, stated_load,
     unmodelled, verdict,
@@ -54,7 +56,7 @@ pub fn conclude(
         outcome.path.truncate(1);
         outcome.swaps.clear();
         let asked = able::able(data).0;
-        let worth = outcome.scale.worth();
+        let worth = outcome.evidence.samples();
         outcome.shown = power::survey(data, &outcome.base.fitted, &asked, worth, true, monitor);
     }
     let (mut verdict, mut ranked) = decide::decide(&outcome, data.poor);
@@ -100,6 +102,7 @@ pub fn conclude(
     // Steady points have no dynamics to tell an effect from base parameters that can stand in for all of its strength.
     let steady = data.signals.kind == Kind::OperatingPoints;
     let ties = if steady { own.ties() } else { Vec::new() };
+    let asymmetric = own.effect(EffectId::AsymmetricFriction);
     if verdict == Verdict::Named && ties.iter().any(|tie| tie.doubtful && !outcome.needs(tie.effect)) {
         verdict = Verdict::Ambiguous;
     }
@@ -108,13 +111,23 @@ pub fn conclude(
     let (before, found) = rayon::join(|| on_judge(&outcome.base.fitted), || on_judge(&outcome.best.fitted));
     let (before, mut after): (Option<(&Data, Hypothesis)>, _) = (before?, found?);
     let foreseen = after.as_ref().map(|(judge, found)| (*judge, found));
-    let remaining = remaining::beside(data, &outcome.best.fitted, foreseen);
-    let named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
-    if named && !remaining.is_empty() {
+    let mut remaining = remaining::beside(data, &outcome.best.fitted, foreseen);
+    if data.poor && verdict == Verdict::Ambiguous && !remaining.is_empty() {
         // Beside another cause no name is sure, however much of the mismatch it explains.
         decide::doubt(&mut ranked, remaining::CEILING_BESIDE);
-        if verdict == Verdict::Named {
-            verdict = Verdict::Unknown;
+    }
+    let found = !outcome.best.fitted.effects().is_empty() && !data.poor;
+    let open = match verdict {
+        Verdict::Named | Verdict::Ambiguous => !remaining.is_empty(),
+        _ => verdict == Verdict::Unknown,
+    };
+    if found && open && !monitor.cancelled() {
+        let earned = unmodelled::earned(data, judge, &outcome.best.fitted, monitor)?;
+        verdict = beside_a_map(&mut outcome, &mut ranked, earned);
+        if verdict != Verdict::Unknown {
+            after = on_judge(&outcome.best.fitted)?;
+            let foreseen = after.as_ref().map(|(judge, found)| (*judge, found));
+            remaining = remaining::beside(data, &outcome.best.fitted, foreseen);
         }
     }
     if verdict == Verdict::Named
@@ -125,7 +138,6 @@ pub fn conclude(
         decide::doubt(&mut ranked, decide::CEILING_UNKNOWN);
     }
     let located = fault::located(data, judge, &outcome, verdict);
-    let asymmetric = own.effect(EffectId::AsymmetricFriction);
     if verdict == Verdict::Unknown {
         // No effect earns a name: what was found stays a candidate, and is no part of the model.
         outcome.best = outcome.base.clone();
@@ -135,7 +147,7 @@ pub fn conclude(
     let best = &outcome.best;
     // What stays unknown is at least described, so that the model predicts.
     let described = match verdict {
-        Verdict::Unknown if !monitor.cancelled() => {
+        Verdict::Unknown | Verdict::Partial if !monitor.cancelled() => {
             Some(unmodelled::explain(data, judge, &best.fitted, monitor)?)
         }
         _ => None,
@@ -204,6 +216,38 @@ pub fn conclude(
         recordings: each::recordings(data, &traces.recording),
         traces,
     })
+}
+
+/// The verdict where a set has more than noise left: the effects that explain what a map cannot are named beside it, and make up the set
+/// from then on.
+fn beside_a_map(outcome: &mut Outcome, ranked: &mut [Ranked], earned: Earned) -> Verdict {
+    let kept = earned.set.effects();
+    if kept.is_empty() {
+        decide::doubt(ranked, decide::CEILING_UNKNOWN);
+        return Verdict::Unknown;
+    }
+    let set = Judged { fitted: earned.set, held_out: Vec::new(), refuted: false };
+    for candidate in ranked.iter_mut() {
+        match earned.probabilities.iter().find(|(effect, _)| *effect == candidate.effect) {
+            Some((_, probability)) => {
+                candidate.probability = (1.0 - decide::UNKNOWN) * probability;
+                candidate.judged = set.clone();
+            }
+            None => candidate.probability = candidate.probability.min(decide::CEILING_UNKNOWN),
+        }
+    }
+    ranked.sort_by_key(|candidate| !kept.contains(&candidate.effect));
+    let mut certain = ranked.iter().filter(|candidate| kept.contains(&candidate.effect));
+    let verdict =
+        if certain.all(|c| c.equivalent.is_empty()) { Verdict::Partial } else { Verdict::Ambiguous };
+    if verdict == Verdict::Ambiguous {
+        decide::doubt(ranked, remaining::CEILING_BESIDE);
+    }
+    let goes = |step: &Judged| step.fitted.effects().iter().all(|e| kept.contains(e));
+    outcome.path.retain(|step| goes(step) && step.fitted.effects().len() < kept.len());
+    outcome.path.push(set.clone());
+    outcome.best = set;
+    verdict
 }
 
 /// Whether the model owes its place to a mechanical effect none of whose parameters exceeds its own standard error: what it takes away is

@@ -8,7 +8,7 @@ use super::data::Data;
 use super::fitting::free_parameters;
 use super::hypothesis::Hypothesis;
 use super::locate::{self, Located};
-use super::search::Outcome;
+use super::select::Outcome;
 use super::verdict::{self, MISMATCH};
 use crate::base::BASE;
 use crate::basis::orthonormal;

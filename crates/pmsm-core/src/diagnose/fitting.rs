@@ -26,23 +26,6 @@ pub fn rescaled(channels: Channels, factors: impl IntoIterator<Item = f64>) -> C
     channels.into_iter().map(|run| run.into_iter().map(&mut own).collect()).collect()
 }
 
-/// What is known of the electrical parameters with which a fit begins.
-#[derive(Clone, Copy)]
-pub enum Currents<'a> {
-    /// Nothing: they are fitted to the currents before all else.
-    Open,
-    /// The parameters to which [`to_currents`] has led from there.
-    Fitted(&'a [f64]),
-    /// They are the fitted ones.
-    Done,
-}
-
-impl Currents<'_> {
-    fn known(done: bool) -> Self {
-        if done { Self::Done } else { Self::Open }
-    }
-}
-
 /// Fits the effects of `model` to `data`, starting from the model parameters `start`. `electrical_done` says that the
 /// electrical parameters of `start` are already the fitted ones.
 ///
@@ -55,31 +38,32 @@ pub fn fit(
     electrical_done: bool,
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
-    let currents = Currents::known(electrical_done);
-    staged(data, model, start, Stage { currents, held: &[], load: Unknown::Anew, lost: None }, monitor)
+    let stage = Stage { electrical_done, held: &[], load: Unknown::Anew, currents_alone: false };
+    staged(data, model, start, stage, monitor)
 }
 
-/// Fits as [`fit`] does, but not to the motion where what the currents leave is `lost`, if anything is, which then is all that the answer
-/// tells; with the steps of an unknown load that were found `under` another model, if there is one; and first with the model parameters
-/// `held`, if there are any, kept at their start, and then all of them from where that leads, loads and initial values included.
+/// Fits as [`fit`] does, but with the steps of an unknown load that were found `under` another model, if there is one; and first with the
+/// model parameters `held`, if there are any, kept at their start, and then all of them from where that leads, loads and initial values
+/// included.
 ///
 /// # Errors
 /// Those of the least-squares fits.
-pub fn fit_unless(
-    lost: Option<&dyn Fn(&Hypothesis) -> bool>,
-    (held, under): (&[usize], Option<&Hypothesis>),
+pub fn fit_under(
+    under: Option<&Hypothesis>,
+    held: &[usize],
     data: &Data,
     model: &Model,
-    (start, currents): (&[f64], Currents),
+    (start, electrical_done): (&[f64], bool),
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
     let load = under.map_or(Unknown::Anew, |under| Unknown::As(load_of(under)));
-    let first = staged(data, model, start, Stage { currents, held, load, lost }, monitor)?;
-    if held.is_empty() || lost.is_some_and(|lost| lost(&first)) {
+    let stage = Stage { electrical_done, held, load, currents_alone: false };
+    let first = staged(data, model, start, stage, monitor)?;
+    if held.is_empty() {
         return Ok(first);
     }
-    let currents = Currents::known(matches!(currents, Currents::Done));
-    let stage = Stage { currents, held: &[], load: Unknown::As(load_of(&first)), lost: None };
+    let load = Unknown::As(load_of(&first));
+    let stage = Stage { electrical_done, held: &[], load, currents_alone: false };
     staged(data, model, first.own(), stage, monitor)
 }
 
@@ -88,7 +72,7 @@ pub fn fit_unless(
 /// # Errors
 /// Those of the least-squares fit.
 pub fn currents_alone(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
-    let stage = Stage { currents: Currents::Open, held: &[], load: Unknown::Anew, lost: Some(&|_| true) };
+    let stage = Stage { electrical_done: false, held: &[], load: Unknown::Anew, currents_alone: true };
     staged(data, &hypothesis.model, hypothesis.own(), stage, monitor)
 }
 
@@ -98,7 +82,7 @@ pub fn currents_alone(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monito
 /// Those of the least-squares fits.
 pub fn on_from(data: &Data, from: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
     let load = Unknown::From(load_of(from));
-    let stage = Stage { currents: Currents::Open, held: &[], load, lost: None };
+    let stage = Stage { electrical_done: false, held: &[], load, currents_alone: false };
     staged(data, &from.model, from.own(), stage, monitor)
 }
 
@@ -108,7 +92,8 @@ pub fn on_from(data: &Data, from: &Hypothesis, monitor: &dyn Monitor) -> Result<
 /// # Errors
 /// Those of the least-squares fits.
 pub fn carried_over(data: &Data, from: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
-    let stage = Stage { currents: Currents::Open, held: &[], load: Unknown::As(load_of(from)), lost: None };
+    let load = Unknown::As(load_of(from));
+    let stage = Stage { electrical_done: false, held: &[], load, currents_alone: false };
     staged(data, &from.model, from.own(), stage, monitor)
 }
 
@@ -121,7 +106,7 @@ fn load_of(found: &Hypothesis) -> Found<'_> {
 ///
 /// # Errors
 /// Those of the least-squares fit.
-pub fn to_currents(
+fn to_currents(
     data: &Data,
     model: &Model,
     start: &[f64],
@@ -155,19 +140,19 @@ enum Unknown<'a> {
     As(Found<'a>),
 }
 
-/// What a fit leaves as it is, the load from which it begins, and whether it ends where it has come to the currents.
+/// What a fit keeps, the load from which it begins, and whether it ends with the currents.
 struct Stage<'a> {
-    currents: Currents<'a>,
+    electrical_done: bool,
     held: &'a [usize],
     load: Unknown<'a>,
-    lost: Option<&'a dyn Fn(&Hypothesis) -> bool>,
+    currents_alone: bool,
 }
 
 fn staged(
     data: &Data,
     model: &Model,
     start: &[f64],
-    Stage { currents, held, load, lost }: Stage,
+    Stage { electrical_done, held, load, currents_alone }: Stage,
     monitor: &dyn Monitor,
 ) -> Result<Hypothesis> {
     let (mut electrical, mut rotor, mut sensors) = free_parameters(data, model);
@@ -178,17 +163,12 @@ fn staged(
     let mut nuisances = vec![Nuisance::known(0); data.runs().len()];
     let mut free: Vec<usize> = reluctance(data).into_iter().collect();
     if data.has(true) {
-        match currents {
-            Currents::Open => parameters = to_currents(data, model, start, held, monitor)?,
-            Currents::Fitted(known) => parameters = known.to_vec(),
-            Currents::Done => {}
+        if !electrical_done {
+            parameters = to_currents(data, model, start, held, monitor)?;
         }
         free = [electrical, sensors].concat();
-        if let Some(lost) = lost.filter(|_| !matches!(currents, Currents::Done)) {
-            let so_far = Hypothesis::of_currents(data, model, &parameters, &free);
-            if lost(&so_far) {
-                return Ok(so_far);
-            }
+        if currents_alone {
+            return Ok(Hypothesis::of_currents(data, model, &parameters, &free));
         }
     }
     if data.has(false) {
@@ -308,29 +288,6 @@ pub fn efficient(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) ->
         }
         None => hypothesis.clone(),
     })
-}
-
-/// The fitted `bare` machine under the load that another hypothesis finds on the same recordings, without the steps that only it
-/// needs; its rotor is fitted anew if `anew`.
-///
-/// # Errors
-/// Those of the least-squares fit.
-pub fn under_load_of(
-    other: &Hypothesis,
-    data: &Data,
-    bare: &Hypothesis,
-    anew: bool,
-    monitor: &dyn Monitor,
-) -> Result<Hypothesis> {
-    let rotor = if anew { free_parameters(data, &bare.model).1 } else { Vec::new() };
-    let fitted = motion::fit_under(data, &bare.model, &bare.parameters, &rotor, load_of(other), monitor)?;
-    let mut free = Vec::new();
-    if anew {
-        let rigid = |k: &&usize| **k < bare.model.parameter_count() && !rotor.contains(k);
-        free = bare.free.iter().filter(rigid).copied().collect();
-        free.extend(fitted.free);
-    }
-    Ok(Hypothesis::on(data, bare.model.clone(), fitted.parameters, free, fitted.nuisances))
 }
 
 /// Free model parameters: electrical, mechanical, and those of sensors.

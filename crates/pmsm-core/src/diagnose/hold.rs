@@ -3,7 +3,7 @@
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
-use super::search::{Outcome, Swap};
+use super::select::{Outcome, Swap};
 use super::transfer::transfer;
 use super::verdict::{UNEXPLAINED, beyond_chance};
 use crate::effect::Site;
@@ -65,7 +65,7 @@ pub fn settle(
         }
         Ok((theirs, before))
     };
-    let asks = |hypothesis: &Hypothesis| beyond_chance(hypothesis).any(|excess| excess > UNEXPLAINED.1);
+    let asks = |hypothesis: &Hypothesis| beyond_chance(hypothesis).any(|excess| excess > UNEXPLAINED);
     let command = || in_stator(Logged::Command);
     let (early, rotor) = rayon::join(|| asks(found).then(command).transpose(), in_rotor);
     let (in_rotor, before) = rotor?;
@@ -144,7 +144,7 @@ fn promises(before: &[Hypothesis], after: &Hypothesis) -> bool {
             .map(|(excess, _)| excess.max(0.0))
             .collect()
     };
-    let asks = |hypothesis: &Hypothesis, side: bool| of(hypothesis, side).iter().any(|x| *x > UNEXPLAINED.1);
+    let asks = |hypothesis: &Hypothesis, side: bool| of(hypothesis, side).iter().any(|x| *x > UNEXPLAINED);
     let sum = |hypothesis: &Hypothesis, side: bool| of(hypothesis, side).iter().sum::<f64>();
     [true, false].into_iter().any(|side| match asks(&before[0], side) {
         true => sum(after, side) <= PROMISING * sum(&before[0], side),
@@ -188,11 +188,11 @@ fn sides(before: &[Hypothesis], after: &[Hypothesis]) -> [Side; 2] {
     [true, false].map(|side| {
         let (own, rest) = (pairs(side), pairs(!side));
         let gone = |(before, after): &(f64, f64)| {
-            *after <= if *before > UNEXPLAINED.1 { (LEFT * before).min(UNEXPLAINED.1) } else { UNEXPLAINED.1 }
+            *after <= if *before > UNEXPLAINED { (LEFT * before).min(UNEXPLAINED) } else { UNEXPLAINED }
         };
         let no_worse = |(before, after): &(f64, f64)| *after <= before + MORE * (1.0 + before.max(0.0));
         Side {
-            asks: own.iter().any(|(before, _)| *before > UNEXPLAINED.1),
+            asks: own.iter().any(|(before, _)| *before > UNEXPLAINED),
             gone: own.iter().all(gone) && rest.iter().all(no_worse),
         }
     })

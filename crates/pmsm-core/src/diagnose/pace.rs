@@ -1,12 +1,12 @@
-//! The pace at which a search goes over the recordings: where the motor is slow against their clock, each of its samples stands for several.
+//! The pace at which a search goes over the recordings: where the motor is slow against their clock, one sample in several is enough.
 //!
-//! What one sample leaves, in units of the noise, does not depend on how many there are, and in the comparison of models a channel is
-//! worth a few hundred independent samples at most; see [`super::scale`]. What the search has found is fitted to every sample.
+//! What one sample leaves, in units of the noise, does not depend on how many there are, and the comparison of sets counts one independent
+//! sample in a hundred; see [`super::evidence`]. What the search has found is fitted to every sample.
 
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
-use super::search::Outcome;
+use super::select::Outcome;
 use super::transfer::transfer;
 use super::verdict::Judged;
 use crate::error::Result;
@@ -144,7 +144,7 @@ mod tests {
         let ((mut data, mut base), (other, _)) =
             (testing::data(&fast_clock(1.1, present())), testing::data(&fast_clock(1.05, present())));
         assert!(slower(&data, std::slice::from_ref(&other)).is_some());
-        let outcome = searching::search(&mut data, &mut [other], &mut base, &Silent).unwrap();
+        let outcome = searching::search(&mut data, &mut [other], &mut base, None, &Silent).unwrap();
         assert_eq!(outcome.best.fitted.effects(), [EffectId::DeadTime]);
         let (bare, best) = outcome.ends();
         assert_eq!(best.fitted.effects(), [EffectId::DeadTime]);

@@ -17,15 +17,15 @@ mod shapes;
 mod words;
 
 use super::data::Data;
+use super::evidence::{DECISIVE, PRIOR, price};
 use super::hypothesis::Hypothesis;
 use super::locate::upper_tail;
-use super::scale::{INDISTINGUISHABLE, LEAST_GAIN, PRICE};
 use super::shortlist::{Scorer, batches, solve};
 use super::verdict::MISMATCH;
 use crate::basis::{freed, orthonormal, orthonormal_beside};
 use crate::effect::Role;
 use crate::effects::EffectId;
-use crate::experiment::Channel;
+use crate::experiment::{Block, Channel};
 use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
 use absorbed::Fitted;
@@ -37,8 +37,6 @@ use std::ops::Range;
 
 pub use words::{cannot_see, times};
 
-/// Cosine from which an effect is taken for a look-alike of another.
-pub const ALIKE: f64 = 0.95;
 /// Power below which an effect is listed as one that the recording would not show.
 pub const EVEN: f64 = 0.5;
 
@@ -70,13 +68,6 @@ impl Shown {
     pub fn cosine(&self, found: EffectId) -> f64 {
         self.likeness.iter().find(|(e, ..)| *e == found).map_or(1.0, |(_, cosine, _)| *cosine)
     }
-
-    /// Whether first-order analysis tells this effect from the found one.
-    pub fn resembles(&self, found: EffectId) -> bool {
-        self.likeness
-            .iter()
-            .any(|(e, cosine, nats)| *e == found && *cosine > ALIKE && *nats < INDISTINGUISHABLE)
-    }
 }
 
 /// What a found effect adds to the residual.
@@ -101,6 +92,22 @@ struct Survey<'a> {
     found: Vec<Found>,
 }
 
+/// Nats that each effect of a fitted set is worth to first order, all other parameters giving way. `samples` is what each channel counts.
+pub fn worth(data: &Data, best: &Hypothesis, samples: &[f64]) -> Vec<(EffectId, f64)> {
+    let scorer = Scorer::new(data, best);
+    let blocks = scorer.experiment().blocks();
+    let (jacobian, _) = scorer.fitted();
+    let of = |effect: &EffectId| {
+        let trace = trace(&scorer, best, *effect, jacobian).trace;
+        let nats = |(block, n): (&Block, &f64)| {
+            let rows = trace.rows(block.rows.start, block.rows.len());
+            0.5 * n * (rows.norm_squared() / block.counted.max(1) as f64).ln_1p()
+        };
+        (*effect, blocks.iter().zip(samples).map(nats).sum())
+    };
+    best.effects().par_iter().map(of).collect()
+}
+
 /// Judges what the recording would have shown of each of `absent` beside the effects of `best`. `worth` is what each channel counts,
 /// in independent samples; a `poor` recording must show a mismatch before anything is looked for. An interruption leaves
 /// effects out.
@@ -113,6 +120,7 @@ pub fn survey(
     monitor: &dyn Monitor,
 ) -> Vec<Shown> {
     let scorer = Scorer::new(data, best);
+    let blocks = scorer.experiment().blocks();
     let (jacobian, basis) = scorer.fitted();
     let (mut found, mut columns) = (Vec::new(), Vec::new());
     let mut at = basis.ncols();
@@ -124,7 +132,7 @@ pub fn survey(
         columns.extend([alone, trace]);
     }
     let fitted = Fitted::new(jacobian, basis);
-    let known = Known::new(basis.clone(), &columns, scorer.experiment().blocks());
+    let known = Known::new(basis.clone(), &columns, blocks);
     let survey = Survey { scorer, best, worth, poor, fitted, known, found };
     let judged: Vec<Option<Shown>> = absent
         .par_iter()
@@ -220,7 +228,7 @@ impl Survey<'_> {
         // The misfit is a mean over recordings.
         let runs = self.best.runs() as f64;
         (gain, variance) = (gain / runs, variance / (runs * runs));
-        let needed = LEAST_GAIN + PRICE * count as f64;
+        let needed = PRIOR + DECISIVE + price(self.worth) * count as f64;
         let spread = (variance + 0.5 * count as f64 * share).sqrt();
         let power = upper_tail((needed - gain) / spread.max(f64::MIN_POSITIVE));
         if self.poor && squares.iter().all(|x| *x <= MISMATCH) { 0.0 } else { power }
@@ -270,11 +278,17 @@ mod tests {
         [EffectId::CoulombFriction, EffectId::QuadraticDrag, EffectId::CoggingTorque, EffectId::SaturationQ];
 
     fn worth(best: &Hypothesis) -> Vec<f64> {
-        vec![crate::diagnose::scale::MOST_WORTH; best.squares.len()]
+        vec![200.0; best.squares.len()]
     }
 
     fn power(shown: &[Shown], effect: EffectId) -> f64 {
         shown.iter().find(|s| s.effect == effect).unwrap().power
+    }
+
+    /// Whether an effect does nearly all that the found one does, for little less evidence.
+    fn resembles(shown: &Shown, found: EffectId) -> bool {
+        let (_, cosine, nats) = shown.likeness.iter().find(|(e, ..)| *e == found).unwrap();
+        *cosine > 0.95 && *nats < DECISIVE
     }
 
     #[test]
@@ -304,13 +318,13 @@ mod tests {
         let best = fitted(&poor, &base, EffectId::CoulombFriction);
         let asked = [EffectId::AsymmetricFriction, EffectId::CoggingTorque];
         let shown = survey(&poor, &best, &asked, &worth(&best), false, &Silent);
-        assert!(shown[0].resembles(EffectId::CoulombFriction), "{shown:?}");
-        assert!(!shown[1].resembles(EffectId::CoulombFriction), "{shown:?}");
+        assert!(resembles(&shown[0], EffectId::CoulombFriction), "{shown:?}");
+        assert!(!resembles(&shown[1], EffectId::CoulombFriction), "{shown:?}");
         let rich = speeds(1.0, &[(0.1, 100.0), (0.4, -100.0), (0.6, -100.0), (0.9, 100.0)]);
         let (rich, base) = data(&setup(rich, effects));
         let best = fitted(&rich, &base, EffectId::CoulombFriction);
         let shown = survey(&rich, &best, &asked, &worth(&best), false, &Silent);
-        assert!(!shown[0].resembles(EffectId::CoulombFriction), "{shown:?}");
+        assert!(!resembles(&shown[0], EffectId::CoulombFriction), "{shown:?}");
     }
 
     #[test]

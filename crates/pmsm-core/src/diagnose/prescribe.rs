@@ -8,10 +8,10 @@ mod rivalry;
 use super::answer::Verdict;
 use super::data::Data;
 use super::decide::Ranked;
+use super::evidence::DECISIVE;
 use super::hypothesis::Hypothesis;
 use super::power::times;
-use super::scale::INDISTINGUISHABLE;
-use super::search::Outcome;
+use super::select::Outcome;
 use crate::error::{Error, Result};
 use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
@@ -24,7 +24,7 @@ use rivalry::{Rival, Separation};
 /// Rivals compared at most.
 const RIVALS: usize = 3;
 /// A rival that loses fewer nats than this against what was named is worth an experiment.
-const CLOSE: f64 = 2.0 * INDISTINGUISHABLE;
+const CLOSE: f64 = 2.0 * DECISIVE;
 /// Least-squares steps with which a rival adjusts itself to a manoeuvre: when manoeuvres are compared, and for the words on the best.
 const STEPS: (usize, usize) = (1, 5);
 /// Manoeuvres looked at closely.
@@ -84,7 +84,7 @@ fn rivals<'a>(
     outcome: &'a Outcome,
     verdict: Verdict,
 ) -> Option<(&'static str, Vec<Named<'a>>)> {
-    let loss = |judged| outcome.scale.loss(judged);
+    let loss = |judged| outcome.evidence.cost(judged);
     let floor = loss(&outcome.best);
     let of = |first: &Ranked| -> Vec<Named<'a>> {
         let mut swaps: Vec<_> = outcome.swaps.iter().filter(|s| s.replaced == first.effect).collect();
@@ -158,7 +158,7 @@ fn tell_apart(data: &Data, best: Named, others: &[Named], monitor: &dyn Monitor)
     let (name, rival) = (best.0, others[chosen.worst]);
     let (words, load) = (&chosen.candidate.words, bench.load_words());
     let Separation { nats, channel, left } = chosen.separation;
-    if nats < INDISTINGUISHABLE {
+    if nats < DECISIVE {
         return Ok(Some(format!(
             "No manoeuvre within the recorded speed, current and voltage would tell {name} from {}: the best of {} tried \
              ({words}{load}) would leave the rival at {} times the noise. Go beyond the recorded range where it is safe.",
@@ -271,7 +271,7 @@ mod tests {
         };
         let candidates = contest.bench.limits.candidates().unwrap();
         let tried = contest.compare(candidates.iter().collect(), STEPS.1).unwrap();
-        assert!(tried[0].separation.nats > 2.0 * INDISTINGUISHABLE, "{:?}", tried[0].separation);
+        assert!(tried[0].separation.nats > 2.0 * DECISIVE, "{:?}", tried[0].separation);
         assert!(tried[0].candidate.words.contains("reverse"), "{}", tried[0].candidate.words);
         // On that manoeuvre the rival fails as foretold, and the right one does not.
         let trial = contest.bench.run(&right, tried[0].candidate, &Silent).unwrap().unwrap();

@@ -1,12 +1,12 @@
 //! The search for the set of effects as the recordings call for it: on all samples, fewer, or half of them, for many effects or one, and once
 //! more where what it finds shows noise that was not seen before.
 
-use super::anew::{settled, settled_anew, unfiltered};
+use super::anew::{settled, unfiltered};
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::pace;
-use super::search::{self, Outcome, Search};
+use super::select::{self, Outcome, Search};
 use super::transfer::transfer;
 use super::verdict;
 use crate::effect::Site;
@@ -14,34 +14,27 @@ use crate::error::Result;
 use crate::monitor::Monitor;
 
 /// Searches for the effects, held against the other recordings or against every other window of this one, at the pace that these allow for.
+/// It begins with the set `from`, if there is one.
 pub fn search(
     whole: &mut Data,
     others: &mut [Data],
     base: &mut Hypothesis,
+    from: Option<&Hypothesis>,
     monitor: &dyn Monitor,
 ) -> Result<Outcome> {
-    if let Some(found) = more_slowly(whole, others, base, monitor)? {
+    if let Some(found) = more_slowly(whole, others, base, from, monitor)? {
         return Ok(found);
     }
     if let Some(found) = in_halves(whole, others, base, monitor)? {
         return Ok(found);
     }
     if !whole.poor {
-        let begun = open(whole, others, monitor).singles(base.clone())?;
-        let anew = begun.explain_most() && settled_anew(whole, others, &begun.base, &begun.best);
-        if !anew || monitor.cancelled() {
-            return open(whole, others, monitor).finish(begun);
-        }
-        *base = fitting::refit(whole, base, monitor)?;
-        return match more_slowly(whole, others, base, monitor)? {
-            Some(found) => Ok(found),
-            None => open(whole, others, monitor).run(base.clone()),
-        };
+        return open(whole, others, from, monitor).run(base.clone());
     }
     // What a poor recording leaves open a second one must not be held against it, unless it makes nonsense of that one.
     let bare = |data| Ok((data, transfer(data, base, monitor)?));
     let refuting = others.iter().map(bare).collect::<Result<Vec<_>>>()?;
-    Search { data: whole, held_out: Vec::new(), refuting, most: 1, monitor }.run(base.clone())
+    Search { data: whole, held_out: Vec::new(), refuting, most: 1, from: None, monitor }.run(base.clone())
 }
 
 /// The search at a slower pace, if the recordings allow for one, and what it finds fitted to every sample.
@@ -49,13 +42,14 @@ fn more_slowly(
     whole: &Data,
     others: &[Data],
     base: &Hypothesis,
+    from: Option<&Hypothesis>,
     monitor: &dyn Monitor,
 ) -> Result<Option<Outcome>> {
     let Some((slower, theirs)) = pace::slower(whole, others) else { return Ok(None) };
     let start = fitting::carried_over(&slower, base, monitor)?;
     let found = match in_halves(&slower, &theirs, &start, monitor)? {
         Some(found) => found,
-        None => open(&slower, &theirs, monitor).run(start)?,
+        None => open(&slower, &theirs, from, monitor).run(start)?,
     };
     pace::on_every_sample(whole, others, found, base, monitor).map(Some)
 }
@@ -72,14 +66,20 @@ fn in_halves(
     let Some((fitted, held_out)) = split.then(|| whole.halves()).flatten() else { return Ok(None) };
     let start = fitting::refit(&fitted, base, monitor)?;
     let held_out = vec![&held_out];
-    let search = Search { data: &fitted, held_out, refuting: Vec::new(), most: search::MOST, monitor };
+    let search =
+        Search { data: &fitted, held_out, refuting: Vec::new(), most: select::MOST, from: None, monitor };
     on_whole(whole, search.run(start)?, base, monitor).map(Some)
 }
 
 /// A search for as many effects as there may be, held against all of the other recordings.
-fn open<'a>(data: &'a Data, others: &'a [Data], monitor: &'a dyn Monitor) -> Search<'a> {
+fn open<'a>(
+    data: &'a Data,
+    others: &'a [Data],
+    from: Option<&Hypothesis>,
+    monitor: &'a dyn Monitor,
+) -> Search<'a> {
     let held_out = others.iter().collect();
-    Search { data, held_out, refuting: Vec::new(), most: search::MOST, monitor }
+    Search { data, held_out, refuting: Vec::new(), most: select::MOST, from: from.cloned(), monitor }
 }
 
 /// The noise measured with the help of what was found, and what comes of a search there, where the bare machine was too far from a speed that
@@ -107,7 +107,7 @@ pub fn judged_finer(
         return Ok(None);
     }
     let mut base = fitting::refit(&again, &outcome.base.fitted, monitor)?;
-    let anew = search(&mut again, &mut theirs, &mut base, monitor)?;
+    let anew = search(&mut again, &mut theirs, &mut base, Some(&best.fitted), monitor)?;
     let fewer = anew.best.fitted.effects().len() < effects.len() && !monitor.cancelled();
     Ok(fewer.then_some((again, theirs, anew)))
 }
@@ -161,7 +161,7 @@ mod tests {
         setup.drive.sensors.noise_i = 0.3;
         let ((mut data, mut base), (other, _)) = (testing::data(&setup), testing::data(&setup));
         assert!(data.wanders_unfiltered() && verdict::largest_excess(&base) > 30.0);
-        let outcome = search(&mut data, &mut [other], &mut base, &Silent).unwrap();
+        let outcome = search(&mut data, &mut [other], &mut base, None, &Silent).unwrap();
         assert_eq!(outcome.best.fitted.effects(), [effects::EffectId::CoulombFriction]);
         assert!(data.wander().is_some() && !data.wanders_unfiltered());
     }
@@ -177,7 +177,7 @@ mod tests {
         let ((data, base), (other, _)) = (testing::data(&setup), testing::data(&setup));
         assert!(data.wanders_unfiltered(), "{:?}", base.squares);
         let mut outcome =
-            search(&mut data.clone(), &mut [other.clone()], &mut base.clone(), &Silent).unwrap();
+            search(&mut data.clone(), &mut [other.clone()], &mut base.clone(), None, &Silent).unwrap();
         let others = [other];
         let mut finer = |found: &[effects::EffectId]| {
             let model = Model::new(data.signals.context, found);

@@ -37,7 +37,7 @@ pub fn opposite(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result
     let better =
         |(logged, turned): (&Left, &Left)| 0.5 * logged.samples * (logged.square / turned.square).ln();
     let evidence: f64 = as_logged.iter().zip(&turned).map(better).sum();
-    if !(evidence > DECISIVE) {
+    if evidence.is_nan() || evidence <= DECISIVE {
         return Ok(None);
     }
     let total = |left: &[Left]| left.iter().map(|l| l.square).sum::<f64>();

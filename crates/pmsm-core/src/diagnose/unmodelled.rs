@@ -2,21 +2,22 @@
 //! it depends, added to the equations and fitted by simulation like any effect, if it predicts what it was not fitted to.
 //!
 //! The map and its stiffness are chosen on blocks of the recording that are left out (`choice`); then the whole model is
-//! fitted with it, and it is kept only if it beats the model without it by the rule that holds for effects. It has no place in the
+//! fitted with it, and it is kept only if it has more evidence than the model without it, as holds for effects. It has no place in the
 //! catalogue and takes part in no ranking.
 
 mod candidates;
 mod choice;
+mod earned;
 mod rival;
 mod share;
 mod view;
 mod words;
 
 use super::data::Data;
+use super::evidence::Evidence;
 use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::locate::{self, Located};
-use super::scale::Scale;
 use super::transfer::transfer;
 use super::verdict::{Judged, UNEXPLAINED};
 use crate::error::Result;
@@ -27,6 +28,8 @@ use crate::recording::Load;
 use choice::Choice;
 use serde::Serialize;
 
+pub use choice::MOST_WORTH;
+pub use earned::{Earned, earned};
 pub use rival::rival;
 
 /// Parts laid on one side at most, one after the other.
@@ -75,6 +78,8 @@ pub enum Basis {
         degree: usize,
         /// Pieces of the range.
         pieces: usize,
+        /// Half-width w about zero within which the pieces are narrow: they are uniform in x/(w + |x|). Zero where they are in x.
+        warp: f64,
     },
 }
 
@@ -159,7 +164,7 @@ fn places(data: &Data, best: &Hypothesis, side: Side) -> Vec<Located> {
 
 /// Sides on which more is left than may remain where something is explained, the larger excess first.
 fn sides(data: &Data, best: &Hypothesis) -> Vec<Side> {
-    let mut left: Vec<_> = best.squares.iter().filter(|(_, s)| *s > 1.0 + UNEXPLAINED.1).collect();
+    let mut left: Vec<_> = best.squares.iter().filter(|(_, s)| *s > 1.0 + UNEXPLAINED).collect();
     left.sort_by(|a, b| b.1.total_cmp(&a.1));
     let mut sides = Vec::new();
     for (channel, _) in left {
@@ -210,7 +215,12 @@ impl Trial<'_> {
             }
             None => (self.judged(current.clone(), self.judge)?, self.judged(fit(self.data)?, self.judge)?),
         };
-        if !Scale::new([&before, &after].into_iter()).beats(&after, &before) {
+        let (data, held_out) = match &halves {
+            Some((fitted, held_out)) => (fitted, vec![held_out]),
+            None => (self.data, self.judge.into_iter().collect()),
+        };
+        let evidence = Evidence::new(data, &held_out);
+        if !evidence.prefers(&after, &before) {
             return Ok(None);
         }
         // What the fit gains and the prediction loses is no model of what is missing.

@@ -7,9 +7,9 @@ impl Experiment<'_> {
     /// constant in each window, as it runs free from one initial value there; of a current or voltage zero.
     pub fn variation(&self, channel: Channel) -> f64 {
         let x = self.measured(channel);
-        let whole = [0..x.len()];
+        let whole = 0..x.len();
         let speed = channel == Channel::OmegaE;
-        let pieces = if speed { self.windows } else { &whole[..] };
+        let pieces = if speed { self.windows } else { std::slice::from_ref(&whole) };
         let counts = |k: &usize| self.held_out.is_none_or(|out| !out[*k]);
         let (mut square, mut count) = (0.0, 0);
         for piece in pieces {

@@ -2,7 +2,7 @@
 
 use super::{EVEN, Shown};
 use crate::diagnose::answer::Unseen;
-use crate::diagnose::search::Outcome;
+use crate::diagnose::select::Outcome;
 use crate::effects::EffectId;
 
 /// What is left of an effect, relative to what it adds, below which the fitted parameters are said to absorb it.

@@ -7,7 +7,7 @@
 use super::bench::level;
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::scale::MOST_WORTH;
+use crate::diagnose::unmodelled::MOST_WORTH;
 use crate::error::Result;
 use crate::experiment::{Block, Channel, Channels, Joint};
 use crate::least_squares::{self, Normal, Problem, Settings};

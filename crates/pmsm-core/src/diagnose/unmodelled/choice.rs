@@ -10,7 +10,6 @@ use super::{Side, candidates};
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::locate::Located;
-use crate::diagnose::scale::{LEAST_GAIN, MOST_WORTH, PRICE};
 use crate::least_squares::Normal;
 use crate::map::{Factor, Part};
 use crate::monitor::Monitor;
@@ -23,8 +22,9 @@ use std::ops::Range;
 const FOLDS: usize = 4;
 /// Blocks of a recording without windows enough.
 const BLOCKS: usize = 16;
-/// Variances of the coefficients' prior, in units of what the recording says of one of them, inverted.
-const RIDGES: [f64; 4] = [1e-4, 1e-3, 1e-2, 1e-1];
+/// Variances of the coefficients' prior, in units of what the recording says of one of them, inverted: the more a curve stands out of the
+/// noise, the less it may be held back.
+const RIDGES: [f64; 8] = [1e-11, 1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2];
 /// Harmonics tried of a factor that has more.
 const HARMONICS: [usize; 4] = [1, 2, 4, 8];
 /// Largest number of derivatives held for one map.
@@ -77,6 +77,11 @@ pub fn choose(
     let chosen = trials.into_iter().min_by(|a, b| loss(a).total_cmp(&loss(b)))?;
     (loss(&chosen) < scale.loss(bare, 0) - LEAST_GAIN).then(|| settled(&view, chosen))
 }
+
+/// Most independent samples that one channel is worth, price of a coefficient and least gain, nats.
+pub const MOST_WORTH: f64 = 200.0;
+const PRICE: f64 = 0.5;
+const LEAST_GAIN: f64 = 3.0;
 
 /// What a sum of squares over some channels is worth, by the rule by which effects are compared.
 struct Scale {

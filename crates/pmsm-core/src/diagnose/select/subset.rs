@@ -11,7 +11,7 @@ pub(super) fn special_cases(wide: EffectId) -> impl Iterator<Item = EffectId> {
 }
 
 /// Model and parameters without one of the effects.
-pub(super) fn reduced(hypothesis: &Hypothesis, drop: EffectId) -> (Model, Vec<f64>) {
+pub fn reduced(hypothesis: &Hypothesis, drop: EffectId) -> (Model, Vec<f64>) {
     let kept: Vec<EffectId> = hypothesis.effects().into_iter().filter(|e| *e != drop).collect();
     let mut start = hypothesis.own()[..BASE].to_vec();
     for slot in hypothesis.model.slots().iter().filter(|s| s.effect != drop) {

@@ -1,0 +1,225 @@
+//! Evidence of fitted sets of effects: how well a set explains the recordings against how much it may choose.
+//!
+//! With the variance of a channel's residual s·σ² (σ² the floor's) taken as unknown, a set with k fitted parameters costs
+//!
+//! > C = Σ_runs Σ_c ½·n_c·ln s_c + ½·k·ln n + m·ln(1/π) nats,
+//!
+//! the Laplace approximation of its marginal likelihood (Schwarz, "Estimating the dimension of a model", Ann. Statist. 6, 1978) with the
+//! prior odds π of each of its m effects. Runs that were not used for fitting add their likelihood alone: what the set predicts there.
+//! n_c counts independent samples, one in [`CORRELATED`].
+
+use super::data::Data;
+use super::hypothesis::Hypothesis;
+use super::verdict::Judged;
+use crate::simulate::mechanical::Nuisance;
+
+/// Samples that count as one. Forms of real curves, quantisation and a floor known to a per cent leave errors that last: a twentieth of
+/// the samples is the count at which such errors do not call for further effects (engine trials on independent plants).
+const CORRELATED: f64 = 100.0;
+/// Fewest independent samples of a channel.
+const FEWEST: f64 = 10.0;
+/// What an effect costs by itself, nats: of the two dozen of the catalogue about one is there, prior odds of 1 to 20.
+pub const PRIOR: f64 = 3.0;
+
+/// What a coefficient of a map costs, nats: its prior holds it back, and its size was chosen by prediction.
+const COEFFICIENT: f64 = 0.5;
+
+/// Gain in nats from which a set counts as better: posterior odds of ten to one, as a verdict asks for.
+pub const DECISIVE: f64 = 2.3;
+
+/// Independent samples of each channel, on the fitted and on the other recordings.
+#[derive(Debug, Clone)]
+pub struct Evidence {
+    fitted: Vec<f64>,
+    held_out: Vec<Vec<f64>>,
+}
+
+impl Evidence {
+    /// By the samples that count of each recording.
+    pub fn new(data: &Data, held_out: &[&Data]) -> Self {
+        let of = |data: &Data| data.runs().iter().flat_map(of_run).collect();
+        Self { fitted: of(data), held_out: held_out.iter().map(|data| of(data)).collect() }
+    }
+
+    /// The same by what these sets have left: beyond noise it lasts, and counts as the few independent values that it is. The whitest
+    /// residual of each channel tells.
+    #[must_use]
+    pub fn limited<'a>(mut self, sets: impl Iterator<Item = &'a Judged> + Clone) -> Self {
+        let limit = |own: &mut [f64], left: &dyn Fn(&'a Judged) -> Option<&'a Hypothesis>| {
+            let mut most = vec![0.0f64; own.len()];
+            for hypothesis in sets.clone().filter_map(left) {
+                for (most, samples) in most.iter_mut().zip(&hypothesis.samples) {
+                    *most = most.max(*samples);
+                }
+            }
+            for (own, most) in own.iter_mut().zip(most) {
+                *own = own.min(most).max(FEWEST);
+            }
+        };
+        limit(&mut self.fitted, &|set| Some(&set.fitted));
+        for (run, own) in self.held_out.iter_mut().enumerate() {
+            limit(own, &|set| set.held_out.get(run));
+        }
+        self
+    }
+
+    /// Independent samples of each channel of the fitted recordings.
+    pub fn samples(&self) -> &[f64] {
+        &self.fitted
+    }
+
+    /// Cost of a set on all recordings, nats.
+    pub fn cost(&self, set: &Judged) -> f64 {
+        self.cost_on_recording(&set.fitted) + self.cost_elsewhere(set)
+    }
+
+    /// Cost of a set on the fitted recordings with its parameters and effects, nats.
+    pub fn cost_on_recording(&self, fitted: &Hypothesis) -> f64 {
+        let mapped = fitted.model.map_parameters();
+        let parameters = fitted.free.iter().filter(|k| **k < mapped.start).count() as f64;
+        let effects = fitted.model.slots().len() as f64;
+        misfit(fitted, &self.fitted)
+            + price(&self.fitted) * parameters
+            + PRIOR * effects
+            + COEFFICIENT * mapped.len() as f64
+    }
+
+    /// Cost of what a set predicts of the recordings that it was not fitted to, nats.
+    pub fn cost_elsewhere(&self, set: &Judged) -> f64 {
+        set.held_out.iter().zip(&self.held_out).map(|(run, samples)| misfit(run, samples)).sum()
+    }
+
+    /// Whether `larger` is worth its further effects over `smaller`: by all recordings, and not by the fitted one alone where another one
+    /// shows the channels in which it gains.
+    pub fn prefers(&self, larger: &Judged, smaller: &Judged) -> bool {
+        let elsewhere = self.cost_elsewhere(larger) < self.cost_elsewhere(smaller);
+        self.cost(larger) + DECISIVE < self.cost(smaller)
+            && (elsewhere || !self.shown_elsewhere(larger, smaller))
+    }
+
+    /// Whether the other recordings hold the channels in which `larger` gains most on the fitted one.
+    fn shown_elsewhere(&self, larger: &Judged, smaller: &Judged) -> bool {
+        let (mut all, mut shown) = (0.0, 0.0);
+        for (at, (channel, square)) in larger.fitted.squares.iter().enumerate() {
+            let nats = |square: f64| 0.5 * self.fitted[at] * log_square(square, larger.fitted.chance[at]);
+            let gain = (nats(smaller.fitted.squares[at].1) - nats(*square)).max(0.0);
+            all += gain;
+            if larger.held_out.iter().any(|run| run.squares.iter().any(|(c, _)| c == channel)) {
+                shown += gain;
+            }
+        }
+        shown > 0.5 * all
+    }
+}
+
+/// Cost of one fitted parameter, nats: half the logarithm of all independent samples.
+pub fn price(samples: &[f64]) -> f64 {
+    0.5 * samples.iter().sum::<f64>().max(FEWEST).ln()
+}
+
+/// Independent samples of each channel of one recording.
+fn of_run(run: &Data) -> impl Iterator<Item = f64> {
+    let samples = (run.counted() as f64 / CORRELATED).max(FEWEST);
+    run.floors.iter().map(move |_| samples)
+}
+
+/// Negative logarithm of the likelihood of one recording with what the steps of its load cost, nats.
+fn misfit(hypothesis: &Hypothesis, samples: &[f64]) -> f64 {
+    let channels = hypothesis.squares.iter().zip(&hypothesis.chance).zip(samples);
+    let all: f64 = channels.map(|(((_, s), chance), n)| 0.5 * n * log_square(*s, *chance)).sum();
+    let steps: usize = hypothesis.nuisances.iter().map(Nuisance::steps).sum();
+    // Height and instant of each step.
+    let price = samples.iter().copied().fold(FEWEST, f64::max).ln();
+    all + price * steps as f64
+}
+
+/// Logarithm of a mean square; what lies below the floor or within chance of it earns nothing, what is not a number costs all.
+fn log_square(square: f64, chance: f64) -> f64 {
+    if square.is_finite() { square.max(0.9 + chance).ln() } else { 1e6 }
+}
+
+#[cfg(test)]
+impl Evidence {
+    /// By these independent samples of each channel.
+    pub fn counting(fitted: Vec<f64>, held_out: Vec<Vec<f64>>) -> Self {
+        Self { fitted, held_out }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{hypothesis, judged};
+    use super::*;
+    use crate::effects::EffectId;
+    use crate::model::Model;
+
+    /// Two channels of the recording and of another one.
+    fn evidence() -> Evidence {
+        Evidence::counting(vec![50.0; 2], vec![vec![50.0; 2]])
+    }
+
+    #[test]
+    fn what_explains_all_recordings_is_preferred_and_a_gain_on_the_fitted_one_alone_is_not_enough() {
+        let (bare, lucky) = (judged(2.0, 1.0, 2.0, 4), judged(1.0, 1.0, 2.0, 5));
+        let right = judged(1.0, 1.0, 1.0, 5);
+        let evidence = evidence();
+        assert!(evidence.prefers(&right, &bare) && !evidence.prefers(&bare, &right));
+        assert!(evidence.cost(&lucky) + DECISIVE < evidence.cost(&bare));
+        assert!(!evidence.prefers(&lucky, &bare));
+    }
+
+    #[test]
+    fn a_recording_without_the_channel_cannot_speak_against_a_gain_in_it() {
+        let of_motion = |d: f64| {
+            let mut judged = judged(d, 1.0, 1.0, 4);
+            let other = &mut judged.held_out[0];
+            (other.squares, other.chance) = (other.squares.split_off(1), vec![0.0]);
+            judged
+        };
+        let evidence = Evidence::counting(vec![50.0; 2], vec![vec![50.0]]);
+        assert!(evidence.prefers(&of_motion(1.0), &of_motion(9.0)));
+        assert!(!evidence.prefers(&of_motion(9.0), &of_motion(1.0)));
+    }
+
+    #[test]
+    fn parameters_effects_and_steps_of_the_load_have_their_price() {
+        let (evidence, bare) = (evidence(), judged(1.0, 1.0, 1.0, 4));
+        let more = |set: &Judged| evidence.cost(set) - evidence.cost(&bare);
+        assert!((more(&judged(1.0, 1.0, 1.0, 6)) - 2.0 * price(evidence.samples())).abs() < 1e-9);
+        let mut named = bare.clone();
+        named.fitted.model = Model::new(*bare.fitted.model.context(), &[EffectId::CoulombFriction]);
+        assert!((more(&named) - PRIOR).abs() < 1e-9);
+        // Two steps on the recording, one on the other: as many more constants, each with its instant.
+        let mut stepping = bare.clone();
+        stepping.fitted.nuisances = vec![Nuisance::unknown(3, 0)];
+        stepping.held_out[0].nuisances = vec![Nuisance::unknown(2, 0)];
+        assert!((more(&stepping) - 3.0 * 50.0f64.ln()).abs() < 1e-9);
+        // Small gains do not pay for them.
+        assert!(!evidence.prefers(&judged(1.0, 1.0, 1.0, 5), &judged(1.02, 1.0, 1.02, 4)));
+    }
+
+    #[test]
+    fn what_driven_noise_may_do_by_chance_decides_nothing() {
+        let (mut bare, mut other) = (judged(1.0, 1.3, 1.0, 4), judged(1.0, 1.0, 1.0, 5));
+        let evidence = evidence();
+        assert!(evidence.prefers(&other, &bare));
+        for set in [&mut bare, &mut other] {
+            set.fitted.chance[1] = 0.5;
+            set.held_out[0].chance[1] = 0.5;
+        }
+        assert!(evidence.cost(&other) > evidence.cost(&bare));
+        // Nor does what is below the floor.
+        assert_eq!(log_square(0.5, 0.0), log_square(0.2, 0.0));
+    }
+
+    #[test]
+    fn what_is_not_a_number_never_wins_and_the_cost_is_one() {
+        let (evidence, bare) = (evidence(), judged(5.0, 1.0, 5.0, 4));
+        for broken in [judged(f64::NAN, 1.0, 1.0, 4), judged(1.0, 1.0, f64::INFINITY, 4)] {
+            assert!(evidence.cost(&broken).is_finite());
+            assert!(!evidence.prefers(&broken, &bare) && evidence.prefers(&bare, &broken));
+        }
+        // Recordings too short for one independent sample count as a few.
+        assert!(price(&[0.0]) > 0.0 && misfit(&hypothesis(1.0, 1.0, 4), &[0.0, 0.0]) == 0.0);
+    }
+}

@@ -1,0 +1,376 @@
+//! Selection of the set of effects by evidence: whole sets are grown, pruned and exchanged, each refitted by simulation.
+//!
+//! At a fitted set every absent effect is scored to first order; the whole set is refitted with each of the best few, and the one with
+//! the most evidence is gone on from. What the others make superfluous is dropped. Nothing is asked of an effect by itself: on a bench on
+//! which several things are missing none explains much alone.
+
+mod exchange;
+mod refit;
+mod subset;
+
+use super::able;
+use super::data::Data;
+use super::evidence::Evidence;
+use super::fitting;
+use super::hypothesis::Hypothesis;
+use super::power::{self, Shown};
+use super::shortlist::{Prospect, Scorer};
+use super::transfer::transfer;
+use super::verdict::{self, Judged};
+use crate::effect::{Role, Site};
+use crate::effects::EffectId;
+use crate::error::Result;
+use crate::monitor::Monitor;
+use rayon::prelude::*;
+
+pub use exchange::Swap;
+use subset::left_out;
+pub use subset::reduced;
+
+/// Most effects in one set, unless the recording is too poor for more than one.
+pub const MOST: usize = 10;
+/// Effects with which the whole set is refitted before the best of them is gone on from.
+const REFITTED: usize = 3;
+/// Share of the leading score from which an effect of the same side is refitted, too.
+const RIVAL: f64 = 0.5;
+/// Score (mean square in units of what is left in each channel) below which nothing is refitted.
+const LEAST_SCORE: f64 = 0.002;
+
+/// The recording, other runs, and how much may be chosen.
+pub struct Search<'a> {
+    /// The recording.
+    pub data: &'a Data,
+    /// Recordings that are not used for fitting.
+    pub held_out: Vec<&'a Data>,
+    /// Recordings that can only refute a model, with the bare machine on them.
+    pub refuting: Vec<(&'a Data, Hypothesis)>,
+    /// Most effects in one model.
+    pub most: usize,
+    /// The set from which it begins, where noise was measured anew with its help; the bare machine where there is none.
+    pub from: Option<Hypothesis>,
+    /// Asked whether to go on.
+    pub monitor: &'a dyn Monitor,
+}
+
+/// Scored effects, each with the set that was refitted with it, if it was.
+type Tried = Vec<(Prospect, Option<Judged>)>;
+
+/// What came out of a selection.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// The bare machine.
+    pub base: Judged,
+    /// The effects that were scored beside the bare machine, with what came of their refit.
+    pub singles: Tried,
+    /// The best set of effects (possibly none).
+    pub best: Judged,
+    /// For each effect of `best`, the sets in which another effect or none is in its place.
+    pub swaps: Vec<Swap>,
+    /// Effects that could not be asked about, and why.
+    pub unfit: Vec<(EffectId, String)>,
+    /// What the recording would have shown of the effects that are not in the best set.
+    pub shown: Vec<Shown>,
+    /// By what the sets were compared.
+    pub evidence: Evidence,
+    /// The way to the best set, one effect more at each step.
+    pub path: Vec<Judged>,
+}
+
+impl Outcome {
+    /// The bare machine and the best set as they are fitted to all samples.
+    pub fn ends(&self) -> (&Judged, &Judged) {
+        (&self.path[0], &self.path[self.path.len() - 1])
+    }
+
+    /// Whether the best set without `effect`, all else fitted anew, has more than noise: then no other parameter makes up for it.
+    pub fn needs(&self, effect: EffectId) -> bool {
+        let without = self.swaps.iter().find(|s| s.replaced == effect && s.by.is_none());
+        without.map_or(&self.base, |s| &s.judged).excess() > verdict::MISMATCH
+    }
+
+    /// The effects of the best set in the order in which the path takes them up.
+    pub fn order(&self) -> Vec<EffectId> {
+        let mut order: Vec<EffectId> = Vec::new();
+        for step in &self.path {
+            let added: Vec<EffectId> =
+                step.fitted.effects().into_iter().filter(|e| !order.contains(e)).collect();
+            order.extend(added);
+        }
+        order
+    }
+}
+
+impl Search<'_> {
+    /// Runs the selection from the fitted bare machine.
+    ///
+    /// # Errors
+    /// Those of the fits; an interruption ends it with the best so far.
+    pub fn run(&self, base: Hypothesis) -> Result<Outcome> {
+        let base = self.judge(base)?;
+        let (able, unfit) = able::able(self.data);
+        let mut seen = vec![base.clone()];
+        let (mut best, singles) = self.grow(&base, &able, &mut seen)?;
+        self.monitor.report("alternatives", 0.85);
+        let mut swaps = Vec::new();
+        let mut shown = Vec::new();
+        for _ in 0..MOST {
+            let evidence = self.evidence().limited(std::iter::once(&best));
+            let worth = power::worth(self.data, &best.fitted, evidence.samples());
+            if let Some(simpler) = self.simpler(&best, &worth, &evidence, &mut seen)? {
+                best = simpler;
+                continue;
+            }
+            let (absent, poor) = (absent(&able, &best), self.most < MOST);
+            shown = power::survey(self.data, &best.fitted, &absent, evidence.samples(), poor, self.monitor);
+            swaps = self.exchange(&best, &worth, &shown, &mut seen)?;
+            let better = swaps.iter().filter(|s| evidence.prefers(&s.judged, &best));
+            let better = better.min_by(|a, b| evidence.cost(&a.judged).total_cmp(&evidence.cost(&b.judged)));
+            let Some(better) = better.map(|s| s.judged.clone()) else { break };
+            best = better;
+        }
+        let evidence = self.evidence().limited(std::iter::once(&best));
+        let path = path(&base, &best, &seen, &evidence);
+        Ok(Outcome { base, singles, best, swaps, unfit, shown, evidence, path })
+    }
+
+    /// Adds effects one at a time as long as the evidence of the recording grows: the largest set, and what came of the first effects tried.
+    fn grow(&self, base: &Judged, able: &[EffectId], seen: &mut Vec<Judged>) -> Result<(Judged, Tried)> {
+        let mut best = base.clone();
+        let mut singles = Vec::new();
+        let evidence = self.evidence();
+        let cost = |set: &Judged| evidence.cost_on_recording(&set.fitted);
+        if let Some(from) = &self.from {
+            let fitted = fitting::carried_over(self.data, from, self.monitor)?;
+            best = Judged { fitted, held_out: Vec::new(), refuted: false };
+        }
+        while best.fitted.effects().len() < self.most && !self.monitor.cancelled() {
+            let larger = self.extended(&best, &absent(able, &best))?;
+            let sets = larger.iter().filter_map(|(_, set)| set.as_ref());
+            let next = sets.min_by(|a, b| cost(a).total_cmp(&cost(b))).cloned();
+            let worth = next.filter(|next| cost(next) < cost(&best));
+            let beside = worth.as_ref().and_then(|next| other_side(next, &larger, cost(&best), &cost));
+            if singles.is_empty() {
+                singles = larger;
+            }
+            let Some(mut next) = worth else { break };
+            if let Some(prospect) = beside
+                && let Some(fitted) = self.refit(&next, &prospect)?
+            {
+                let both = Judged { fitted, held_out: Vec::new(), refuted: false };
+                if cost(&both) < cost(&next) {
+                    seen.push(next);
+                    next = both;
+                }
+            }
+            best = self.renewed(next)?;
+            seen.push(best.clone());
+            let share = best.fitted.effects().len() as f64 / MOST as f64;
+            self.monitor.report("effects", 0.2 + 0.6 * share);
+        }
+        if best.held_out.len() < self.held_out.len() {
+            best = self.judge(best.fitted)?;
+        }
+        Ok((best, singles))
+    }
+
+    /// A set with those of its effects that have a whole number among their parameters, such as an order, at the number that explains most
+    /// beside the others: it was chosen when the others were not there.
+    fn renewed(&self, mut set: Judged) -> Result<Judged> {
+        let effects = set.fitted.effects();
+        if set.excess() <= verdict::MISMATCH {
+            return Ok(set);
+        }
+        let evidence = self.evidence();
+        let chosen = |e: &EffectId| e.info().parameters.iter().any(|p| p.role == Role::Fixed);
+        for effect in effects.iter().copied().filter(chosen) {
+            let Some((model, parameters, free)) = left_out(&set.fitted, effect) else { continue };
+            if effects.len() == 1 || self.monitor.cancelled() {
+                continue;
+            }
+            let nuisances = set.fitted.nuisances.clone();
+            let without = Hypothesis::on(self.data, model, parameters, free, nuisances);
+            let prospect = Scorer::new(self.data, &without).score(effect);
+            let slot =
+                set.fitted.model.slots().iter().find(|s| s.effect == effect).expect("it is in the set");
+            let own = &set.fitted.parameters[slot.parameters.clone()];
+            let same = effect.info().parameters.iter().zip(own).zip(&prospect.start);
+            let mut numbers = same.filter(|((p, _), _)| p.role == Role::Fixed);
+            if prospect.score == 0.0 || numbers.all(|((_, a), b)| a == b) {
+                continue;
+            }
+            let Some(fitted) = self.refit(&Judged { fitted: without, ..set.clone() }, &prospect)? else {
+                continue;
+            };
+            if evidence.cost_on_recording(&fitted) < evidence.cost_on_recording(&set.fitted) {
+                set = Judged { fitted, held_out: Vec::new(), refuted: false };
+            }
+        }
+        Ok(set)
+    }
+
+    /// Scores `candidates` beside a set and refits it with each of the best of them.
+    fn extended(&self, parent: &Judged, candidates: &[EffectId]) -> Result<Tried> {
+        let scorer = Scorer::new(self.data, &parent.fitted);
+        let score = |effect: &EffectId| match self.monitor.cancelled() {
+            true => Prospect::nothing(*effect, parent.fitted.model.context()),
+            false => scorer.score(*effect),
+        };
+        let mut prospects: Vec<Prospect> = candidates.par_iter().map(score).collect();
+        prospects.sort_by(|a, b| b.score.total_cmp(&a.score));
+        // Those that lead on their side, and those that may be what leads.
+        let mut leading: Vec<EffectId> = Vec::new();
+        for moves in [true, false] {
+            let side =
+                || prospects.iter().filter(|p| is_mechanical(p.effect) == moves && p.score > LEAST_SCORE);
+            let top = side().next().map_or(0.0, |p| p.score);
+            leading.extend(side().take(REFITTED).filter(|p| p.score >= RIVAL * top).map(|p| p.effect));
+        }
+        let refit = |prospect: Prospect| -> Result<(Prospect, Option<Judged>)> {
+            let asked = leading.contains(&prospect.effect) && !self.monitor.cancelled();
+            let set = if asked { self.refit(parent, &prospect)? } else { None };
+            Ok((prospect, set.map(|fitted| Judged { fitted, held_out: Vec::new(), refuted: false })))
+        };
+        prospects.into_par_iter().map(refit).collect()
+    }
+
+    /// By what sets are compared.
+    fn evidence(&self) -> Evidence {
+        Evidence::new(self.data, &self.held_out)
+    }
+
+    /// A fitted set with what it predicts of the other recordings.
+    fn judge(&self, fitted: Hypothesis) -> Result<Judged> {
+        let on = |data: &Data| transfer(data, &fitted, self.monitor);
+        let held_out: Result<Vec<Hypothesis>> = self.held_out.iter().map(|data| on(data)).collect();
+        let held_out = held_out?;
+        let mut refuted = false;
+        for (data, bare) in &self.refuting {
+            refuted |= !fitted.effects().is_empty() && verdict::refutes(&on(data)?, bare);
+        }
+        Ok(Judged { fitted, held_out, refuted })
+    }
+}
+
+fn is_mechanical(effect: EffectId) -> bool {
+    effect.info().site == Site::Mechanical
+}
+
+/// The best refitted effect of the motion where `next` took up one of the currents or sensors, or the other way round, that is worth its
+/// place by itself: as it was fitted.
+fn other_side(
+    next: &Judged,
+    larger: &Tried,
+    without: f64,
+    cost: &dyn Fn(&Judged) -> f64,
+) -> Option<Prospect> {
+    let added = *next.fitted.effects().last()?;
+    // A sensor changes what is measured of both.
+    if added.info().site == Site::Sensor {
+        return None;
+    }
+    let others = larger.iter().filter_map(|(p, set)| Some((p, set.as_ref()?)));
+    let others = others.filter(|(p, set)| {
+        p.effect.info().site != Site::Sensor
+            && is_mechanical(p.effect) != is_mechanical(added)
+            && cost(set) < without
+    });
+    let (prospect, set) = others.min_by(|a, b| cost(a.1).total_cmp(&cost(b.1)))?;
+    let slot = set.fitted.model.slots().last()?;
+    Some(Prospect { start: set.fitted.parameters[slot.parameters.clone()].to_vec(), ..prospect.clone() })
+}
+
+/// Those effects that are not in a set.
+fn absent(able: &[EffectId], set: &Judged) -> Vec<EffectId> {
+    let effects = set.fitted.effects();
+    able.iter().copied().filter(|e| !effects.contains(e)).collect()
+}
+
+/// From the bare machine to the best set, through the best subsets that were fitted.
+fn path(base: &Judged, best: &Judged, seen: &[Judged], evidence: &Evidence) -> Vec<Judged> {
+    let goal = best.fitted.effects();
+    let mut path = vec![base.clone()];
+    for size in 1..goal.len() {
+        let so_far = path[path.len() - 1].fitted.effects();
+        let step = seen.iter().filter(|set| {
+            let effects = set.fitted.effects();
+            effects.len() == size
+                && effects.iter().all(|e| goal.contains(e))
+                && so_far.iter().all(|e| effects.contains(e))
+        });
+        path.extend(step.min_by(|a, b| evidence.cost(a).total_cmp(&evidence.cost(b))).cloned());
+    }
+    if !goal.is_empty() {
+        path.push(best.clone());
+    }
+    path
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{self, choice, setup, speeds};
+    use crate::drive::{Choice, Manoeuvre, Schedule, Shape};
+    use crate::monitor::Silent;
+
+    /// Reversals at several speeds with steps of i_d.
+    fn rich() -> Manoeuvre {
+        let path: Vec<(f64, f64)> =
+            (0..8).map(|k| (0.05 + 0.2 * f64::from(k), [110.0, -90.0, 40.0][k as usize % 3])).collect();
+        let mut manoeuvre = speeds(1.6, &path);
+        manoeuvre.i_d = Some(Schedule::new(vec![(0.0, 0.0), (0.4, -4.0), (1.1, 2.0)], Shape::Steps).unwrap());
+        manoeuvre
+    }
+
+    fn search(data: &Data) -> Search<'_> {
+        Search { data, held_out: Vec::new(), refuting: Vec::new(), most: MOST, from: None, monitor: &Silent }
+    }
+
+    fn selected(present: Vec<Choice>) -> Vec<EffectId> {
+        let (data, base) = testing::data(&setup(rich(), present));
+        let outcome = search(&data).run(base).unwrap();
+        let found = outcome.best.fitted.effects();
+        assert_eq!(outcome.order().len(), found.len());
+        assert!(outcome.path.windows(2).all(|w| w[0].fitted.effects().len() < w[1].fitted.effects().len()));
+        found
+    }
+
+    #[test]
+    fn three_effects_at_once_are_all_found_and_nothing_else() {
+        let present = vec![
+            choice("dead_time", "v_err", 4.0),
+            choice("coulomb_friction", "tau_c", 0.3),
+            choice("cogging_torque", "tau_cog", 0.2),
+        ];
+        let mut found = selected(present);
+        found.sort_by_key(|e| e.id());
+        assert_eq!(found, [EffectId::CoggingTorque, EffectId::CoulombFriction, EffectId::DeadTime]);
+    }
+
+    #[test]
+    fn a_clean_machine_gets_no_effect() {
+        assert_eq!(selected(Vec::new()), []);
+    }
+
+    #[test]
+    fn an_order_chosen_before_the_others_were_known_is_corrected() {
+        let both = vec![choice("cogging_torque", "tau_cog", 0.2), choice("coulomb_friction", "tau_c", 0.3)];
+        let (data, base) = testing::data(&setup(rich(), both));
+        let (cogging, friction) = (EffectId::CoggingTorque, EffectId::CoulombFriction);
+        let model = crate::model::Model::new(data.signals.context, &[friction, cogging]);
+        let typical = |e: EffectId| -> Vec<f64> {
+            e.info().parameters.iter().map(|p| (p.typical)(&data.signals.context)).collect()
+        };
+        let mut start = [base.own(), &typical(friction), &typical(cogging)].concat();
+        let order = start.len() - 1;
+        assert_eq!(cogging.info().parameters.last().map(|p| p.role), Some(Role::Fixed));
+        let right = start[order];
+        start[order] = right / 3.0;
+        let fitted = fitting::fit(&data, &model, &start, false, &Silent).unwrap();
+        let wrong = Judged { fitted, held_out: Vec::new(), refuted: false };
+        assert!(wrong.excess() > verdict::MISMATCH && wrong.fitted.own()[order] == right / 3.0);
+        let found = search(&data).renewed(wrong).unwrap();
+        let slot = found.fitted.model.slots().iter().find(|s| s.effect == cogging).unwrap();
+        assert_eq!(found.fitted.own()[slot.parameters.end - 1], right);
+        assert!(found.excess() < verdict::MISMATCH, "{:?}", found.fitted.squares);
+    }
+}

@@ -1,0 +1,223 @@
+//! Sets beside the best one: without one of its effects, or with another in its place.
+
+use super::Search;
+use super::subset::{in_place, reduced, special_cases};
+use crate::diagnose::evidence::Evidence;
+use crate::diagnose::fitting;
+use crate::diagnose::power::Shown;
+use crate::diagnose::shortlist::Scorer;
+use crate::diagnose::stated_load;
+use crate::diagnose::verdict::Judged;
+use crate::effect::Site;
+use crate::effects::EffectId;
+use crate::error::Result;
+use rayon::prelude::*;
+
+/// To first order a rival may lose this many nats more than it does once refitted.
+const FIRST_ORDER: f64 = 20.0;
+/// Nats to first order from which an effect is needed, whatever a refit without it could make up for.
+const SURE: f64 = 60.0;
+/// Rivals of one effect that are refitted in its place.
+const RIVALS: usize = 2;
+
+/// A variant of the best set.
+#[derive(Debug, Clone)]
+pub struct Swap {
+    /// The effect that was taken out.
+    pub replaced: EffectId,
+    /// What is in its place, if anything.
+    pub by: Option<EffectId>,
+    /// The refitted set.
+    pub judged: Judged,
+}
+
+impl Search<'_> {
+    /// The set with less that has more evidence, if there is one: without an effect, or with a special case of it. What is worth much to
+    /// first order is not asked.
+    pub(super) fn simpler(
+        &self,
+        best: &Judged,
+        worth: &[(EffectId, f64)],
+        evidence: &Evidence,
+        seen: &mut Vec<Judged>,
+    ) -> Result<Option<Judged>> {
+        let effects = best.fitted.effects();
+        let of_load = |e: &&EffectId| stated_load::accounts_for(self.data, &best.fitted, **e);
+        if let Some(gone) = effects.iter().find(of_load) {
+            // A stated load is known to a share of its value: within that it is as likely to be off, and no effect is called for.
+            return Ok(self.each(best, &[(*gone, None)], seen)?.pop());
+        }
+        let weak = worth.iter().filter(|(e, nats)| *nats < SURE || self.wanders(*e)).map(|(e, _)| (*e, None));
+        let narrower = effects.iter().flat_map(|gone| {
+            let instead = special_cases(*gone).filter(|e| !effects.contains(e));
+            instead.map(|narrow| (*gone, Some(narrow)))
+        });
+        let ways: Vec<(EffectId, Option<EffectId>)> = weak.chain(narrower).collect();
+        let tried = self.each(best, &ways, seen)?;
+        let simpler = tried.into_iter().min_by(|a, b| evidence.cost(a).total_cmp(&evidence.cost(b)));
+        Ok(simpler.filter(|simpler| !evidence.prefers(best, simpler) && !self.monitor.cancelled()))
+    }
+
+    /// Whether an effect moves a rotor that noise lets wander: to first order the speed is seen as it is, and what noise does to it counts for
+    /// the effect.
+    fn wanders(&self, effect: EffectId) -> bool {
+        effect.info().site == Site::Mechanical && self.data.runs().iter().any(|run| run.wander().is_some())
+    }
+
+    /// The sets in which one effect is taken out of `best`, with another in its place if one is given, as fitted before or now.
+    fn each(
+        &self,
+        best: &Judged,
+        ways: &[(EffectId, Option<EffectId>)],
+        seen: &mut Vec<Judged>,
+    ) -> Result<Vec<Judged>> {
+        let one = |(gone, instead): &(EffectId, Option<EffectId>)| -> Result<Option<(Judged, bool)>> {
+            if self.monitor.cancelled() {
+                return Ok(None);
+            }
+            let wanted: Vec<EffectId> =
+                best.fitted.effects().into_iter().filter(|e| e != gone).chain(*instead).collect();
+            if let Some(known) = self.known(seen, &wanted) {
+                return Ok(Some((known.clone(), false)));
+            }
+            let (model, start) = match instead {
+                Some(narrow) => in_place(&best.fitted, *gone, *narrow),
+                None => reduced(&best.fitted, *gone),
+            };
+            let fitted = fitting::fit(self.data, &model, &start, false, self.monitor)?;
+            Ok(Some((self.judge(fitted)?, true)))
+        };
+        let all: Result<Vec<Option<(Judged, bool)>>> = ways.par_iter().map(one).collect();
+        let all: Vec<(Judged, bool)> = all?.into_iter().flatten().collect();
+        seen.extend(all.iter().filter(|(_, new)| *new).map(|(set, _)| set.clone()));
+        Ok(all.into_iter().map(|(set, _)| set).collect())
+    }
+
+    /// A set of these effects that was fitted and held against all recordings.
+    fn known<'s>(&self, seen: &'s [Judged], wanted: &[EffectId]) -> Option<&'s Judged> {
+        let mut whole = seen.iter().filter(|set| set.held_out.len() == self.held_out.len());
+        whole.rfind(|set| is_set(&set.fitted.effects(), wanted))
+    }
+
+    /// Sets beside the best one that may have as much evidence to first order: without one of its effects, or with another in its place.
+    pub(super) fn exchange(
+        &self,
+        best: &Judged,
+        worth: &[(EffectId, f64)],
+        shown: &[Shown],
+        seen: &mut Vec<Judged>,
+    ) -> Result<Vec<Swap>> {
+        let loses = |s: &Shown, found: EffectId, nats: f64| nats * (1.0 - s.cosine(found).powi(2));
+        let open = |found: EffectId, nats: f64| {
+            nats < SURE || shown.iter().any(|s| loses(s, found, nats) < FIRST_ORDER)
+        };
+        let asked: Vec<(EffectId, f64)> = worth.iter().copied().filter(|(e, nats)| open(*e, *nats)).collect();
+        let ways: Vec<(EffectId, Option<EffectId>)> = asked.iter().map(|(e, _)| (*e, None)).collect();
+        let without = self.each(best, &ways, seen)?;
+        let mut out: Vec<Swap> = Vec::new();
+        let mut tasks = Vec::new();
+        for ((replaced, nats), fewer) in asked.iter().zip(&without) {
+            out.push(Swap { replaced: *replaced, by: None, judged: fewer.clone() });
+            let loses = |s: &Shown| loses(s, *replaced, *nats);
+            let mut rivals: Vec<&Shown> = shown.iter().filter(|s| loses(s) < FIRST_ORDER).collect();
+            rivals.sort_by(|a, b| loses(a).total_cmp(&loses(b)));
+            tasks.extend(rivals.into_iter().take(RIVALS).map(|s| (*replaced, s.effect, fewer)));
+        }
+        let refit = |(replaced, by, fewer): &(EffectId, EffectId, &Judged)| -> Result<Option<Swap>> {
+            let mut wanted = fewer.fitted.effects();
+            wanted.push(*by);
+            if self.monitor.cancelled() {
+                return Ok(None);
+            }
+            let judged = match self.known(seen, &wanted) {
+                Some(known) => Some(known.clone()),
+                None => {
+                    let prospect = Scorer::new(self.data, &fewer.fitted).score(*by);
+                    self.refit(fewer, &prospect)?.map(|fitted| self.judge(fitted)).transpose()?
+                }
+            };
+            Ok(judged.map(|judged| Swap { replaced: *replaced, by: Some(*by), judged }))
+        };
+        let swaps: Result<Vec<Option<Swap>>> = tasks.par_iter().map(refit).collect();
+        let swaps: Vec<Swap> = swaps?.into_iter().flatten().collect();
+        seen.extend(swaps.iter().map(|s| s.judged.clone()));
+        out.extend(swaps);
+        Ok(out)
+    }
+}
+
+/// Whether both hold the same effects.
+fn is_set(a: &[EffectId], b: &[EffectId]) -> bool {
+    a.len() == b.len() && a.iter().all(|e| b.contains(e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::data::Data;
+    use crate::diagnose::hypothesis::Hypothesis;
+    use crate::diagnose::power;
+    use crate::diagnose::select::MOST;
+    use crate::diagnose::testing::{choice, data, setup, speeds};
+    use crate::drive::{Choice, Manoeuvre, Schedule};
+    use crate::model::Model;
+    use crate::monitor::Silent;
+
+    fn reversing() -> Manoeuvre {
+        speeds(1.0, &[(0.1, 90.0), (0.3, -80.0), (0.5, 60.0), (0.7, -60.0), (0.9, 80.0)])
+    }
+
+    /// A fitted set of these effects, from their typical strengths.
+    fn set(data: &Data, base: &Hypothesis, effects: &[EffectId]) -> Judged {
+        let context = data.signals.context;
+        let typical = effects.iter().flat_map(|e| e.info().parameters).map(|p| (p.typical)(&context));
+        let start: Vec<f64> = base.own().iter().copied().chain(typical).collect();
+        let fitted = fitting::fit(data, &Model::new(context, effects), &start, false, &Silent).unwrap();
+        Judged { fitted, held_out: Vec::new(), refuted: false }
+    }
+
+    /// The effects of the simpler set that is preferred to the set `of` these effects, if one is.
+    fn simpler(manoeuvre: Manoeuvre, present: Vec<Choice>, of: &[EffectId]) -> Option<Vec<EffectId>> {
+        let (data, base) = data(&setup(manoeuvre, present));
+        let search = Search {
+            data: &data,
+            held_out: Vec::new(),
+            refuting: Vec::new(),
+            most: MOST,
+            from: None,
+            monitor: &Silent,
+        };
+        let best = set(&data, &base, of);
+        let worth = power::worth(&data, &best.fitted, search.evidence().samples());
+        let simpler = search.simpler(&best, &worth, &mut Vec::new()).unwrap();
+        simpler.map(|set| set.fitted.effects())
+    }
+
+    #[test]
+    fn an_effect_that_the_others_make_superfluous_is_dropped_and_one_that_is_needed_is_not() {
+        let (dry, drag) = (EffectId::CoulombFriction, EffectId::QuadraticDrag);
+        let friction = || vec![choice("coulomb_friction", "tau_c", 0.3)];
+        assert_eq!(simpler(reversing(), friction(), &[dry, drag]), Some(vec![dry]));
+        assert_eq!(simpler(reversing(), friction(), &[dry]), None);
+    }
+
+    #[test]
+    fn a_special_case_takes_the_place_of_a_wider_effect() {
+        let friction = vec![choice("coulomb_friction", "tau_c", 0.3)];
+        let narrower = simpler(reversing(), friction, &[EffectId::StribeckFriction]);
+        assert_eq!(narrower, Some(vec![EffectId::CoulombFriction]));
+    }
+
+    #[test]
+    fn what_a_stated_load_may_be_off_by_is_no_friction() {
+        let dropped = |tau_a: f64| {
+            let mut manoeuvre = speeds(0.6, &[(0.05, 50.0), (0.2, -40.0), (0.35, 60.0), (0.5, -30.0)]);
+            manoeuvre.tau_load = Some(Schedule::constant(5.0).unwrap());
+            manoeuvre.load_kind = Some("known_constant".into());
+            let present = vec![choice("asymmetric_friction", "tau_a", tau_a)];
+            simpler(manoeuvre, present, &[EffectId::AsymmetricFriction])
+        };
+        assert_eq!(dropped(0.003), Some(Vec::new()));
+        assert_eq!(dropped(0.1), None);
+    }
+}
