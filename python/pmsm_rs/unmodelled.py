@@ -101,8 +101,9 @@ def functions(variable: Mapping[str, Any], x: NDArray[np.float64]) -> NDArray[np
         half = 0.5 * np.tanh(x / variable["width"])
         return np.stack([0.5 + half, 0.5 - half])
     degree, pieces = variable["degree"], variable["pieces"]
-    span = variable["high"] - variable["low"]
-    place = np.clip((x - variable["low"]) * pieces / span, 0.0, pieces)
+    warp = float(variable.get("warp", 0.0))
+    low, high, at = (v / (warp + abs(v)) if warp > 0.0 else v for v in (variable["low"], variable["high"], x))
+    place = np.clip((at - low) * pieces / (high - low), 0.0, pieces)
     # Cox–de Boor from the interval in which a value lies; the last interval is closed.
     cell = np.minimum(np.floor(place), pieces - 1)
     values = np.stack([(cell == k - degree).astype(float) for k in range(pieces + 2 * degree)])

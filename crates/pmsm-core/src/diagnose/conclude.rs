@@ -112,15 +112,19 @@ pub fn conclude(
     let (before, mut after): (Option<(&Data, Hypothesis)>, _) = (before?, found?);
     let foreseen = after.as_ref().map(|(judge, found)| (*judge, found));
     let mut remaining = remaining::beside(data, &outcome.best.fitted, foreseen);
-    if verdict == Verdict::Ambiguous && !remaining.is_empty() {
+    if data.poor && verdict == Verdict::Ambiguous && !remaining.is_empty() {
         // Beside another cause no name is sure, however much of the mismatch it explains.
         decide::doubt(&mut ranked, remaining::CEILING_BESIDE);
     }
-    let unexplained = verdict == Verdict::Unknown && !outcome.best.fitted.effects().is_empty();
-    if (verdict == Verdict::Named && !remaining.is_empty() || unexplained) && !monitor.cancelled() {
+    let found = !outcome.best.fitted.effects().is_empty() && !data.poor;
+    let open = match verdict {
+        Verdict::Named | Verdict::Ambiguous => !remaining.is_empty(),
+        _ => verdict == Verdict::Unknown,
+    };
+    if found && open && !monitor.cancelled() {
         let earned = unmodelled::earned(data, judge, &outcome.best.fitted, monitor)?;
         verdict = beside_a_map(&mut outcome, &mut ranked, earned);
-        if verdict == Verdict::Partial {
+        if verdict != Verdict::Unknown {
             after = on_judge(&outcome.best.fitted)?;
             let foreseen = after.as_ref().map(|(judge, found)| (*judge, found));
             remaining = remaining::beside(data, &outcome.best.fitted, foreseen);
@@ -233,11 +237,17 @@ fn beside_a_map(outcome: &mut Outcome, ranked: &mut [Ranked], earned: Earned) ->
         }
     }
     ranked.sort_by_key(|candidate| !kept.contains(&candidate.effect));
+    let mut certain = ranked.iter().filter(|candidate| kept.contains(&candidate.effect));
+    let verdict =
+        if certain.all(|c| c.equivalent.is_empty()) { Verdict::Partial } else { Verdict::Ambiguous };
+    if verdict == Verdict::Ambiguous {
+        decide::doubt(ranked, remaining::CEILING_BESIDE);
+    }
     let goes = |step: &Judged| step.fitted.effects().iter().all(|e| kept.contains(e));
     outcome.path.retain(|step| goes(step) && step.fitted.effects().len() < kept.len());
     outcome.path.push(set.clone());
     outcome.best = set;
-    Verdict::Partial
+    verdict
 }
 
 /// Whether the model owes its place to a mechanical effect none of whose parameters exceeds its own standard error: what it takes away is

@@ -21,6 +21,9 @@ const FEWEST: f64 = 10.0;
 /// What an effect costs by itself, nats: of the two dozen of the catalogue about one is there, prior odds of 1 to 20.
 pub const PRIOR: f64 = 3.0;
 
+/// What a coefficient of a map costs, nats: its prior holds it back, and its size was chosen by prediction.
+const COEFFICIENT: f64 = 0.5;
+
 /// Gain in nats from which a set counts as better: posterior odds of ten to one, as a verdict asks for.
 pub const DECISIVE: f64 = 2.3;
 
@@ -38,6 +41,28 @@ impl Evidence {
         Self { fitted: of(data), held_out: held_out.iter().map(|data| of(data)).collect() }
     }
 
+    /// The same by what these sets have left: beyond noise it lasts, and counts as the few independent values that it is. The whitest
+    /// residual of each channel tells.
+    #[must_use]
+    pub fn limited<'a>(mut self, sets: impl Iterator<Item = &'a Judged> + Clone) -> Self {
+        let limit = |own: &mut [f64], left: &dyn Fn(&'a Judged) -> Option<&'a Hypothesis>| {
+            let mut most = vec![0.0f64; own.len()];
+            for hypothesis in sets.clone().filter_map(left) {
+                for (most, samples) in most.iter_mut().zip(&hypothesis.samples) {
+                    *most = most.max(*samples);
+                }
+            }
+            for (own, most) in own.iter_mut().zip(most) {
+                *own = own.min(most).max(FEWEST);
+            }
+        };
+        limit(&mut self.fitted, &|set| Some(&set.fitted));
+        for (run, own) in self.held_out.iter_mut().enumerate() {
+            limit(own, &|set| set.held_out.get(run));
+        }
+        self
+    }
+
     /// Independent samples of each channel of the fitted recordings.
     pub fn samples(&self) -> &[f64] {
         &self.fitted
@@ -50,10 +75,13 @@ impl Evidence {
 
     /// Cost of a set on the fitted recordings with its parameters and effects, nats.
     pub fn cost_on_recording(&self, fitted: &Hypothesis) -> f64 {
-        let own = fitted.model.parameter_count();
-        let parameters = fitted.free.iter().filter(|k| **k < own).count() as f64;
+        let mapped = fitted.model.map_parameters();
+        let parameters = fitted.free.iter().filter(|k| **k < mapped.start).count() as f64;
         let effects = fitted.model.slots().len() as f64;
-        misfit(fitted, &self.fitted) + price(&self.fitted) * parameters + PRIOR * effects
+        misfit(fitted, &self.fitted)
+            + price(&self.fitted) * parameters
+            + PRIOR * effects
+            + COEFFICIENT * mapped.len() as f64
     }
 
     /// Cost of what a set predicts of the recordings that it was not fitted to, nats.

@@ -1,6 +1,7 @@
 //! A set of effects with the parameters that were fitted to a recording, and what it leaves there.
 
 use super::data::Data;
+use crate::colour::effective_samples;
 use crate::effect::Role;
 use crate::effects::EffectId;
 use crate::experiment::{Channel, Joint};
@@ -104,7 +105,7 @@ impl Hypothesis {
         let mut out = Self { free, nuisances, ..Self::bare(model, parameters) };
         let experiment = data.whole(&out);
         let residual = experiment.residual(&out.parameters);
-        let judged = experiment.mean_squares(&residual, energy_samples);
+        let judged = experiment.mean_squares(&residual, independent_samples);
         let channels = experiment.blocks().into_iter().map(|block| block.channel);
         let squares = channels.zip(&judged).map(|(c, (square, _))| (c, *square)).collect();
         let samples = judged.iter().map(|(_, samples)| *samples).collect();
@@ -119,7 +120,7 @@ impl Hypothesis {
         let own = parameters[..model.parameter_count()].to_vec();
         let nuisances = vec![Nuisance::known(0); data.runs().len()];
         let experiment = data.experiment(model, &nuisances, data.channels(true, false));
-        let mut judged = experiment.mean_squares(&experiment.residual(&own), energy_samples).into_iter();
+        let mut judged = experiment.mean_squares(&experiment.residual(&own), independent_samples).into_iter();
         let floors = || data.runs().iter().flat_map(|run| &run.floors);
         let seen = |floor: &Floor| if floor.channel.is_electrical() { judged.next() } else { None };
         let seen: Vec<(f64, f64)> = floors().map(seen).map(|found| found.unwrap_or((1.0, 1.0))).collect();
@@ -173,6 +174,11 @@ impl Hypothesis {
 
 /// Blocks over which the energy of a residual is compared.
 const BLOCKS: usize = 24;
+
+/// Independent samples of a residual, by its correlation and by how its energy varies, whichever tells of fewer: what is missing lasts.
+fn independent_samples(residual: &[f64]) -> f64 {
+    energy_samples(residual).min(effective_samples(residual))
+}
 
 /// Independent samples behind a mean square, from how much it varies from block to block: for n normal samples the mean
 /// square has the variance 2σ⁴/n. Held-out samples, which are exactly zero, do not count.

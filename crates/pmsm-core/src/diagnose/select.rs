@@ -114,9 +114,9 @@ impl Search<'_> {
         let mut swaps = Vec::new();
         let mut shown = Vec::new();
         for _ in 0..MOST {
-            let evidence = self.evidence();
+            let evidence = self.evidence().limited(std::iter::once(&best));
             let worth = power::worth(self.data, &best.fitted, evidence.samples());
-            if let Some(simpler) = self.simpler(&best, &worth, &mut seen)? {
+            if let Some(simpler) = self.simpler(&best, &worth, &evidence, &mut seen)? {
                 best = simpler;
                 continue;
             }
@@ -128,7 +128,7 @@ impl Search<'_> {
             let Some(better) = better.map(|s| s.judged.clone()) else { break };
             best = better;
         }
-        let evidence = self.evidence();
+        let evidence = self.evidence().limited(std::iter::once(&best));
         let path = path(&base, &best, &seen, &evidence);
         Ok(Outcome { base, singles, best, swaps, unfit, shown, evidence, path })
     }

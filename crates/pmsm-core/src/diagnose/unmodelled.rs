@@ -78,6 +78,8 @@ pub enum Basis {
         degree: usize,
         /// Pieces of the range.
         pieces: usize,
+        /// Half-width w about zero within which the pieces are narrow: they are uniform in x/(w + |x|). Zero where they are in x.
+        warp: f64,
     },
 }
 

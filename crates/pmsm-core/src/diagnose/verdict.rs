@@ -1,7 +1,6 @@
 //! What a fitted hypothesis leaves on the recordings, and when that is a mismatch, an explanation or a refutation.
 
 use super::hypothesis::Hypothesis;
-use crate::experiment::Channel;
 
 /// Share of the floor's mean square that a channel may have beyond it and still count as explained.
 pub const UNEXPLAINED: f64 = 0.12;

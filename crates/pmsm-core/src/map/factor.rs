@@ -90,13 +90,23 @@ pub struct Spline {
     pub degree: usize,
     /// Pieces into which the range is divided.
     pub pieces: usize,
+    /// Half-width w about zero within which the pieces are narrow, in the variable's unit: they are uniform in x/(w + |x|). Zero for
+    /// pieces that are uniform in x.
+    pub warp: f64,
 }
 
 impl Spline {
+    /// A value of the variable on the scale on which the pieces are uniform.
+    #[inline(always)]
+    fn warped<T: Real>(&self, x: T) -> T {
+        if self.warp > 0.0 { x / (x.abs() + self.warp) } else { x }
+    }
+
     #[inline(always)]
     fn fill<T: Real>(&self, at: &Point<T>, out: &mut [T; MOST]) {
         let pieces = self.pieces as f64;
-        let x = (at.value(self.variable) - T::constant(self.low)) * (pieces / (self.high - self.low));
+        let (low, high) = (self.warped(self.low), self.warped(self.high));
+        let x = (self.warped(at.value(self.variable)) - T::constant(low)) * (pieces / (high - low));
         let x = positive(x);
         let rest = T::constant(pieces) - x;
         let x = rest.if_positive(x, T::constant(pieces));
@@ -213,7 +223,8 @@ mod tests {
     #[test]
     fn splines_are_a_partition_of_unity_and_hold_their_ends() {
         for degree in 1..=3 {
-            let spline = Spline { variable: Variable::OmegaE, low: -50.0, high: 150.0, degree, pieces: 4 };
+            let spline =
+                Spline { variable: Variable::OmegaE, low: -50.0, high: 150.0, degree, pieces: 4, warp: 0.0 };
             let at = |omega| values(Factor::Spline(spline), &at_speed(omega));
             for k in 0..=100 {
                 let b = at(-50.0 + 2.0 * f64::from(k));
@@ -228,7 +239,8 @@ mod tests {
 
     #[test]
     fn a_spline_of_its_nodes_is_the_variable_itself() {
-        let spline = Spline { variable: Variable::OmegaE, low: 0.0, high: 4.0, degree: 3, pieces: 4 };
+        let spline =
+            Spline { variable: Variable::OmegaE, low: 0.0, high: 4.0, degree: 3, pieces: 4, warp: 0.0 };
         for omega in [0.0, 0.7, 1.9, 3.3, 4.0] {
             let b = values(Factor::Spline(spline), &at_speed(omega));
             let sum: f64 = b.iter().enumerate().map(|(k, b)| b * (k as f64 - 1.0)).sum();

@@ -2,6 +2,7 @@
 
 use super::Search;
 use super::subset::{in_place, reduced, special_cases};
+use crate::diagnose::evidence::Evidence;
 use crate::diagnose::fitting;
 use crate::diagnose::power::Shown;
 use crate::diagnose::shortlist::Scorer;
@@ -37,6 +38,7 @@ impl Search<'_> {
         &self,
         best: &Judged,
         worth: &[(EffectId, f64)],
+        evidence: &Evidence,
         seen: &mut Vec<Judged>,
     ) -> Result<Option<Judged>> {
         let effects = best.fitted.effects();
@@ -51,7 +53,6 @@ impl Search<'_> {
             instead.map(|narrow| (*gone, Some(narrow)))
         });
         let ways: Vec<(EffectId, Option<EffectId>)> = weak.chain(narrower).collect();
-        let evidence = self.evidence();
         let tried = self.each(best, &ways, seen)?;
         let simpler = tried.into_iter().min_by(|a, b| evidence.cost(a).total_cmp(&evidence.cost(b)));
         Ok(simpler.filter(|simpler| !evidence.prefers(best, simpler) && !self.monitor.cancelled()))

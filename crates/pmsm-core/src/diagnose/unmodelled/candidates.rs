@@ -15,6 +15,8 @@ use std::f64::consts::{PI, TAU};
 const CURVE: (usize, usize) = (3, 4);
 /// And of a torque, since friction may have a hump at one speed.
 const FINE: [(usize, usize); 2] = [(3, 12), (3, 28)];
+/// Half-width about standstill within which a curve over the speed may bend most, share of the largest speed: forms of friction differ there.
+const DENSE: f64 = 0.1;
 /// Splines in each direction of a map over two variables.
 const SURFACE: (usize, usize) = (2, 2);
 /// Splines with which a harmonic changes along a variable.
@@ -42,13 +44,21 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
     let variables = variables(data, best, side);
     let commands = commands(data, side);
     let line = |v: &(Variable, f64, f64), (degree, pieces): (usize, usize)| {
-        Factor::Spline(Spline { variable: v.0, low: v.1, high: v.2, degree, pieces })
+        Factor::Spline(Spline { variable: v.0, low: v.1, high: v.2, degree, pieces, warp: 0.0 })
+    };
+    let dense = |v: &(Variable, f64, f64)| {
+        let (degree, pieces) = FINE[1];
+        let warp = DENSE * v.1.abs().max(v.2.abs());
+        Factor::Spline(Spline { variable: v.0, low: v.1, high: v.2, degree, pieces, warp })
     };
     let mut pairs: Vec<(Factor, Option<Factor>)> = waves.iter().map(|wave| (*wave, None)).collect();
     for (k, x) in variables.iter().enumerate() {
         pairs.push((line(x, CURVE), None));
         if side == Side::Mechanical {
             pairs.extend(FINE.map(|size| (line(x, size), None)));
+            if x.0 == Variable::OmegaE && x.1 < 0.0 && x.2 > 0.0 {
+                pairs.push((dense(x), None));
+            }
         }
         for y in &variables[k + 1..] {
             pairs.push((line(x, SURFACE), Some(line(y, SURFACE))));

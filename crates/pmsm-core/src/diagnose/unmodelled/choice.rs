@@ -22,8 +22,9 @@ use std::ops::Range;
 const FOLDS: usize = 4;
 /// Blocks of a recording without windows enough.
 const BLOCKS: usize = 16;
-/// Variances of the coefficients' prior, in units of what the recording says of one of them, inverted.
-const RIDGES: [f64; 4] = [1e-4, 1e-3, 1e-2, 1e-1];
+/// Variances of the coefficients' prior, in units of what the recording says of one of them, inverted: the more a curve stands out of the
+/// noise, the less it may be held back.
+const RIDGES: [f64; 8] = [1e-11, 1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2];
 /// Harmonics tried of a factor that has more.
 const HARMONICS: [usize; 4] = [1, 2, 4, 8];
 /// Largest number of derivatives held for one map.

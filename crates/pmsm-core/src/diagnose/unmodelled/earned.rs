@@ -33,12 +33,11 @@ pub struct Earned {
 /// Those of the least-squares fits.
 pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dyn Monitor) -> Result<Earned> {
     let held_out: Vec<&Data> = judge.into_iter().collect();
-    let evidence = Evidence::new(data, &held_out);
-    let cost_with_map = |set: &Hypothesis| -> Result<f64> {
-        let (mapped, _) = explain(data, judge, set, monitor)?;
+    let with_map = |set: &Hypothesis| -> Result<Judged> {
+        let (fitted, _) = explain(data, judge, set, monitor)?;
         let held_out: Result<Vec<Hypothesis>> =
-            held_out.iter().map(|other| transfer(other, &mapped, monitor)).collect();
-        Ok(evidence.cost(&Judged { fitted: mapped, held_out: held_out?, refuted: false }))
+            held_out.iter().map(|other| transfer(other, &fitted, monitor)).collect();
+        Ok(Judged { fitted, held_out: held_out?, refuted: false })
     };
     let mut set = best.clone();
     loop {
@@ -49,14 +48,25 @@ pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dy
             Site::Sensor => !open.is_empty(),
         };
         let asked: Vec<EffectId> = set.effects().into_iter().filter(doubtful).collect();
-        let whole = if asked.is_empty() { 0.0 } else { cost_with_map(&set)? };
-        let without = |effect: &EffectId| -> Result<(EffectId, f64, Hypothesis)> {
+        if asked.is_empty() {
+            let probabilities = set.effects().into_iter().map(|effect| (effect, 1.0)).collect();
+            return Ok(Earned { set, probabilities });
+        }
+        let whole = with_map(&set)?;
+        let without = |effect: &EffectId| -> Result<(EffectId, Hypothesis, Judged)> {
             let (model, start) = reduced(&set, *effect);
             let fewer = fitting::fit(data, &model, &start, false, monitor)?;
-            Ok((*effect, cost_with_map(&fewer)? - whole, fewer))
+            let mapped = with_map(&fewer)?;
+            Ok((*effect, fewer, mapped))
         };
-        let tried: Result<Vec<(EffectId, f64, Hypothesis)>> = asked.par_iter().map(without).collect();
+        let tried: Result<Vec<(EffectId, Hypothesis, Judged)>> = asked.par_iter().map(without).collect();
         let tried = tried?;
+        let sets = std::iter::once(&whole).chain(tried.iter().map(|t| &t.2));
+        let evidence = Evidence::new(data, &held_out).limited(sets);
+        let tried: Vec<(EffectId, f64, Hypothesis)> = tried
+            .into_iter()
+            .map(|(effect, fewer, mapped)| (effect, evidence.cost(&mapped) - evidence.cost(&whole), fewer))
+            .collect();
         // The least needed goes first: what the others are worth may change.
         let least = tried.iter().min_by(|a, b| a.1.total_cmp(&b.1));
         match least {

@@ -99,9 +99,15 @@ fn basis(factor: &Factor) -> Basis {
         }
         Factor::Swing { frequency } => Basis::Harmonic { variable, unit, orders: vec![TAU * frequency] },
         Factor::Direction { width } => Basis::Direction { variable, unit, width },
-        Factor::Spline(s) => {
-            Basis::BSpline { variable, unit, low: s.low, high: s.high, degree: s.degree, pieces: s.pieces }
-        }
+        Factor::Spline(s) => Basis::BSpline {
+            variable,
+            unit,
+            low: s.low,
+            high: s.high,
+            degree: s.degree,
+            pieces: s.pieces,
+            warp: s.warp,
+        },
     }
 }
 
