@@ -193,7 +193,8 @@ def columns() -> str:
 
 def thresholds() -> str:
     """The constants on which verdicts rest, with their reasons, as the source of the core states them."""
-    text = (SOURCES / "diagnose" / "verdict.rs").read_text(encoding="utf-8")
+    files = ["verdict.rs", "evidence.rs", "select.rs"]
+    text = "\n".join((SOURCES / "diagnose" / file).read_text(encoding="utf-8") for file in files)
     found = re.findall(r"((?:^/// [^\n]*\n)+)^(?:pub )?const (\w+): [^=]*= ([^;]+);", text, re.MULTILINE)
     rows = [
         [
@@ -204,7 +205,8 @@ def thresholds() -> str:
         for doc, name, value in found
     ]
     return (
-        "# Thresholds\n\nFrom `crates/pmsm-core/src/diagnose/verdict.rs`.\n\n"
+        "# Thresholds\n\n"
+        "From `verdict.rs`, `evidence.rs` and `select.rs` in `crates/pmsm-core/src/diagnose`.\n\n"
         + table(["constant", "value", "meaning"], rows)
         + "\n"
     )

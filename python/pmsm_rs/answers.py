@@ -39,6 +39,8 @@ class Diagnosis(DiagnosisValues):
 
     `read` says for each recording which of its columns became what, which were not used and why, and which
     questions could be asked; in the JSON answer it is an object for one recording and a list for several.
+    The verdict is `no_mismatch`, `named`, `partial` (the named effects are missing, and something else
+    beside them that is not in the catalogue), `ambiguous`, `unknown` or `undetermined`.
     Channels are i_d, i_q (A), omega_e (rad/s, electrical), of operating points v_d, v_q (V). `noise_floor`
     is what a perfect model would leave in each, `fit["recording" or "validation"]["before" or "after"]`
     what is left, both as root mean square in the channel's unit. `data_quality` has finding, consequence

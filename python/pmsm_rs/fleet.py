@@ -209,13 +209,15 @@ def _verdict(result: Diagnosis | Failure) -> str:
     if isinstance(result, Failure):
         return "failed"
     part = " in what was asked" if result.verdict == "no_mismatch" and not is_whole(result) else ""
-    return result.verdict.replace("_", " ") + part
+    verdict = "named in part" if result.verdict == "partial" else result.verdict.replace("_", " ")
+    return verdict + part
 
 
 def _line(result: Diagnosis | Failure) -> str:
     if isinstance(result, Failure):
         return f"failed: {result.kind}"
-    sure = f" ({percent(result.ranking[0].probability)})" if result.verdict == "named" else ""
+    named = result.verdict in {"named", "partial"} and result.ranking
+    sure = f" ({percent(result.ranking[0].probability)})" if named else ""
     return f"{headline(result)}{sure}"
 
 

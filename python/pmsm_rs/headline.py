@@ -116,7 +116,9 @@ def _verdict(answer: DiagnosisValues) -> str:
         part = f"The dq-model explains what was read of {these} down to {their} noise."
         return _EXPLAINED.get(answer.recording_kind or "", part)
     if answer.verdict in {"named", "partial"}:
-        return f"The model leaves out {listed(names or _first(answer))}."
+        further = ["something that is not in the catalogue"]
+        more = further if answer.verdict == "partial" and not _rest(answer) else []
+        return f"The model leaves out {listed([*(names or _first(answer)), *more])}."
     if answer.verdict == "ambiguous":
         choices = _alternatives(answer)
         certain = listed([names[0] for names in choices if len(names) == 1])

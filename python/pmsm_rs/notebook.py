@@ -69,7 +69,7 @@ def diagnosis(answer: DiagnosisValues) -> str:
     notes += [
         f"Read: {words.listed(origins(read))}; ignored: {ignored(read) or 'none'}." for read in answer.read
     ]
-    named = answer.verdict == "named" and answer.ranking
+    named = answer.verdict in {"named", "partial"} and answer.ranking
     return _card(
         chip=f"{chip} · {words.percent(answer.ranking[0].probability)}" if named else chip,
         tone=TONES[tone],

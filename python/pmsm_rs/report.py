@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 VERDICTS = {
     "no_mismatch": ("Model complete", "good"),
     "named": ("Effect named", "found"),
+    "partial": ("Named in part", "found"),
     "ambiguous": ("Ambiguous", "doubt"),
     "unknown": ("Unknown physics", "doubt"),
     "undetermined": ("Undetermined", "poor"),
@@ -177,7 +178,7 @@ def _typeset(text: str) -> str:
 
 
 def _leading(answer: DiagnosisValues) -> Candidate | None:
-    named = answer.verdict in {"named", "ambiguous"} and answer.ranking
+    named = answer.verdict in {"named", "partial", "ambiguous"} and answer.ranking
     return answer.ranking[0] if named else None
 
 

@@ -216,14 +216,14 @@ class DiagnosisValues:
     @property
     def model(self) -> Mapping[str, Any]:
         """The model that was settled on: `effects` and `base`, and `unmodelled` where the verdict is
-        unknown, as in the JSON answer.
+        unknown or partial, as in the JSON answer.
         """
         model: Mapping[str, Any] = self.data["model"]
         return model
 
     @property
     def unmodelled(self) -> Unmodelled | None:
-        """Where the verdict is unknown, the map of what no candidate explains; else None."""
+        """Where the verdict is unknown or partial, the map of what no candidate explains; else None."""
         entry = self.model.get("unmodelled")
         return None if entry is None else Unmodelled.of(entry)
 

@@ -299,6 +299,7 @@ def test_text_of_an_answer_cannot_become_markup(tmp_path: Path) -> None:
             "may leave out",
         ),
         ({"verdict": "unknown", "ranking": [], "model": {"effects": [], "base": {}}}, "not in the catalogue"),
+        ({"verdict": "partial"}, "and something that is not in the catalogue"),
         (
             {
                 "verdict": "undetermined",

@@ -188,8 +188,9 @@ mod tests {
             monitor: &Silent,
         };
         let best = set(&data, &base, of);
-        let worth = power::worth(&data, &best.fitted, search.evidence().samples());
-        let simpler = search.simpler(&best, &worth, &mut Vec::new()).unwrap();
+        let evidence = search.evidence();
+        let worth = power::worth(&data, &best.fitted, evidence.samples());
+        let simpler = search.simpler(&best, &worth, &evidence, &mut Vec::new()).unwrap();
         simpler.map(|set| set.fitted.effects())
     }
 
