@@ -147,6 +147,7 @@ fn on_whole(data: &Data, found: Outcome, base: &Hypothesis, monitor: &dyn Monito
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::anew;
     use crate::diagnose::testing::{self, choice, setup, speeds};
     use crate::diagnose::verdict::Judged;
     use crate::effects;
@@ -163,6 +164,8 @@ mod tests {
         assert!(data.wanders_unfiltered() && verdict::largest_excess(&base) > 30.0);
         let outcome = search(&mut data, &mut [other], &mut base, None, &Silent).unwrap();
         assert_eq!(outcome.best.fitted.effects(), [effects::EffectId::CoulombFriction]);
+        let (bare, best) = outcome.ends();
+        assert!(anew::settled_anew(&mut data, &mut [], bare, best));
         assert!(data.wander().is_some() && !data.wanders_unfiltered());
     }
 

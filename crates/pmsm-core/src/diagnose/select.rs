@@ -225,6 +225,10 @@ impl Search<'_> {
             let top = side().next().map_or(0.0, |p| p.score);
             leading.extend(side().take(REFITTED).filter(|p| p.score >= RIVAL * top).map(|p| p.effect));
         }
+        // The steps of an unknown load can do what a friction does whose torque jumps at reversals: no score tells.
+        if parent.fitted.nuisances.iter().any(|nuisance| nuisance.steps() > 0) {
+            leading.extend(candidates.iter().filter(|effect| effect.jumps()));
+        }
         let refit = |prospect: Prospect| -> Result<(Prospect, Option<Judged>)> {
             let asked = leading.contains(&prospect.effect) && !self.monitor.cancelled();
             let set = if asked { self.refit(parent, &prospect)? } else { None };
@@ -339,7 +343,7 @@ mod tests {
         let present = vec![
             choice("dead_time", "v_err", 4.0),
             choice("coulomb_friction", "tau_c", 0.3),
-            choice("cogging_torque", "tau_cog", 0.2),
+            choice("cogging_torque", "a_1", 0.2),
         ];
         let mut found = selected(present);
         found.sort_by_key(|e| e.id());
@@ -353,7 +357,7 @@ mod tests {
 
     #[test]
     fn an_order_chosen_before_the_others_were_known_is_corrected() {
-        let both = vec![choice("cogging_torque", "tau_cog", 0.2), choice("coulomb_friction", "tau_c", 0.3)];
+        let both = vec![choice("cogging_torque", "a_1", 0.2), choice("coulomb_friction", "tau_c", 0.3)];
         let (data, base) = testing::data(&setup(rich(), both));
         let (cogging, friction) = (EffectId::CoggingTorque, EffectId::CoulombFriction);
         let model = crate::model::Model::new(data.signals.context, &[friction, cogging]);
