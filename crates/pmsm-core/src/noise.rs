@@ -118,6 +118,14 @@ pub fn current_noise(signals: &Signals) -> Option<f64> {
     (noise > 0.0).then_some(noise)
 }
 
+/// What an angle in steps adds to the noise of a current seen from the rotor, A: the other axis times the error of the angle.
+fn turned_noise(signals: &Signals, channel: Channel) -> f64 {
+    let Some(i) = signals.i.as_ref().filter(|_| signals.phase_currents) else { return 0.0 };
+    let other = &i[usize::from(channel == Channel::ID)];
+    let square: f64 = signals.limits.angle.iter().zip(other).map(|(error, i)| (error * i).powi(2)).sum();
+    (square / signals.len() as f64).sqrt()
+}
+
 /// Noise of the speed, rad/s: that of its sensor, or the error of one that the log rounds or holds, or that was derived.
 pub fn speed_noise(signals: &Signals) -> f64 {
     let error = signals.limits.speed_error();
@@ -141,7 +149,7 @@ pub fn floors(experiment: &Experiment, p: &[f64]) -> (Vec<Floor>, InputNoise) {
             let (sensor, unsure) = match channel {
                 Channel::ID | Channel::IQ => {
                     let seen = current_noise(signals).unwrap_or_else(|| white_noise(&rest(at)));
-                    (seen.max(signals.limits.current), 0.0)
+                    (seen.max(signals.limits.current).hypot(turned_noise(signals, *channel)), 0.0)
                 }
                 Channel::OmegaE => (speed_noise(signals), 0.0),
                 Channel::VD | Channel::VQ if signals.kind == Kind::OpenCircuit => {

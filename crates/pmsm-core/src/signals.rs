@@ -167,15 +167,22 @@ impl Signals {
         if let (Some(angle), Some(speed), false) = (&logged_angle, &logged_speed, operating_points) {
             check_sense(&t, angle, speed, &segments, machine.n_p)?;
         }
-        let (mut omega_e, speed_error, speed_known) = match logged_speed {
+        let (mut omega_e, mut speed_error, speed_known) = match logged_speed {
             Some(speed) if !in_time => (speed, Vec::new(), true),
             _ => (held.omega, held.error, held.logged),
         };
         let lasting = in_time && (!speed_known || held.finding.is_some());
         findings.extend(held.finding.filter(|_| in_time));
-        if steps.is_some() {
+        let mut angle_error = Vec::new();
+        if let (Some((step, _)), Some(angle)) = (&steps, &logged_angle) {
+            let half = derived::derive(&t, angle, &segments).half;
+            let (of_angle, of_speed) = derived::rounded_anew(&t, angle, &segments, half, *step);
+            if !speed_known {
+                speed_error = of_speed;
+            }
+            angle_error = of_angle;
             for angle in logged_angle.iter_mut().chain(&mut mechanical) {
-                limits::through_steps(&t, angle, &segments);
+                limits::through_steps(&t, angle, &segments, half);
             }
         }
         findings.extend(steps.as_ref().map(|(_, finding)| finding.clone()));
@@ -269,6 +276,7 @@ impl Signals {
             limits: Limits {
                 speed: speed_error,
                 lasting,
+                angle: angle_error,
                 angle_step: steps.as_ref().map_or(0.0, |(step, _)| *step),
                 current: limits::current_rounding(recording),
                 coarse: None,

@@ -5,7 +5,7 @@
 //! bend. So the width at which the slope changes least when it is doubled is found, and one doubling less is taken: what is left there is
 //! noise, of which the change tells, and bend, which no noise model holds, is small beside it.
 
-use super::angle::slopes;
+use super::angle::{slopes, smoothed};
 use std::ops::Range;
 
 /// Half the width of the widest line, samples.
@@ -51,6 +51,29 @@ pub fn derive(t: &[f64], theta: &[f64], segments: &[Range<usize>]) -> Derived {
     narrower
 }
 
+/// Share of a step by which an angle is moved before it is rounded anew: no simple fraction, so that it falls elsewhere in its steps.
+const MOVED: f64 = 0.382;
+
+/// What steps of `quantum` rad do to the lines of half the width `half` through an unwrapped angle `theta` (rad): the error of the angle, rad,
+/// and that of its slope, rad/s, sample by sample. The angle is drawn through its steps, rounded to them anew from another place, and seen
+/// through the same lines again: what it then differs by has the size and the colour of the error, and comes at the same speeds.
+pub fn rounded_anew(
+    t: &[f64],
+    theta: &[f64],
+    segments: &[Range<usize>],
+    half: usize,
+    quantum: f64,
+) -> (Vec<f64>, Vec<f64>) {
+    let drawn = smoothed(t, theta, segments, half);
+    let moved = |x: &f64| quantum * ((x / quantum + MOVED).floor() - MOVED + 0.5);
+    let anew: Vec<f64> = drawn.iter().map(moved).collect();
+    let differ = |a: Vec<f64>, b: Vec<f64>| a.into_iter().zip(b).map(|(a, b)| a - b).collect();
+    (
+        differ(smoothed(t, &anew, segments, half), smoothed(t, &drawn, segments, half)),
+        differ(slopes(t, &anew, segments, half), slopes(t, &drawn, segments, half)),
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -75,6 +98,12 @@ mod tests {
         assert!(derived.half >= 4, "{}", derived.half);
         let (off, said) = (off(&derived), rms(&derived.error));
         assert!((off / said - 1.0).abs() < 0.3 && said < 3.0, "{off} {said}");
+        // Rounded anew, it shows the same error.
+        let (angle_error, error) = rounded_anew(&t, &steps, &all, derived.half, quantum);
+        let left = smoothed(&t, &steps, &all, derived.half);
+        let lag: Vec<f64> = left.iter().zip(&exact).map(|(a, b)| a - b + 0.5 * quantum).collect();
+        assert!((rms(&error) / off - 1.0).abs() < 0.2, "{} {off}", rms(&error));
+        assert!((rms(&angle_error) / rms(&lag) - 1.0).abs() < 0.3, "{} {}", rms(&angle_error), rms(&lag));
         // An angle without steps is differentiated as it stands.
         assert_eq!(derive(&t, &exact, all).half, 1);
     }

@@ -62,7 +62,11 @@ impl Signals {
             theta_e,
             theta_m: picked(&self.theta_m),
             omega_e: picked(&self.omega_e),
-            limits: Limits { speed: picked(&self.limits.speed), ..self.limits.clone() },
+            limits: Limits {
+                speed: picked(&self.limits.speed),
+                angle: picked(&self.limits.angle),
+                ..self.limits.clone()
+            },
             tau_e: self.tau_e.as_ref().map(picked),
             tau_m: self.tau_m.as_ref().map(picked),
             heating: self.heating.as_ref().map(picked),

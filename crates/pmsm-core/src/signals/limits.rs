@@ -27,6 +27,8 @@ pub struct Limits {
     pub lasting: bool,
     /// Step of the angle where that is seen in the currents, rad (electrical); zero where it is not.
     pub angle_step: f64,
+    /// How far an angle in such steps may be off, rad (electrical), sample by sample; empty where it has none.
+    pub angle: Vec<f64>,
     /// Standard deviation of the rounding of a rotor-frame current, A.
     pub current: f64,
     /// Why the voltages are left out, where the rows are too far apart for them.
@@ -131,10 +133,8 @@ fn drawn_through(t: &[f64], speed: &[f64], rows: usize, step: f64) -> (Vec<f64>,
     (omega, error)
 }
 
-/// The unwrapped electrical angle `theta` (rad), which comes in steps of `quantum` rad, drawn through its steps by lines as wide as those that
-/// show its speed.
-pub(super) fn through_steps(t: &[f64], theta: &mut Vec<f64>, segments: &[Range<usize>]) {
-    let half = derived::derive(t, theta, segments).half;
+/// An unwrapped angle `theta` (rad), which comes in steps, drawn through them by lines of half the width `half`.
+pub(super) fn through_steps(t: &[f64], theta: &mut Vec<f64>, segments: &[Range<usize>], half: usize) {
     if half > 1 {
         *theta = super::angle::smoothed(t, theta, segments, half);
     }

@@ -18,6 +18,9 @@ use crate::error::Result;
 use crate::monitor::Monitor;
 use rayon::prelude::*;
 
+/// Mean square that an effect must explain, over that which remains: four times as much by its root.
+const OUTWEIGHS: f64 = 16.0;
+
 /// A set of effects, each of which explains what a map cannot.
 pub struct Earned {
     /// The set without a map.
@@ -63,6 +66,19 @@ pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dy
         let tried = tried?;
         let sets = std::iter::once(&whole).chain(tried.iter().map(|t| &t.2));
         let evidence = Evidence::new(data, &held_out).limited(sets);
+        let lent: Vec<EffectId> = tried
+            .iter()
+            .filter(|(.., mapped)| !outweighs(mapped, &whole))
+            .map(|(effect, ..)| *effect)
+            .collect();
+        if !lent.is_empty() && !monitor.cancelled() {
+            for effect in lent {
+                let (model, start) = reduced(&set, effect);
+                set = Hypothesis::bare(model, start);
+            }
+            set = fitting::fit(data, &set.model, &set.parameters, false, monitor)?;
+            continue;
+        }
         let tried: Vec<(EffectId, f64, Hypothesis)> = tried
             .into_iter()
             .map(|(effect, fewer, mapped)| (effect, evidence.cost(&mapped) - evidence.cost(&whole), fewer))
@@ -81,6 +97,22 @@ pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dy
             }
         }
     }
+}
+
+/// Whether what an effect explains is far larger than what neither the set nor a map does: `without` is the set without it, `whole` the
+/// set, each with its map. Of what remains nothing is known, and a part of it may have passed for the effect.
+fn outweighs(without: &Judged, whole: &Judged) -> bool {
+    let each = |set: &Judged| -> Vec<(f64, f64)> {
+        let runs = std::iter::once(&set.fitted).chain(&set.held_out);
+        runs.flat_map(|run| run.squares.iter().zip(&run.chance).map(|((_, s), chance)| (*s, *chance)))
+            .collect()
+    };
+    let (mut explained, mut remains) = (0.0, 0.0);
+    for ((without, _), (whole, chance)) in each(without).into_iter().zip(each(whole)) {
+        explained += (without - whole).max(0.0);
+        remains += (whole - 1.0 - chance).max(0.0);
+    }
+    explained >= OUTWEIGHS * remains
 }
 
 #[cfg(test)]

@@ -1,10 +1,13 @@
 //! What a map takes away, of the model that is in the answer and by the figures that the answer gives.
 
 use crate::diagnose::data::Data;
+use crate::diagnose::each;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::transfer::transfer;
 use crate::error::Result;
+use crate::experiment::Channel;
 use crate::monitor::Monitor;
+use crate::noise::Floor;
 
 /// Share of the squares above the floors, over all channels, that `after` takes away of what `before` leaves: on the validation run, or on
 /// the recording itself without one.
@@ -29,9 +32,14 @@ pub fn taken_away(
     Ok(if more > 0.0 { 1.0 - less / more } else { 0.0 })
 }
 
-/// Squares of the residual as it is, over the floor's and beyond one, summed over channels.
+/// Squares of measured minus predicted, as the answer's table of the fit has them, over the floor's and beyond one, summed over channels.
 fn excess(data: &Data, model: &Hypothesis) -> f64 {
-    let experiment = data.whole(model).plain();
-    let rms = experiment.relative_rms(&experiment.residual(&model.parameters));
-    rms.into_iter().map(|rms| (rms * rms - 1.0).max(0.0)).sum()
+    let experiment = data.whole(model);
+    let predicted = experiment.predict(&model.parameters);
+    let square = |(channel, predicted): (&Channel, &Vec<f64>)| {
+        let floor = data.floors.iter().find(|f| f.channel == *channel).map_or(f64::INFINITY, Floor::total);
+        let rms = each::rms(&experiment.measured(*channel), predicted);
+        ((rms / floor).powi(2) - 1.0).max(0.0)
+    };
+    experiment.channels().iter().zip(&predicted).map(square).sum()
 }
