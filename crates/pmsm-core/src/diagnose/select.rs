@@ -339,7 +339,7 @@ mod tests {
         let present = vec![
             choice("dead_time", "v_err", 4.0),
             choice("coulomb_friction", "tau_c", 0.3),
-            choice("cogging_torque", "tau_cog", 0.2),
+            choice("cogging_torque", "a_1", 0.2),
         ];
         let mut found = selected(present);
         found.sort_by_key(|e| e.id());
@@ -353,7 +353,7 @@ mod tests {
 
     #[test]
     fn an_order_chosen_before_the_others_were_known_is_corrected() {
-        let both = vec![choice("cogging_torque", "tau_cog", 0.2), choice("coulomb_friction", "tau_c", 0.3)];
+        let both = vec![choice("cogging_torque", "a_1", 0.2), choice("coulomb_friction", "tau_c", 0.3)];
         let (data, base) = testing::data(&setup(rich(), both));
         let (cogging, friction) = (EffectId::CoggingTorque, EffectId::CoulombFriction);
         let model = crate::model::Model::new(data.signals.context, &[friction, cogging]);

@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn friction_beside_a_torque_that_no_effect_of_the_set_explains_stays_named() {
-        let both = vec![choice("coulomb_friction", "tau_c", 0.3), choice("cogging_torque", "tau_cog", 0.3)];
+        let both = vec![choice("coulomb_friction", "tau_c", 0.3), choice("cogging_torque", "a_1", 0.3)];
         let kept = kept(both, EffectId::CoulombFriction);
         assert_eq!(kept.len(), 1, "{kept:?}");
         assert!(kept[0].0 == EffectId::CoulombFriction && kept[0].1 > 0.9, "{kept:?}");
@@ -143,7 +143,7 @@ mod tests {
 
     #[test]
     fn such_a_torque_alone_names_nothing() {
-        let alone = vec![choice("cogging_torque", "tau_cog", 0.3)];
+        let alone = vec![choice("cogging_torque", "a_1", 0.3)];
         assert_eq!(kept(alone, EffectId::QuadraticDrag), []);
     }
 }
