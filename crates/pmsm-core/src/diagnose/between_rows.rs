@@ -55,7 +55,8 @@ pub fn moved(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result<Op
     let mean = ratios.iter().sum::<f64>() / count;
     let spread = (ratios.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt();
     // Not "at most": what is not a number decides nothing.
-    if !(mean * count.sqrt() > DECISIVE * spread) {
+    let beyond = mean * count.sqrt() - DECISIVE * spread;
+    if beyond.is_nan() || beyond <= 0.0 {
         return Ok(None);
     }
     let known = ", and a voltage drawn straight from row to row explains the currents far better than one held over each";
