@@ -11,6 +11,7 @@
 use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::verdict::Judged;
+use crate::recording::Kind;
 use crate::simulate::mechanical::Nuisance;
 
 /// Samples that count as one. Forms of real curves, quantisation and a floor known to a per cent leave errors that last: a twentieth of
@@ -119,7 +120,10 @@ pub fn price(samples: &[f64]) -> f64 {
 
 /// Independent samples of each channel of one recording.
 fn of_run(run: &Data) -> impl Iterator<Item = f64> {
-    let samples = (run.counted() as f64 / CORRELATED).max(FEWEST);
+    // Steady points and rows at open terminals have no memory: each counts.
+    let steady = matches!(run.signals.kind, Kind::OperatingPoints | Kind::OpenCircuit);
+    let correlated = if steady { 1.0 } else { CORRELATED };
+    let samples = (run.counted() as f64 / correlated).max(FEWEST);
     run.floors.iter().map(move |_| samples)
 }
 
