@@ -252,9 +252,10 @@ mod tests {
             };
             let plate = off(off(setup.nameplate.clone(), BaseParameter::PsiM, 1.2), BaseParameter::J, 0.8);
             setup.nameplate = plate;
+            // The controllers are set by an inertia, whether or not the diagnosis is told one.
+            let recording = simulate(&setup, &Silent).unwrap().recording;
             setup.nameplate.base[BaseParameter::J.index()] =
                 j.map(|share| share * setup.machine.get(BaseParameter::J).unwrap());
-            let recording = simulate(&setup, &Silent).unwrap().recording;
             let mut data =
                 Data::new(Signals::new(&recording, &setup.nameplate).unwrap(), &setup.nameplate).unwrap();
             let base = fit(&mut data, &Silent).unwrap();
