@@ -189,11 +189,11 @@ mod tests {
         let mut named = bare.clone();
         named.fitted.model = Model::new(*bare.fitted.model.context(), &[EffectId::CoulombFriction]);
         assert!((more(&named) - PRIOR).abs() < 1e-9);
-        // Two steps on the recording, one on the other: as many more constants, each with its instant.
+        // Three steps on the recording, two on the other: each a height and an instant.
         let mut stepping = bare.clone();
-        stepping.fitted.nuisances = vec![Nuisance::unknown(2, 0)];
-        stepping.held_out[0].nuisances = vec![Nuisance::unknown(1, 0)];
-        assert!((more(&stepping) - 3.0 * 50.0f64.ln()).abs() < 1e-9);
+        stepping.fitted.nuisances = vec![Nuisance::unknown(3, 0)];
+        stepping.held_out[0].nuisances = vec![Nuisance::unknown(2, 0)];
+        assert!((more(&stepping) - 5.0 * 50.0f64.ln()).abs() < 1e-9);
         // Small gains do not pay for them.
         assert!(!evidence.prefers(&judged(1.0, 1.0, 1.0, 5), &judged(1.02, 1.0, 1.02, 4)));
     }
@@ -215,9 +215,11 @@ mod tests {
     #[test]
     fn what_is_not_a_number_never_wins_and_the_cost_is_one() {
         let (evidence, bare) = (evidence(), judged(5.0, 1.0, 5.0, 4));
-        for broken in [judged(f64::NAN, 1.0, 5.0, 4), judged(5.0, 1.0, f64::INFINITY, 4)] {
+        for broken in [judged(f64::NAN, 1.0, 1.0, 4), judged(1.0, 1.0, f64::INFINITY, 4)] {
             assert!(evidence.cost(&broken).is_finite());
-            assert!(!evidence.prefers(&broken, &bare) && evidence.prefers(&bare, &broken));
+            assert!(
+                !evidence.prefers(&broken, &bare) && evidence.cost(&bare) + DECISIVE < evidence.cost(&broken)
+            );
         }
         // Recordings too short for one independent sample count as a few.
         assert!(price(&[0.0]) > 0.0 && misfit(&hypothesis(1.0, 1.0, 4), &[0.0, 0.0]) == 0.0);

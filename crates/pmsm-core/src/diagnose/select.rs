@@ -225,6 +225,10 @@ impl Search<'_> {
             let top = side().next().map_or(0.0, |p| p.score);
             leading.extend(side().take(REFITTED).filter(|p| p.score >= RIVAL * top).map(|p| p.effect));
         }
+        // The steps of an unknown load can do what a friction does whose torque jumps at reversals: no score tells.
+        if parent.fitted.nuisances.iter().any(|nuisance| nuisance.steps() > 0) {
+            leading.extend(candidates.iter().filter(|effect| effect.jumps()));
+        }
         let refit = |prospect: Prospect| -> Result<(Prospect, Option<Judged>)> {
             let asked = leading.contains(&prospect.effect) && !self.monitor.cancelled();
             let set = if asked { self.refit(parent, &prospect)? } else { None };
