@@ -254,8 +254,6 @@ mod tests {
             let plate = off(off(setup.nameplate.clone(), BaseParameter::PsiM, 1.2), BaseParameter::J, 0.8);
             let recording = simulate(&setup, &Silent).unwrap().recording;
             setup.nameplate = plate;
-            // The controllers are set by an inertia, whether or not the diagnosis is told one.
-            let recording = simulate(&setup, &Silent).unwrap().recording;
             setup.nameplate.base[BaseParameter::J.index()] =
                 j.map(|share| share * setup.machine.get(BaseParameter::J).unwrap());
             let mut data =
