@@ -63,7 +63,7 @@ const RICH: &str = "Record a rich manoeuvre: reversals, two levels of i_q, steps
 /// estimated but initial values and an unknown load.
 ///
 /// # Errors
-/// [`Error::Unusable`] if the validation run is one of the recordings; those of [`join::prepare`] and [`Signals::new`],
+/// [`Error::Unusable`] if the validation run is one of the recordings; those of [`join::prepare`] and [`crate::signals::Signals::new`],
 /// [`crate::start::values`] and the least-squares fits. An interruption through `monitor` is no error: the answer then rests on what had
 /// been tried.
 pub fn diagnose(

@@ -6,7 +6,7 @@
 //!
 //! the Laplace approximation of its marginal likelihood (Schwarz, "Estimating the dimension of a model", Ann. Statist. 6, 1978) with the
 //! prior odds π of each of its m effects. Runs that were not used for fitting add their likelihood alone: what the set predicts there.
-//! n_c counts independent samples, one in [`CORRELATED`].
+//! n_c counts independent samples, one in a hundred rows (`CORRELATED`).
 
 use super::data::Data;
 use super::hypothesis::Hypothesis;
