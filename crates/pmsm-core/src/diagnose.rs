@@ -138,7 +138,7 @@ pub fn diagnose(
         base = fitting::refit(&whole, &base, monitor)?;
     }
     monitor.report("bare machine", 0.1);
-    let mut outcome = searching::search(&mut whole, &mut others, &mut base, None, monitor)?;
+    let mut outcome = searching::search(&whole, &others, &base, None, monitor)?;
     let (bare, best) = outcome.ends();
     let Judged { fitted: found, held_out, .. } = best;
     let known = if held_out.len() == others.len() { &held_out[..] } else { &[] };
@@ -149,7 +149,7 @@ pub fn diagnose(
     if again && !monitor.cancelled() {
         base = fitting::refit(&whole, &base, monitor)?;
         let found = outcome.best.fitted;
-        outcome = searching::search(&mut whole, &mut others, &mut base, Some(&found), monitor)?;
+        outcome = searching::search(&whole, &others, &base, Some(&found), monitor)?;
     } else if let Some(finer) = searching::judged_finer(&whole, &others, &outcome, monitor)? {
         (whole, others, outcome) = finer;
     }

@@ -141,10 +141,10 @@ mod tests {
     #[test]
     fn what_is_found_at_a_slower_pace_is_fitted_to_every_sample() {
         let present = || vec![choice("dead_time", "v_err", 3.0)];
-        let ((mut data, mut base), (other, _)) =
+        let ((data, base), (other, _)) =
             (testing::data(&fast_clock(1.1, present())), testing::data(&fast_clock(1.05, present())));
         assert!(slower(&data, std::slice::from_ref(&other)).is_some());
-        let outcome = searching::search(&mut data, &mut [other], &mut base, None, &Silent).unwrap();
+        let outcome = searching::search(&data, &[other], &base, None, &Silent).unwrap();
         assert_eq!(outcome.best.fitted.effects(), [EffectId::DeadTime]);
         let (bare, best) = outcome.ends();
         assert_eq!(best.fitted.effects(), [EffectId::DeadTime]);

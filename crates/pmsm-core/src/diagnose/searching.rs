@@ -16,9 +16,9 @@ use crate::monitor::Monitor;
 /// Searches for the effects, held against the other recordings or against every other window of this one, at the pace that these allow for.
 /// It begins with the set `from`, if there is one.
 pub fn search(
-    whole: &mut Data,
-    others: &mut [Data],
-    base: &mut Hypothesis,
+    whole: &Data,
+    others: &[Data],
+    base: &Hypothesis,
     from: Option<&Hypothesis>,
     monitor: &dyn Monitor,
 ) -> Result<Outcome> {
@@ -100,14 +100,13 @@ pub fn judged_finer(
     if moving == 0 || moving == effects.len() || !wanders || !explained || monitor.cancelled() {
         return Ok(None);
     }
-    let mut again = settled(whole, &best.fitted);
-    let mut theirs: Vec<Data> =
-        others.iter().zip(&best.held_out).map(|(d, found)| settled(d, found)).collect();
+    let again = settled(whole, &best.fitted);
+    let theirs: Vec<Data> = others.iter().zip(&best.held_out).map(|(d, found)| settled(d, found)).collect();
     if theirs.len() < others.len() {
         return Ok(None);
     }
-    let mut base = fitting::refit(&again, &outcome.base.fitted, monitor)?;
-    let anew = search(&mut again, &mut theirs, &mut base, Some(&best.fitted), monitor)?;
+    let base = fitting::refit(&again, &outcome.base.fitted, monitor)?;
+    let anew = search(&again, &theirs, &base, Some(&best.fitted), monitor)?;
     let fewer = anew.best.fitted.effects().len() < effects.len() && !monitor.cancelled();
     Ok(fewer.then_some((again, theirs, anew)))
 }
@@ -160,12 +159,13 @@ mod tests {
             (0..8).map(|k| (0.1 + 0.25 * f64::from(k), [90.0, -70.0][k as usize % 2])).collect();
         let mut setup = setup(speeds(2.0, &path), vec![choice("coulomb_friction", "tau_c", 1.0)]);
         setup.drive.sensors.noise_i = 0.3;
-        let ((mut data, mut base), (other, _)) = (testing::data(&setup), testing::data(&setup));
+        let ((mut data, base), (other, _)) = (testing::data(&setup), testing::data(&setup));
+        let mut others = [other];
         assert!(data.wanders_unfiltered() && verdict::largest_excess(&base) > 30.0);
-        let outcome = search(&mut data, &mut [other], &mut base, None, &Silent).unwrap();
+        let outcome = search(&data, &others, &base, None, &Silent).unwrap();
         assert_eq!(outcome.best.fitted.effects(), [effects::EffectId::CoulombFriction]);
         let (bare, best) = outcome.ends();
-        assert!(anew::settled_anew(&mut data, &mut [], bare, best));
+        assert!(anew::settled_anew(&mut data, &mut others, bare, best));
         assert!(data.wander().is_some() && !data.wanders_unfiltered());
     }
 
@@ -179,8 +179,7 @@ mod tests {
         setup.drive.sensors.noise_i = 0.3;
         let ((data, base), (other, _)) = (testing::data(&setup), testing::data(&setup));
         assert!(data.wanders_unfiltered(), "{:?}", base.squares);
-        let mut outcome =
-            search(&mut data.clone(), &mut [other.clone()], &mut base.clone(), None, &Silent).unwrap();
+        let mut outcome = search(&data, std::slice::from_ref(&other), &base, None, &Silent).unwrap();
         let others = [other];
         let mut finer = |found: &[effects::EffectId]| {
             let model = Model::new(data.signals.context, found);
