@@ -244,7 +244,6 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "this recording is told undetermined before any effect is asked for, for a reason that is not known yet"]
     fn a_name_by_a_poor_recording_that_does_not_foresee_the_validation_run_is_an_even_chance_at_most() {
         let run = |seed: u64, gain: f64| {
             let mut one_speed = speeds(0.8, &[(0.0, 60.0)]);

@@ -148,7 +148,6 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "the noise of the logged voltages is no longer seen in this log, for a reason that is not known yet"]
     fn friction_that_is_missing_does_not_bend_a_flux_that_noisy_voltages_show() {
         // Under a constant load a flux that is 1 % too large stands in for friction of 1 % of the load.
         let path = [(0.1, 20.0), (0.6, 110.0), (1.0, 110.0), (1.5, -90.0), (2.0, -20.0)];
@@ -268,7 +267,7 @@ mod tests {
         }
         // One speed shows no inertia: it stays where a machine is.
         let steady = fitted(&[(0.0, 60.0)], Some(0.8));
-        assert!((0.2..5.0).contains(&steady[4]), "{steady:?}");
+        assert!((0.5..1.3).contains(&steady[4]), "{steady:?}");
         let open = fitted(&[(0.0, 60.0)], None);
         assert!((0.01..100.0).contains(&open[4]), "{open:?}");
     }

@@ -14,8 +14,8 @@ use super::verdict::Judged;
 use crate::recording::Kind;
 use crate::simulate::mechanical::Nuisance;
 
-/// Samples that count as one. Forms of real curves, quantisation and a floor known to a per cent leave errors that last: a twentieth of
-/// the samples is the count at which such errors do not call for further effects (engine trials on independent plants).
+/// Samples that count as one. Forms of real curves, quantisation and a floor known to a per cent make errors that last. The value was chosen
+/// by hand on whole benches and is not calibrated: no stated false-alarm rate follows from it.
 const CORRELATED: f64 = 100.0;
 /// Fewest independent samples of a channel.
 const FEWEST: f64 = 10.0;

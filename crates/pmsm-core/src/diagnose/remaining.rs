@@ -187,18 +187,18 @@ mod tests {
             let answer = told(effects, &brake);
             let wrong = |name: &str| !present.contains(&name);
             let sure = answer.ranking.iter().any(|c| c.probability > 0.6 && wrong(&c.effect));
-            let honest = !matches!(answer.verdict, Verdict::Named | Verdict::NoMismatch);
+            // A name may stand beside the torque only where it is there.
+            let alone = present.is_empty();
+            let honest = answer.verdict == Verdict::Unknown || answer.verdict == Verdict::Partial && !alone;
             assert!(honest && !sure, "{:?} {:?}", answer.verdict, answer.ranking);
             // Where a candidate was found, it is said what lies beside it.
             assert!(answer.ranking.iter().all(|c| c.probability < 0.4) || !answer.remaining.is_empty());
         }
         let answer = told(vec![choice("coulomb_friction", "tau_c", 0.3)], &|_| 0.0);
-        assert!(answer.ranking[0].effect == "coulomb_friction", "{:?}", answer.verdict);
-        assert_eq!(answer.remaining, []);
+        assert!(answer.verdict == Verdict::Named && answer.remaining.is_empty(), "{:?}", answer.verdict);
     }
 
     #[test]
-    #[ignore = "this recording is poor and told ambiguous, so that no map is laid; one with a map is needed"]
     fn the_share_that_a_map_is_said_to_take_away_is_that_of_the_answers_own_fit() {
         let answer = told(Vec::new(), &brake);
         let map = answer.model.unmodelled.unwrap();

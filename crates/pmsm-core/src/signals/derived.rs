@@ -99,8 +99,11 @@ mod tests {
         let (off, said) = (off(&derived), rms(&derived.error));
         assert!((off / said - 1.0).abs() < 0.3 && said < 3.0, "{off} {said}");
         // Rounded anew, it shows the same error.
-        let (_, error) = rounded_anew(&t, &steps, all, derived.half, quantum);
+        let (angle_error, error) = rounded_anew(&t, &steps, all, derived.half, quantum);
+        let left = smoothed(&t, &steps, all, derived.half);
+        let lag: Vec<f64> = left.iter().zip(&exact).map(|(a, b)| a - b + 0.5 * quantum).collect();
         assert!((rms(&error) / off - 1.0).abs() < 0.2, "{} {off}", rms(&error));
+        assert!((rms(&angle_error) / rms(&lag) - 1.0).abs() < 0.3, "{} {}", rms(&angle_error), rms(&lag));
         // An angle without steps is differentiated as it stands.
         assert_eq!(derive(&t, &exact, all).half, 1);
     }

@@ -18,7 +18,8 @@ use crate::error::Result;
 use crate::monitor::Monitor;
 use rayon::prelude::*;
 
-/// Mean square that an effect must explain, over that which remains: four times as much by its root.
+/// Mean square that an effect must explain, over that which remains: four times as much by its root. Chosen by hand,
+/// not calibrated.
 const OUTWEIGHS: f64 = 16.0;
 
 /// A set of effects, each of which explains what a map cannot.
