@@ -11,8 +11,8 @@ use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
 use crate::signals::{Finding, Signals};
 
-/// Share of an electrical time constant below which rows are near enough for the straight line between them and a voltage held over each to
-/// be nearly the same to the currents, so that neither is told from physics.
+/// Row distance, as a share of an electrical time constant, below which the question is not asked. A held voltage and one drawn straight
+/// from row to row then act alike on the currents.
 const NEAR: f64 = 0.1;
 /// Electrical time constants, and fewest rows, of the pieces of a recording in which a voltage held over each row is compared with one drawn
 /// straight from row to row. A current forgets within a few time constants, so that pieces of ten are independent of one another.

@@ -1,9 +1,8 @@
 //! A speed that has to be derived from the angle, and how far it may be off.
 //!
-//! The slope of a straight line through a few samples is the less certain the fewer they are, as an angle comes in steps or with noise, and
-//! the more bent the more they are, as a rotor accelerates. A line of twice the width has an eighth of the variance, and four times the
-//! bend. So the width at which the slope changes least when it is doubled is found, and one doubling less is taken: what is left there is
-//! noise, of which the change tells, and bend, which no noise model holds, is small beside it.
+//! The slope of a line through few samples is noisy, as an angle comes in steps. Through many samples it is biased, as the rotor
+//! accelerates. Twice the width gives an eighth of the variance and four times the bias. The width is chosen at which the slope changes
+//! least when the width is doubled, less one doubling. Noise then dominates the error, and the change measures it.
 
 use super::angle::{slopes, smoothed};
 use std::ops::Range;

@@ -28,8 +28,8 @@ impl Search<'_> {
 
 /// `parent` with one effect more, fitted to `data`.
 ///
-/// A score lets the parameters of the parent give way to the effect, while a fit starts from them as they are, and to first order a
-/// strength may come out far too large where shapes matter: either may lead a shape astray.
+/// A score lets the parameters of the parent adjust, but a fit starts from their present values. To first order a strength may also come
+/// out far too large. Both can lead a shape to a wrong minimum.
 fn beside(
     data: &Data,
     parent: &Hypothesis,
