@@ -255,7 +255,7 @@ mod tests {
         let told = |validated: f64| {
             let ((recording, nameplate), (validation, _)) = (run(1, 0.2), run(2, validated));
             let answer = diagnose(&[&recording], &nameplate, Some(&validation), &Silent).unwrap();
-            assert_eq!(answer.verdict, Verdict::Ambiguous, "{:?}", answer.ranking);
+            assert_eq!(answer.verdict, Verdict::Ambiguous, "{:?} {:?}", answer.reason, answer.ranking);
             assert_eq!(answer.ranking[0].effect, "current_gain_imbalance");
             let said = answer.data_quality.iter().any(|f| f.finding.starts_with("on the validation run"));
             (said, answer.ranking[0].probability)

@@ -94,6 +94,19 @@ impl Part {
         }
     }
 
+    /// Writes what each coefficient multiplies at a point, in the order of the coefficients.
+    pub fn functions(&self, at: &Point<f64>, out: &mut [f64]) {
+        let (mut first, mut second) = ([0.0; MOST], [0.0; MOST]);
+        second[0] = 1.0;
+        let n = self.first.fill(at, &mut first);
+        let m = self.second.as_ref().map_or(1, |factor| factor.fill(at, &mut second));
+        for own in out.chunks_exact_mut(n * m) {
+            for (row, f) in own.chunks_exact_mut(m).zip(&first) {
+                row.iter_mut().zip(&second).for_each(|(value, g)| *value = f * g);
+            }
+        }
+    }
+
     /// Turns its coefficients to a mechanical zero that lies `shift` (rad) further; says whether that changes them.
     fn turned(&self, p: &mut [f64], shift: f64) -> bool {
         let m = self.second.as_ref().map_or(1, Factor::count);

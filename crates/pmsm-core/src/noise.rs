@@ -226,9 +226,17 @@ fn add_driven(
             }
         }
     }
+    // Half of what rows twice as far apart change of the speed: the error of a straight line falls at least in proportion to its length.
+    let between = speed.filter(|_| experiment.signals.limits.coarse.is_some()).map_or(0.0, |at| {
+        let sparse = every_other_row(experiment.signals);
+        let seen = Experiment { signals: &sparse, ..experiment.clone() }.predict(p);
+        let difference = clean[at].iter().zip(&seen[at]).map(|(a, b)| (0.5 * (a - b)).powi(2));
+        difference.sum::<f64>() / clean[at].len() as f64
+    });
     for (floor, squares) in floors.iter_mut().zip(squares) {
         // In the speed the fitted initial value answers to the added sensor noise, too; that part is small.
-        let square = squares.iter().sum::<f64>();
+        let between = if floor.channel == Channel::OmegaE { between } else { 0.0 };
+        let square = squares.iter().sum::<f64>() + between;
         floor.driven = if square.is_finite() { square.sqrt() } else { 0.0 };
         if floor.channel.is_electrical() && floor.share() > WANDERS {
             let draws = DRAWS as f64;
@@ -250,6 +258,21 @@ fn add_driven(
         let square = off.sum::<f64>() / signals.len() as f64 / floor.total().powi(2);
         floor.wander = Some(wander).filter(|_| bias < HARMLESS && square < NEAR);
     }
+}
+
+/// The signals with the currents of every other row drawn straight from those beside it.
+fn every_other_row(signals: &Signals) -> Signals {
+    let mut sparse = signals.clone();
+    let (Some(phases), Some(i)) = (&mut sparse.phases, &mut sparse.i) else { return sparse };
+    for segment in &signals.segments {
+        for k in (segment.start + 1..segment.end.saturating_sub(1)).step_by(2) {
+            i.iter_mut().for_each(|x| x[k] = 0.5 * (x[k - 1] + x[k + 1]));
+            let (s, c) = Real::sin_cos(sparse.theta_e[k]);
+            let abc = inverse_clarke(rotate([i[0][k], i[1][k]], c, s));
+            (0..3).for_each(|x| phases[x][k] = abc[x]);
+        }
+    }
+    sparse
 }
 
 /// The signals with noise added to what drives the models, that of one draw after the other's.

@@ -265,9 +265,9 @@ mod tests {
             let found = fitted(&shown, j);
             assert!((found[3] - 1.0).abs() < 2e-3 && (found[4] - 1.0).abs() < 0.02, "{found:?}");
         }
-        // One speed shows no inertia: it stays where a machine is.
+        // One speed shows no inertia: it stays within a factor of three of the nameplate, whatever noise says of it.
         let steady = fitted(&[(0.0, 60.0)], Some(0.8));
-        assert!((0.5..1.3).contains(&steady[4]), "{steady:?}");
+        assert!((0.8 / 3.0..0.8 * 3.0).contains(&steady[4]), "{steady:?}");
         let open = fitted(&[(0.0, 60.0)], None);
         assert!((0.01..100.0).contains(&open[4]), "{open:?}");
     }

@@ -59,7 +59,7 @@ pub fn conclude(
         let worth = outcome.evidence.samples();
         outcome.shown = power::survey(data, &outcome.base.fitted, &asked, worth, true, monitor);
     }
-    let (mut verdict, mut ranked) = decide::decide(&outcome, data.poor);
+    let (mut verdict, mut ranked) = decide::decide(&outcome, cannot_tell(data, &outcome.best.fitted));
     if monitor.cancelled() && matches!(verdict, Verdict::Unknown | Verdict::NoMismatch) {
         // What was not tried is neither missing from the catalogue nor absent.
         verdict = Verdict::Undetermined;
@@ -116,7 +116,7 @@ pub fn conclude(
         // Beside another cause no name is sure, however much of the mismatch it explains.
         decide::doubt(&mut ranked, remaining::CEILING_BESIDE);
     }
-    let found = !outcome.best.fitted.effects().is_empty() && !data.poor;
+    let found = !outcome.best.fitted.effects().is_empty() && !cannot_tell(data, &outcome.best.fitted);
     let open = match verdict {
         Verdict::Named | Verdict::Ambiguous => !remaining.is_empty(),
         _ => verdict == Verdict::Unknown,
@@ -216,6 +216,13 @@ pub fn conclude(
         recordings: each::recordings(data, &traces.recording),
         traces,
     })
+}
+
+/// Whether a recording is too poor to tell the effects of a set from what no catalogue holds: those of the voltage equations where these do
+/// not pin down the machine's own parameters, and all of them where it stays at one operating point.
+fn cannot_tell(data: &Data, set: &Hypothesis) -> bool {
+    let electrical = set.effects().iter().any(|e| e.info().site != Site::Mechanical);
+    data.poor && (electrical || reach::stays_at_one_point(&data.signals))
 }
 
 /// The verdict where a set has more than noise left: the effects that explain what a map cannot are named beside it, and make up the set

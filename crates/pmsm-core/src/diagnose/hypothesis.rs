@@ -176,7 +176,7 @@ impl Hypothesis {
 const BLOCKS: usize = 24;
 
 /// Independent samples of a residual, by its correlation and by how its energy varies, whichever tells of fewer: what is missing lasts.
-fn independent_samples(residual: &[f64]) -> f64 {
+pub fn independent_samples(residual: &[f64]) -> f64 {
     energy_samples(residual).min(effective_samples(residual))
 }
 

@@ -346,7 +346,7 @@ mod tests {
             let best = fitted(&data, &base, EffectId::CoulombFriction);
             survey(&data, &best, &[EffectId::StribeckFriction], &worth(&best), false, &Silent)[0].power
         };
-        let (large, small) = (power(1.0), power(0.02));
+        let (large, small) = (power(3.0), power(0.02));
         assert!(large > 0.3 && small < 0.1, "{large} {small}");
     }
 

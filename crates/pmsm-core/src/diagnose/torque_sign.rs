@@ -34,8 +34,9 @@ pub fn opposite(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result
     let opposite: Vec<f64> = torque.iter().map(|x| -x).collect();
     let as_logged = left(data, base, &torque, monitor)?;
     let turned = left(data, base, &opposite, monitor)?;
-    let better =
-        |(logged, turned): (&Left, &Left)| 0.5 * logged.samples * (logged.square / turned.square).ln();
+    // What lies below the noise is no better than the noise.
+    let nats = |left: &Left| left.square.max(1.0).ln();
+    let better = |(logged, turned): (&Left, &Left)| 0.5 * logged.samples * (nats(logged) - nats(turned));
     let evidence: f64 = as_logged.iter().zip(&turned).map(better).sum();
     if evidence.is_nan() || evidence <= DECISIVE {
         return Ok(None);
@@ -88,7 +89,7 @@ fn left(data: &Data, base: &Hypothesis, torque: &[f64], monitor: &dyn Monitor) -
     let fitted = motion::fit_driven_by(data, &base.model, &start, &rotor, torque, monitor)?;
     let experiment = data.motion(&base.model, &fitted.nuisances, torque).plain();
     let residual = experiment.residual(&fitted.parameters);
-    let squares = experiment.mean_squares(&residual, super::hypothesis::energy_samples);
+    let squares = experiment.mean_squares(&residual, super::hypothesis::independent_samples);
     let speed = experiment.blocks().into_iter().zip(squares).filter(|(b, _)| b.channel == Channel::OmegaE);
     Ok(speed.map(|(_, (square, samples))| Left { square, samples }).collect())
 }

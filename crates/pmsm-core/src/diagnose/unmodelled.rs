@@ -8,6 +8,7 @@
 mod candidates;
 mod choice;
 mod earned;
+mod integral;
 mod rival;
 mod share;
 mod view;

@@ -55,7 +55,8 @@ const MOVED: f64 = 0.382;
 
 /// What steps of `quantum` rad do to the lines of half the width `half` through an unwrapped angle `theta` (rad): the error of the angle, rad,
 /// and that of its slope, rad/s, sample by sample. The angle is drawn through its steps, rounded to them anew from another place, and seen
-/// through the same lines again: what it then differs by has the size and the colour of the error, and comes at the same speeds.
+/// through the same lines again. What it then differs by has the size and the colour of the error, and comes at the same speeds; the lines
+/// lag behind a bend as they did the first time.
 pub fn rounded_anew(
     t: &[f64],
     theta: &[f64],
@@ -68,7 +69,7 @@ pub fn rounded_anew(
     let anew: Vec<f64> = drawn.iter().map(moved).collect();
     let differ = |a: Vec<f64>, b: Vec<f64>| a.into_iter().zip(b).map(|(a, b)| a - b).collect();
     (
-        differ(smoothed(t, &anew, segments, half), smoothed(t, &drawn, segments, half)),
+        differ(smoothed(t, &anew, segments, half), drawn.clone()),
         differ(slopes(t, &anew, segments, half), slopes(t, &drawn, segments, half)),
     )
 }

@@ -1,6 +1,7 @@
 //! A recording as one side sees it: what the fitted parameters can do to it and what they leave, and beside that the columns of a map.
 
 use super::Side;
+use super::integral::Integral;
 use crate::basis::orthonormal;
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
@@ -46,11 +47,18 @@ impl<'a> View<'a> {
         let starts = experiment.estimated_starts(&best.parameters);
         let electrical = side == Side::Electrical;
         let answering = electrical.then(|| experiment.answering(&best.parameters)).flatten();
-        let linear = experiment.with_starts(starts.as_deref()).linearise(&best.parameters, &free);
-        let basis = orthonormal(&linear.jacobian);
+        let (residual, jacobian) = match view.integral() {
+            Some(integral) => (integral.residual(), integral.jacobian(&free)),
+            None => {
+                let seen = experiment.with_starts(starts.as_deref());
+                let linear = seen.linearise(&best.parameters, &free);
+                (linear.residual, linear.jacobian)
+            }
+        };
+        let basis = orthonormal(&jacobian);
         let parameters = basis.ncols();
         let mut known = basis.insert_column(parameters, 0.0);
-        known.set_column(parameters, &linear.residual);
+        known.set_column(parameters, &residual);
         let n = data.signals.len();
         let rows = |channel: usize, block: &Range<usize>| channel * n + block.start..channel * n + block.end;
         let all = |fold: &Vec<Range<usize>>| -> Vec<Range<usize>> {
@@ -67,6 +75,11 @@ impl<'a> View<'a> {
         view
     }
 
+    /// The equation of motion in integral form, where this side has it.
+    fn integral(&self) -> Option<Integral<'a>> {
+        (self.side == Side::Mechanical).then(|| Integral::new(self.data, self.best, self.torque)).flatten()
+    }
+
     fn experiment<'b>(&'b self, model: &'b crate::model::Model) -> Joint<'b> {
         let electrical = self.side == Side::Electrical;
         let channels = self.data.channels(electrical, !electrical);
@@ -80,6 +93,9 @@ impl<'a> View<'a> {
         if let Some(answering) = &self.answering {
             let experiment = self.experiment(&self.best.model);
             return experiment.lost_columns(&self.best.parameters, answering, part);
+        }
+        if let Some(integral) = self.integral() {
+            return integral.columns(part);
         }
         let own = self.best.own();
         let mut map = self.best.model.map().cloned().unwrap_or_default();
