@@ -127,6 +127,8 @@ class Location:
 class Remaining:
     """What the effects `beside` leave of one equation: times the noise on the recording and on the validation
     run (None without one), the variables over which it is left, and the probability of so much by chance.
+    `nearest` is a step like those of `path`: the model with that effect of the catalogue whose form comes
+    nearest. A smooth map does as well, so it is no name. None where no effect comes near.
     """
 
     equation: str
@@ -136,6 +138,7 @@ class Remaining:
     over: tuple[str, ...]
     p_value: float
     sentence: str
+    nearest: Mapping[str, Any] | None = None
 
     @property
     def times(self) -> float:
@@ -248,6 +251,7 @@ def _remaining(entry: Mapping[str, Any]) -> Remaining:
         over=tuple(entry["over"]),
         p_value=entry["p_value"],
         sentence=entry["sentence"],
+        nearest=entry.get("nearest"),
     )
 
 

@@ -50,7 +50,7 @@ use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::monitor::Monitor;
 use crate::recording::Recording;
-use answer::{Answer, Verdict};
+use answer::Answer;
 use data::Data;
 use hold::Held;
 use transfer::transfer;
@@ -97,7 +97,9 @@ pub fn diagnose(
         }
         base = bare::fit(&mut whole, monitor)?;
     }
-    if let Some(finding) = torque_sign::opposite(&whole, &base, monitor)? {
+    if let Some(finding) = torque_sign::opposite(&whole, &base, monitor)?
+        && wiring::suspected(recordings, machine, &base, monitor)?.is_none()
+    {
         return Ok(conclude::undetermined(&whole, finding, None));
     }
     if let Some(finding) = baseline::fault(&whole, &base) {
@@ -155,18 +157,22 @@ pub fn diagnose(
     }
     monitor.report("answer", 0.97);
     let judge = others.last().filter(|_| validation.is_some());
-    let first = outcome.ends().0.fitted.clone();
-    let mut answer = conclude::conclude(&whole, judge, outcome, &weak, monitor)?;
-    if answer.verdict != Verdict::Named
-        && let Some(finding) = wiring::suspected(recordings, machine, &first, monitor)?
-    {
-        answer.data_quality.insert(0, finding);
+    // A log that was wired or written wrong has no names of what the model leaves out.
+    let mistake = match outcome.best.excess() > verdict::MISMATCH {
+        true => wiring::suspected(recordings, machine, &outcome.ends().0.fitted, monitor)?,
+        false => None,
+    };
+    if mistake.is_some() {
+        outcome.names_nothing();
     }
+    let mut answer = conclude::conclude(&whole, judge, outcome, &weak, monitor)?;
+    answer.data_quality.splice(0..0, mistake);
     Ok(answer)
 }
 
 #[cfg(test)]
 mod tests {
+    use super::answer::Verdict;
     use super::testing::{choice, setup, speeds};
     use super::*;
     use crate::drive::{Choice, Schedule, Shape, simulate};

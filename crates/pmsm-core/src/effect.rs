@@ -287,6 +287,8 @@ pub trait Effect {
     const FORM: f64 = 0.005;
     /// Whether its derivative at zero strength tells how much it can explain.
     const FIRST_ORDER: bool = true;
+    /// Whether its name covers every function of its variables, of which its equation is one form: a map over them is no other cause.
+    const GENERAL: bool = false;
     /// Whether its torque jumps where the speed changes its sign, as an unknown load that changes in steps may do, too.
     const JUMPS: bool = false;
     /// Whether its electrical states are temperatures: they begin at zero with the recording, go on over its gaps, and change too

@@ -62,6 +62,10 @@ macro_rules! catalogue {
             pub fn is_first_order(self) -> bool {
                 match self { $(Self::$name => <$module::$name as Effect>::FIRST_ORDER),+ }
             }
+            /// Whether its name covers every function of its variables.
+            pub fn is_general(self) -> bool {
+                match self { $(Self::$name => <$module::$name as Effect>::GENERAL),+ }
+            }
             /// Whether its torque jumps where the speed changes its sign.
             pub fn jumps(self) -> bool {
                 match self { $(Self::$name => <$module::$name as Effect>::JUMPS),+ }

@@ -5,6 +5,7 @@ use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::reach;
+use super::verdict;
 use crate::error::Result;
 use crate::least_squares;
 use crate::machine::BaseParameter;
@@ -26,8 +27,16 @@ const POOR: f64 = 0.01;
 /// Fits the bare machine and settles the noise floors with its help.
 pub fn fit(data: &mut Data, monitor: &dyn Monitor) -> Result<Hypothesis> {
     let model = Model::new(data.signals.context, &[]);
-    let start = data.start.to_vec();
-    let mut found = fitting::fit(data, &model, &start, false, monitor)?;
+    let mut found = fitting::fit(data, &model, &data.start, false, monitor)?;
+    if verdict::largest_excess(&found) > verdict::MISMATCH && !monitor.cancelled() {
+        // A log in another unit shows a machine that no nameplate states, and from the nameplate no fit goes there.
+        let open = data.clone().without_prior();
+        let away = fitting::fit(&open, &model, &data.start, false, monitor)?;
+        let other = fitting::fit(data, &model, away.own(), false, monitor)?;
+        if cost(data, &other) < cost(data, &found) {
+            found = other;
+        }
+    }
     for _ in 0..SETTLING {
         data.settle_floors(&found);
         found = fitting::on_from(data, &found, monitor)?;
@@ -36,6 +45,15 @@ pub fn fit(data: &mut Data, monitor: &dyn Monitor) -> Result<Hypothesis> {
         }
     }
     Ok(found)
+}
+
+/// Squares that a bare machine leaves, and how far it is from what is known of it.
+fn cost(data: &Data, found: &Hypothesis) -> f64 {
+    let experiment = data.whole(found);
+    let known: f64 = data.prior.iter().map(|prior| prior.off(found.parameters[prior.index]).0.powi(2)).sum();
+    let cost = experiment.residual(&found.parameters).norm_squared() + known;
+    // What is not a number is no machine.
+    if cost.is_finite() { cost } else { f64::INFINITY }
 }
 
 /// A finding if currents, voltages or speed hardly leave their noise in any recording.
@@ -103,7 +121,6 @@ pub fn is_poor(data: &Data, weak: &[String]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::super::testing::{self, choice, setup, speeds};
-    use super::super::verdict;
     use super::*;
     use crate::drive::{Schedule, Setup, Shape, simulate};
     use crate::experiment::Channel;

@@ -52,9 +52,7 @@ pub fn conclude(
 ) -> Result<Answer> {
     if data.poor && outcome.base.excess() <= verdict::MISMATCH {
         // On a poor recording a small gain of one effect is no evidence against the bare machine.
-        outcome.best = outcome.base.clone();
-        outcome.path.truncate(1);
-        outcome.swaps.clear();
+        outcome.names_nothing();
         let asked = able::able(data).0;
         let worth = outcome.evidence.samples();
         outcome.shown = power::survey(data, &outcome.base.fitted, &asked, worth, true, monitor);
@@ -72,7 +70,11 @@ pub fn conclude(
     }
     let last = outcome.path.len() - 1;
     outcome.path.par_iter_mut().try_for_each(|judged| {
-        judged.fitted = fitting::efficient(data, &judged.fitted, monitor)?;
+        let fitted = fitting::efficient(data, &judged.fitted, monitor)?;
+        // Weights by the colour of noise are for a model that lacks nothing: elsewhere they may lead away from the recording.
+        if baseline::fault(data, &fitted).is_none() {
+            judged.fitted = fitted;
+        }
         Ok(())
     })?;
     let (first, end) = (outcome.path[0].clone(), outcome.path[last].clone());
@@ -123,14 +125,18 @@ pub fn conclude(
     };
     if found && open && !monitor.cancelled() {
         let earned = unmodelled::earned(data, judge, &outcome.best.fitted, monitor)?;
+        let nearest = earned.nearest.as_ref().map(|set| step(data, set));
         verdict = beside_a_map(&mut outcome, &mut ranked, earned);
         if verdict != Verdict::Unknown {
             after = on_judge(&outcome.best.fitted)?;
             let foreseen = after.as_ref().map(|(judge, found)| (*judge, found));
             remaining = remaining::beside(data, &outcome.best.fitted, foreseen);
         }
+        if let Some(motion) = remaining.iter_mut().find(|r| r.equation == "mechanical") {
+            motion.set_nearest(nearest);
+        }
     }
-    if verdict == Verdict::Named
+    if matches!(verdict, Verdict::Named | Verdict::Partial)
         && !monitor.cancelled()
         && unmodelled::rival(data, judge, &outcome.best.fitted, monitor)?.is_some()
     {
@@ -218,6 +224,9 @@ pub fn conclude(
     })
 }
 
+/// Posterior probability from which an effect is named beside something else.
+const NAMED: f64 = 0.88;
+
 /// Whether a recording is too poor to tell the effects of a set from what no catalogue holds: those of the voltage equations where these do
 /// not pin down the machine's own parameters, and all of them where it stays at one operating point.
 fn cannot_tell(data: &Data, set: &Hypothesis) -> bool {
@@ -244,9 +253,9 @@ fn beside_a_map(outcome: &mut Outcome, ranked: &mut [Ranked], earned: Earned) ->
         }
     }
     ranked.sort_by_key(|candidate| !kept.contains(&candidate.effect));
-    let mut certain = ranked.iter().filter(|candidate| kept.contains(&candidate.effect));
-    let verdict =
-        if certain.all(|c| c.equivalent.is_empty()) { Verdict::Partial } else { Verdict::Ambiguous };
+    let sure = |c: &Ranked| c.equivalent.is_empty() && c.probability >= NAMED;
+    let mut of_set = ranked.iter().filter(|candidate| kept.contains(&candidate.effect));
+    let verdict = if of_set.all(sure) { Verdict::Partial } else { Verdict::Ambiguous };
     if verdict == Verdict::Ambiguous {
         decide::doubt(ranked, remaining::CEILING_BESIDE);
     }

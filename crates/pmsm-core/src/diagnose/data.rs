@@ -139,6 +139,13 @@ impl Data {
         self
     }
 
+    /// The same with nothing known of parameters beforehand.
+    pub fn without_prior(mut self) -> Self {
+        self.prior.clear();
+        self.parts = self.parts.into_iter().map(Self::without_prior).collect();
+        self
+    }
+
     /// The recording split into windows of which every other one is held out, and the complement; `None` if there are too few.
     pub fn halves(&self) -> Option<(Self, Self)> {
         if self.windows.len() < FEWEST_WINDOWS {

@@ -11,12 +11,15 @@
 use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::verdict::Judged;
+use crate::experiment::Channel;
 use crate::recording::Kind;
 use crate::simulate::mechanical::Nuisance;
 
 /// Samples that count as one. Forms of real curves, quantisation and a floor known to a per cent make errors that last. The value was chosen
 /// by hand on whole benches and is not calibrated: no stated false-alarm rate follows from it.
 const CORRELATED: f64 = 100.0;
+/// A floor is known to a tenth: a mean square that lies less below it is that of the noise.
+const WITHIN: f64 = 0.9;
 /// Fewest independent samples of a channel.
 const FEWEST: f64 = 10.0;
 /// What an effect costs by itself, nats: of the two dozen of the catalogue about one is there, prior odds of 1 to 20.
@@ -102,7 +105,8 @@ impl Evidence {
     fn shown_elsewhere(&self, larger: &Judged, smaller: &Judged) -> bool {
         let (mut all, mut shown) = (0.0, 0.0);
         for (at, (channel, square)) in larger.fitted.squares.iter().enumerate() {
-            let nats = |square: f64| 0.5 * self.fitted[at] * log_square(square, larger.fitted.chance[at]);
+            let least = least_square(*channel, larger.fitted.chance[at]);
+            let nats = |square: f64| 0.5 * self.fitted[at] * log_square(square, least);
             let gain = (nats(smaller.fitted.squares[at].1) - nats(*square)).max(0.0);
             all += gain;
             if larger.held_out.iter().any(|run| run.squares.iter().any(|(c, _)| c == channel)) {
@@ -130,16 +134,28 @@ fn of_run(run: &Data) -> impl Iterator<Item = f64> {
 /// Negative logarithm of the likelihood of one recording with what the steps of its load cost, nats.
 fn misfit(hypothesis: &Hypothesis, samples: &[f64]) -> f64 {
     let channels = hypothesis.squares.iter().zip(&hypothesis.chance).zip(samples);
-    let all: f64 = channels.map(|(((_, s), chance), n)| 0.5 * n * log_square(*s, *chance)).sum();
+    let nats = |(((channel, square), chance), n): ((&(Channel, f64), &f64), &f64)| {
+        0.5 * n * log_square(*square, least_square(*channel, *chance))
+    };
+    let all: f64 = channels.map(nats).sum();
     let steps: usize = hypothesis.nuisances.iter().map(Nuisance::steps).sum();
     // Height and instant of each step.
     let price = samples.iter().copied().fold(FEWEST, f64::max).ln();
     all + price * steps as f64
 }
 
-/// Logarithm of a mean square; what lies below the floor or within chance of it earns nothing, what is not a number costs all.
-fn log_square(square: f64, chance: f64) -> f64 {
-    if square.is_finite() { square.max(0.9 + chance).ln() } else { 1e6 }
+/// Mean square, over the floor's, below which a model earns nothing. Of currents and speed it is what driven noise adds by chance. The floor
+/// of a voltage is read from neighbouring points, of which there may be few, and the noise may be that much less.
+fn least_square(channel: Channel, chance: f64) -> f64 {
+    match channel {
+        Channel::ID | Channel::IQ | Channel::OmegaE => WITHIN + chance,
+        Channel::VD | Channel::VQ => WITHIN / (1.0 + chance),
+    }
+}
+
+/// Logarithm of a mean square of at least `least`; what is not a number costs all.
+fn log_square(square: f64, least: f64) -> f64 {
+    if square.is_finite() { square.max(least).ln() } else { 1e6 }
 }
 
 #[cfg(test)]
@@ -213,7 +229,8 @@ mod tests {
         }
         assert!(evidence.cost(&other) > evidence.cost(&bare));
         // Nor does what is below the floor.
-        assert_eq!(log_square(0.5, 0.0), log_square(0.2, 0.0));
+        let least = least_square(Channel::ID, 0.0);
+        assert_eq!(log_square(0.5, least), log_square(0.2, least));
     }
 
     #[test]

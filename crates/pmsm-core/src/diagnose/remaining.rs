@@ -1,5 +1,6 @@
 //! What a model leaves beside its effects, against the noise and on every recording, whatever share of the mismatch they explain.
 
+use super::answer::Step;
 use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::locate::{self, Located};
@@ -40,6 +41,22 @@ pub struct Remaining {
     pub p_value: f64,
     /// In plain words.
     pub sentence: String,
+    /// The model with that effect of the catalogue whose form comes nearest to it, where one does: no name, as a smooth map does as well.
+    pub nearest: Option<Step>,
+}
+
+impl Remaining {
+    /// Tells which effect of the catalogue comes nearest to it, of the model in which it stands.
+    pub fn set_nearest(&mut self, nearest: Option<Step>) {
+        let name = nearest.as_ref().and_then(|step| step.effects.iter().find(|e| !self.beside.contains(e)));
+        if let Some(name) = name {
+            let more = format!(
+                " Of the catalogue {name} comes nearest; a smooth torque does as well, so that is no name."
+            );
+            self.sentence += &more;
+        }
+        self.nearest = nearest;
+    }
 }
 
 /// What `model` leaves on the recording and, as `foreseen`, on the validation run, largest first; empty where that is noise.
@@ -124,6 +141,7 @@ fn told(
         over,
         p_value: worst.p_value,
         sentence,
+        nearest: None,
     }
 }
 

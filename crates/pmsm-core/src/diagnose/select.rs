@@ -21,6 +21,7 @@ use crate::effect::{Role, Site};
 use crate::effects::EffectId;
 use crate::error::Result;
 use crate::monitor::Monitor;
+use crate::recording::Kind;
 use rayon::prelude::*;
 
 pub use exchange::Swap;
@@ -88,6 +89,13 @@ impl Outcome {
         without.map_or(&self.base, |s| &s.judged).excess() > verdict::MISMATCH
     }
 
+    /// Takes the bare machine for the best set.
+    pub fn names_nothing(&mut self) {
+        self.best = self.base.clone();
+        self.path.truncate(1);
+        self.swaps.clear();
+    }
+
     /// The effects of the best set in the order in which the path takes them up.
     pub fn order(&self) -> Vec<EffectId> {
         let mut order: Vec<EffectId> = Vec::new();
@@ -143,7 +151,11 @@ impl Search<'_> {
             let fitted = fitting::carried_over(self.data, from, self.monitor)?;
             best = Judged { fitted, held_out: Vec::new(), refuted: false };
         }
-        while best.fitted.effects().len() < self.most && !self.monitor.cancelled() {
+        // Of steady points the noise is known from a few neighbours alone: what may be noise is not looked into.
+        let noise = |set: &Judged| {
+            self.data.signals.kind == Kind::OperatingPoints && set.excess() <= verdict::MISMATCH
+        };
+        while best.fitted.effects().len() < self.most && !noise(&best) && !self.monitor.cancelled() {
             let larger = self.extended(&best, &absent(able, &best))?;
             let sets = larger.iter().filter_map(|(_, set)| set.as_ref());
             let next = sets.min_by(|a, b| cost(a).total_cmp(&cost(b))).cloned();

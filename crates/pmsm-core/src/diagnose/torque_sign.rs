@@ -5,13 +5,15 @@
 //! the sign round: with the right one the fit can always do as well as a rotor that no torque moves.
 
 use super::data::Data;
+use super::evidence::Evidence;
 use super::hypothesis::Hypothesis;
 use super::motion;
 use crate::effect::Site;
 use crate::error::Result;
-use crate::experiment::Channel;
+use crate::experiment::{Block, Channel};
 use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
+use crate::noise::Floor;
 use crate::signals::Finding;
 
 /// Nats by which the opposite sign must be more likely: one log in a hundred is of the wrong sign, and of a hundred that are said to be so
@@ -34,8 +36,8 @@ pub fn opposite(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result
     let opposite: Vec<f64> = torque.iter().map(|x| -x).collect();
     let as_logged = left(data, base, &torque, monitor)?;
     let turned = left(data, base, &opposite, monitor)?;
-    // What lies below the noise is no better than the noise.
-    let nats = |left: &Left| left.square.max(1.0).ln();
+    // What lies below the noise, or within chance of it, is no better than the noise.
+    let nats = |left: &Left| left.square.max(1.0 + left.chance).ln();
     let better = |(logged, turned): (&Left, &Left)| 0.5 * logged.samples * (nats(logged) - nats(turned));
     let evidence: f64 = as_logged.iter().zip(&turned).map(better).sum();
     if evidence.is_nan() || evidence <= DECISIVE {
@@ -76,6 +78,7 @@ fn explains_the_motion(data: &Data, base: &Hypothesis) -> bool {
 struct Left {
     square: f64,
     samples: f64,
+    chance: f64,
 }
 
 /// What the bare rotor leaves of each recording's speed when this torque drives it, N·m.
@@ -91,7 +94,13 @@ fn left(data: &Data, base: &Hypothesis, torque: &[f64], monitor: &dyn Monitor) -
     let residual = experiment.residual(&fitted.parameters);
     let squares = experiment.mean_squares(&residual, super::hypothesis::independent_samples);
     let speed = experiment.blocks().into_iter().zip(squares).filter(|(b, _)| b.channel == Channel::OmegaE);
-    Ok(speed.map(|(_, (square, samples))| Left { square, samples }).collect())
+    let counted = Evidence::new(data, &[]);
+    let most = counted.samples().iter().copied().fold(0.0, f64::max);
+    let left = |(block, (square, samples)): (Block, (f64, f64))| {
+        let floor = data.runs()[block.run].floors.iter().find(|f| f.channel == Channel::OmegaE);
+        Left { square, samples: samples.min(most), chance: floor.map_or(0.0, Floor::chance) }
+    };
+    Ok(speed.map(left).collect())
 }
 
 #[cfg(test)]

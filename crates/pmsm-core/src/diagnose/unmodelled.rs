@@ -7,8 +7,10 @@
 
 mod candidates;
 mod choice;
+mod discrepancy;
 mod earned;
 mod integral;
+mod linear;
 mod rival;
 mod share;
 mod view;
@@ -20,7 +22,7 @@ use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::locate::{self, Located};
 use super::transfer::transfer;
-use super::verdict::{Judged, UNEXPLAINED};
+use super::verdict::{Judged, UNEXPLAINED, excess};
 use crate::error::Result;
 use crate::experiment::Prior;
 use crate::map::Map;
@@ -179,6 +181,13 @@ fn sides(data: &Data, best: &Hypothesis) -> Vec<Side> {
 }
 
 impl Side {
+    /// The fitted parameters of its equations, loads and initial values included.
+    fn parameters(self, data: &Data, fitted: &Hypothesis) -> Vec<usize> {
+        let experiment = data.experiment(&fitted.model, &fitted.nuisances, data.channels(true, true));
+        let own = |k: &usize| experiment.is_electrical(*k) == (self == Self::Electrical);
+        fitted.free.iter().copied().filter(own).collect()
+    }
+
     fn holds(self, equation: &str) -> bool {
         (equation == "mechanical") == (self == Self::Mechanical)
     }
@@ -206,8 +215,17 @@ impl Trial<'_> {
         let mut map: Map = current.model.map().cloned().unwrap_or_default();
         map.parts.push(choice.part.clone());
         let model = current.model.clone().with_map(map);
-        let start: Vec<f64> = current.own().iter().chain(&choice.start).copied().collect();
-        let fit = |data: &Data| fitting::fit(data, &model, &start, side == Side::Mechanical, self.monitor);
+        let from = |coefficients: &[f64]| [current.own(), coefficients].concat();
+        let none = from(&vec![0.0; choice.start.len()]);
+        let along = |start: &[f64], data: &Data| {
+            fitting::fit(data, &model, start, side == Side::Mechanical, self.monitor)
+        };
+        // From first-order coefficients a fit may go astray where load and friction must give way far; it then begins without any.
+        let fit = |data: &Data| -> Result<Hypothesis> {
+            let fitted = along(&from(&choice.start), data)?;
+            let held = current.clone().seen_again(data);
+            if excess(&fitted) < excess(&held) { Ok(fitted) } else { along(&none, data) }
+        };
         let halves = if self.judge.is_none() { self.data.halves() } else { None };
         let (before, after) = match &halves {
             Some((fitted, held_out)) => {

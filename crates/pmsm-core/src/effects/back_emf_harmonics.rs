@@ -26,6 +26,7 @@ const fn part(name: &'static str, meaning: &'static str) -> Parameter {
 }
 
 impl Effect for BackEmfHarmonics {
+    const GENERAL: bool = true;
     const INFO: Info = Info {
         id: "back_emf_harmonics",
         title: "Back-EMF harmonics",

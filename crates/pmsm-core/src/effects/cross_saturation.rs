@@ -18,6 +18,7 @@ use crate::real::Real;
 pub struct CrossSaturation;
 
 impl Effect for CrossSaturation {
+    const GENERAL: bool = true;
     const INFO: Info = Info {
         id: "cross_saturation",
         title: "Cross-saturation",

@@ -27,6 +27,7 @@ const fn part(name: &'static str, meaning: &'static str) -> Parameter {
 }
 
 impl Effect for InductanceHarmonics {
+    const GENERAL: bool = true;
     const INFO: Info = Info {
         id: "inductance_harmonics",
         title: "Inductance harmonics",

@@ -25,6 +25,7 @@ const PRELOAD: Parameter = Parameter {
 pub struct SaturationD;
 
 impl Effect for SaturationD {
+    const GENERAL: bool = true;
     const INFO: Info = Info {
         id: "saturation_d",
         title: "Saturation of the d axis",

@@ -13,6 +13,7 @@ use crate::terms::{SATURATION, extra_current};
 pub struct SaturationQ;
 
 impl Effect for SaturationQ {
+    const GENERAL: bool = true;
     const INFO: Info = Info {
         id: "saturation_q",
         title: "Saturation of the q axis",

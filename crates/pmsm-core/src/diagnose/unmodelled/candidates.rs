@@ -15,6 +15,8 @@ use std::f64::consts::{PI, TAU};
 const CURVE: (usize, usize) = (3, 4);
 /// And of a torque, since friction may have a hump at one speed.
 const FINE: [(usize, usize); 2] = [(3, 12), (3, 28)];
+/// Pieces of a smooth torque over the speed in each direction, the smoothest first.
+const SMOOTHNESS: [usize; 3] = [3, 9, 28];
 /// Half-width about standstill within which a curve over the speed may bend most, share of the largest speed: forms of friction differ there.
 const DENSE: f64 = 0.1;
 /// Splines in each direction of a map over two variables.
@@ -89,6 +91,40 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
     pairs.into_iter().map(|(first, second)| Part { equations: equations.clone(), first, second }).collect()
 }
 
+/// Smooth torques over the speed, of which one may be there, the smoothest first; and the torques over the turn, which may be there together.
+///
+/// Each direction of rotation has its own curve, whose pieces are equally long: what turns over at standstill within less than the shortest
+/// of them is dry friction by any name. There is none over the motor's torque: in steady motion it is what it balances, whatever that is.
+pub fn discrepancies(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part>) {
+    let part = |first| Part { equations: vec![Equation::Mechanical], first, second: None };
+    let speed = variables(data, best, Side::Mechanical).into_iter().find(|x| x.0 == Variable::OmegaE);
+    let ranges: Vec<(f64, f64)> = match speed {
+        Some((_, low, high)) if low < 0.0 && high > 0.0 => vec![(low, 0.0), (0.0, high)],
+        Some((_, low, high)) => vec![(low, high)],
+        None => Vec::new(),
+    };
+    let curve = |pieces: usize| {
+        let spline = |(low, high): &(f64, f64)| {
+            let (variable, low, high) = (Variable::OmegaE, *low, *high);
+            part(Factor::Spline(Spline { variable, low, high, degree: 3, pieces, warp: 0.0 }))
+        };
+        ranges.iter().map(spline).collect()
+    };
+    let (low, high) = range(&data.signals.theta_m);
+    let over_turn: Vec<Part> = if high - low > TAU || data.signals.kind == Kind::OperatingPoints {
+        waves(data, Side::Mechanical, &[]).into_iter().map(part).collect()
+    } else {
+        // A rotor that does not turn round is held by springs, or by friction that has not broken loose yet.
+        let [_, pieces, _] = SMOOTHNESS;
+        let place =
+            Factor::Spline(Spline { variable: Variable::ThetaM, low, high, degree: 3, pieces, warp: 0.0 });
+        let direction = Factor::Direction { width: DIRECTION * data.signals.context.omega_e_max };
+        let second = reverses(data).then_some(direction);
+        vec![Part { equations: vec![Equation::Mechanical], first: place, second }]
+    };
+    (SMOOTHNESS.map(curve).to_vec(), over_turn)
+}
+
 /// Harmonics of the electrical and the mechanical turn and of the located orders.
 fn waves(data: &Data, side: Side, located: &[Located]) -> Vec<Factor> {
     let s = &data.signals;
@@ -161,7 +197,8 @@ fn variables(data: &Data, best: &Hypothesis, side: Side) -> Vec<(Variable, f64, 
             out.push((Variable::ID, range(d), noise(Channel::ID)));
             out.push((Variable::IQ, range(q), noise(Channel::IQ)));
         }
-        (Side::Mechanical, _) => {
+        // Without a measured load it is what the motion balances, whatever that is, and explains all of it.
+        (Side::Mechanical, _) if data.runs().iter().any(|run| run.signals.tau_m.is_some()) => {
             out.push((Variable::TauE, range(&torque(data, best)), 0.0));
         }
         _ => {}

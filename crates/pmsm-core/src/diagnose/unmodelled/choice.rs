@@ -118,7 +118,7 @@ fn settled(view: &View, trial: Trial) -> Choice {
     let columns: Vec<usize> = (0..trial.part.count()).collect();
     let step = step(&whole, base, &columns, trial.ridge);
     let spread = 1.0 / weight(&whole, base, &columns, trial.ridge).max(f64::MIN_POSITIVE).sqrt();
-    let start =
+    let start: Vec<f64> =
         step.map_or(vec![0.0; columns.len()], |s| s.rows(base, columns.len()).iter().copied().collect());
     Choice { part: trial.part, start, spread }
 }

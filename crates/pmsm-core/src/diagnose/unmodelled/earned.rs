@@ -2,9 +2,10 @@
 //!
 //! Where a set has more than noise left, something else is missing, and it may have lent its shape to a name: a curve of friction that no
 //! catalogue holds looks like a sum of those that it holds. So each effect is held against maps of what the set without it has left. One
-//! that a map replaces has not earned its name.
+//! that a map replaces has not earned its name. Saturation and the like are not asked: their name covers whatever a map of the flux shows.
 
-use super::{Side, explain, sides};
+use super::discrepancy::{beside_discrepancy, likely};
+use super::{Side, laid, sides};
 use crate::diagnose::data::Data;
 use crate::diagnose::evidence::{DECISIVE, Evidence};
 use crate::diagnose::fitting;
@@ -15,12 +16,10 @@ use crate::diagnose::verdict::Judged;
 use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
+use crate::experiment::Channel;
+use crate::model::{Model, Slot};
 use crate::monitor::Monitor;
 use rayon::prelude::*;
-
-/// Mean square that an effect must explain, over that which remains: four times as much by its root. Chosen by hand,
-/// not calibrated.
-const OUTWEIGHS: f64 = 16.0;
 
 /// A set of effects, each of which explains what a map cannot.
 pub struct Earned {
@@ -28,6 +27,8 @@ pub struct Earned {
     pub set: Hypothesis,
     /// Posterior probability of each of its effects beside a map.
     pub probabilities: Vec<(EffectId, f64)>,
+    /// The set with that effect of the catalogue whose form comes nearest to what else moves the rotor, if one was considered.
+    pub nearest: Option<Hypothesis>,
 }
 
 /// The effects of `best` that explain what a map cannot: those of an equation with nothing but noise left as they are, the others as far as
@@ -38,23 +39,24 @@ pub struct Earned {
 pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dyn Monitor) -> Result<Earned> {
     let held_out: Vec<&Data> = judge.into_iter().collect();
     let with_map = |set: &Hypothesis| -> Result<Judged> {
-        let (fitted, _) = explain(data, judge, set, monitor)?;
+        let (fitted, _) = laid(data, judge, set, &[Side::Electrical], monitor)?;
         let held_out: Result<Vec<Hypothesis>> =
             held_out.iter().map(|other| transfer(other, &fitted, monitor)).collect();
         Ok(Judged { fitted, held_out: held_out?, refuted: false })
     };
-    let mut set = best.clone();
+    let (mut set, mechanical) = beside_a_smooth_torque(data, judge, best.clone(), monitor)?;
+    let nearest = nearest(data, best, &set, monitor)?;
     loop {
-        let open = sides(data, &set);
-        let doubtful = |effect: &EffectId| match effect.info().site {
-            Site::Mechanical => open.contains(&Side::Mechanical),
-            Site::Electrical => open.contains(&Side::Electrical),
-            Site::Sensor => !open.is_empty(),
-        };
+        let open = sides(data, &set).contains(&Side::Electrical);
+        let doubtful = |e: &EffectId| open && e.info().site != Site::Mechanical && !e.is_general();
         let asked: Vec<EffectId> = set.effects().into_iter().filter(doubtful).collect();
+        let probability = |effect: EffectId| {
+            let nats = mechanical.iter().find(|(e, _)| *e == effect).map_or(f64::INFINITY, |(_, nats)| *nats);
+            (effect, 1.0 / (1.0 + (-nats).exp()))
+        };
         if asked.is_empty() {
-            let probabilities = set.effects().into_iter().map(|effect| (effect, 1.0)).collect();
-            return Ok(Earned { set, probabilities });
+            let probabilities = set.effects().into_iter().map(probability).collect();
+            return Ok(Earned { set, probabilities, nearest });
         }
         let whole = with_map(&set)?;
         let without = |effect: &EffectId| -> Result<(EffectId, Hypothesis, Judged)> {
@@ -67,19 +69,6 @@ pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dy
         let tried = tried?;
         let sets = std::iter::once(&whole).chain(tried.iter().map(|t| &t.2));
         let evidence = Evidence::new(data, &held_out).limited(sets);
-        let lent: Vec<EffectId> = tried
-            .iter()
-            .filter(|(.., mapped)| !outweighs(mapped, &whole))
-            .map(|(effect, ..)| *effect)
-            .collect();
-        if !lent.is_empty() && !monitor.cancelled() {
-            for effect in lent {
-                let (model, start) = reduced(&set, effect);
-                set = Hypothesis::bare(model, start);
-            }
-            set = fitting::fit(data, &set.model, &set.parameters, false, monitor)?;
-            continue;
-        }
         let tried: Vec<(EffectId, f64, Hypothesis)> = tried
             .into_iter()
             .map(|(effect, fewer, mapped)| (effect, evidence.cost(&mapped) - evidence.cost(&whole), fewer))
@@ -89,31 +78,55 @@ pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dy
         match least {
             Some((_, nats, fewer)) if *nats < DECISIVE && !monitor.cancelled() => set = fewer.clone(),
             _ => {
-                let probability = |effect: EffectId| {
-                    let nats = tried.iter().find(|(e, ..)| *e == effect).map_or(f64::INFINITY, |t| t.1);
-                    (effect, 1.0 / (1.0 + (-nats).exp()))
+                let probability = |effect: EffectId| match tried.iter().find(|(e, ..)| *e == effect) {
+                    Some((_, nats, _)) => (effect, 1.0 / (1.0 + (-nats).exp())),
+                    None => probability(effect),
                 };
                 let probabilities = set.effects().into_iter().map(probability).collect();
-                return Ok(Earned { set, probabilities });
+                return Ok(Earned { set, probabilities, nearest });
             }
         }
     }
 }
 
-/// Whether what an effect explains is far larger than what neither the set nor a map does: `without` is the set without it, `whole` the
-/// set, each with its map. Of what remains nothing is known, and a part of it may have passed for the effect.
-fn outweighs(without: &Judged, whole: &Judged) -> bool {
-    let each = |set: &Judged| -> Vec<(f64, f64)> {
-        let runs = std::iter::once(&set.fitted).chain(&set.held_out);
-        runs.flat_map(|run| run.squares.iter().zip(&run.chance).map(|((_, s), chance)| (*s, *chance)))
-            .collect()
-    };
-    let (mut explained, mut remains) = (0.0, 0.0);
-    for ((without, _), (whole, chance)) in each(without).into_iter().zip(each(whole)) {
-        explained += (without - whole).max(0.0);
-        remains += (whole - 1.0 - chance).max(0.0);
+/// The set without the mechanical effects that a smooth torque replaces, and what each of the others is worth beside one, nats.
+fn beside_a_smooth_torque(
+    data: &Data,
+    judge: Option<&Data>,
+    mut set: Hypothesis,
+    monitor: &dyn Monitor,
+) -> Result<(Hypothesis, Vec<(EffectId, f64)>)> {
+    while sides(data, &set).contains(&Side::Mechanical) && !monitor.cancelled() {
+        let elsewhere = judge.map(|judge| Ok((judge, transfer(judge, &set, monitor)?))).transpose()?;
+        let mut runs = vec![(data, &set)];
+        runs.extend(elsewhere.as_ref().map(|(judge, set)| (*judge, set)));
+        let worth = beside_discrepancy(&runs);
+        // The least needed goes first: what the others are worth may change.
+        let least = worth.iter().min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, nats)| !likely(*nats));
+        let Some((effect, _)) = least else { return Ok((set, worth)) };
+        let (model, start) = reduced(&set, *effect);
+        set = fitting::fit(data, &model, &start, false, monitor)?;
     }
-    explained >= OUTWEIGHS * remains
+    Ok((set, Vec::new()))
+}
+
+/// The `kept` set with that one of the mechanical effects of `best` that explains most beside it, of those which a smooth torque replaces.
+fn nearest(
+    data: &Data,
+    best: &Hypothesis,
+    kept: &Hypothesis,
+    monitor: &dyn Monitor,
+) -> Result<Option<Hypothesis>> {
+    let replaced = best.model.slots().iter().filter(|slot| !kept.effects().contains(&slot.effect));
+    let with = |slot: &Slot| {
+        let effects = [&kept.effects()[..], &[slot.effect]].concat();
+        let start = [kept.own(), &best.parameters[slot.parameters.clone()]].concat();
+        fitting::fit(data, &Model::new(*kept.model.context(), &effects), &start, false, monitor)
+    };
+    let tried: Result<Vec<Hypothesis>> =
+        replaced.filter(|slot| slot.effect.info().site == Site::Mechanical).map(with).collect();
+    let speed = |set: &Hypothesis| set.square(Channel::OmegaE);
+    Ok(tried?.into_iter().min_by(|a, b| speed(a).total_cmp(&speed(b))).filter(|set| speed(set) < speed(kept)))
 }
 
 #[cfg(test)]
