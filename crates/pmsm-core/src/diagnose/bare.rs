@@ -1,11 +1,11 @@
 //! The bare machine of a recording, and what is settled with its help before any effect is asked for: noise floors, and whether the
 //! recording shows enough.
 
+use super::baseline;
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::reach;
-use super::verdict;
 use crate::error::Result;
 use crate::least_squares;
 use crate::machine::BaseParameter;
@@ -18,6 +18,8 @@ use crate::signals::Finding;
 /// be from those that the noise was estimated with.
 const SETTLING: usize = 5;
 const AWAY: f64 = 0.005;
+/// Factors from one unit to another.
+const PREFIXES: [f64; 2] = [1e-3, 1e3];
 /// Signals must exceed their noise by this factor for anything to be said.
 const LEAST_SIGNAL: f64 = 5.0;
 /// Relative standard error of an electrical base parameter, from the sensors' noise alone, from which the recording is
@@ -28,13 +30,18 @@ const POOR: f64 = 0.01;
 pub fn fit(data: &mut Data, monitor: &dyn Monitor) -> Result<Hypothesis> {
     let model = Model::new(data.signals.context, &[]);
     let mut found = fitting::fit(data, &model, &data.start, false, monitor)?;
-    if verdict::largest_excess(&found) > verdict::MISMATCH && !monitor.cancelled() {
-        // A log in another unit shows a machine that no nameplate states, and from the nameplate no fit goes there.
+    if data.has(true) && !baseline::explains_half(data, &found, true) {
+        // A log in another unit shows a machine that no nameplate states: this then tells nothing of it.
         let open = data.clone().without_prior();
-        let away = fitting::fit(&open, &model, &data.start, false, monitor)?;
-        let other = fitting::fit(data, &model, away.own(), false, monitor)?;
-        if cost(data, &other) < cost(data, &found) {
-            found = other;
+        for scale in PREFIXES {
+            let mut start = data.start;
+            BaseParameter::ELECTRICAL.iter().for_each(|p| start[p.index()] *= scale);
+            let away = fitting::fit(&open, &model, &start, false, monitor)?;
+            if !monitor.cancelled() && cost(data, &away) < cost(data, &found) {
+                found = away;
+                data.prior.clear();
+                data.parts.iter_mut().for_each(|part| part.prior.clear());
+            }
         }
     }
     for _ in 0..SETTLING {
@@ -47,11 +54,11 @@ pub fn fit(data: &mut Data, monitor: &dyn Monitor) -> Result<Hypothesis> {
     Ok(found)
 }
 
-/// Squares that a bare machine leaves, and how far it is from what is known of it.
+/// Squares that a bare machine leaves of the electrical equations, and how far it is from what is known of it.
 fn cost(data: &Data, found: &Hypothesis) -> f64 {
-    let experiment = data.whole(found);
     let known: f64 = data.prior.iter().map(|prior| prior.off(found.parameters[prior.index]).0.powi(2)).sum();
-    let cost = experiment.residual(&found.parameters).norm_squared() + known;
+    let own = found.squares.iter().filter(|(channel, _)| channel.is_electrical());
+    let cost = own.map(|(_, square)| square).sum::<f64>() * data.counted() as f64 + known;
     // What is not a number is no machine.
     if cost.is_finite() { cost } else { f64::INFINITY }
 }
@@ -121,6 +128,7 @@ pub fn is_poor(data: &Data, weak: &[String]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::super::testing::{self, choice, setup, speeds};
+    use super::super::verdict;
     use super::*;
     use crate::drive::{Schedule, Setup, Shape, simulate};
     use crate::experiment::Channel;

@@ -3,7 +3,7 @@
 
 use super::data::Data;
 use super::hypothesis::Hypothesis;
-use crate::experiment::{Channel, Prior};
+use crate::experiment::{Block, Channel, Prior};
 use crate::machine::BaseParameter;
 use crate::signals::Finding;
 
@@ -56,6 +56,20 @@ fn excesses(data: &Data, base: &Hypothesis) -> Vec<Excess> {
         (!fits).then_some(Excess { run, channel, left, variation })
     })
     .collect()
+}
+
+/// Whether a fitted machine explains the larger part of how the currents (or the speed) of each recording vary, where these leave their noise.
+pub fn explains_half(data: &Data, fitted: &Hypothesis, electrical: bool) -> bool {
+    let experiment = data.whole(fitted).plain();
+    let left = experiment.relative_rms(&experiment.residual(&fitted.parameters));
+    let own = |block: &Block| block.channel.is_electrical() == electrical;
+    experiment.blocks().iter().zip(left).filter(|(block, _)| own(block)).all(|(block, left)| {
+        let floor = data.runs()[block.run].floors.iter().find(|f| f.channel == block.channel);
+        let variation = experiment.runs()[block.run].variation(block.channel);
+        floor.is_some_and(|floor| {
+            variation <= VARIES * floor.sensor || (left * floor.total()).powi(2) < 0.5 * variation * variation
+        })
+    })
 }
 
 /// The base parameter of the channel's equations that lies farthest from what is known of it, with both values, or that sits at its bound.

@@ -26,7 +26,7 @@ use rayon::prelude::*;
 
 pub use exchange::Swap;
 use subset::left_out;
-pub use subset::reduced;
+pub use subset::{in_place, reduced, special_cases};
 
 /// Most effects in one set, unless the recording is too poor for more than one.
 pub const MOST: usize = 10;

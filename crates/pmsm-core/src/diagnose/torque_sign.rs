@@ -4,6 +4,7 @@
 //! Both signs are fitted alike, each with its own inertia, friction and load, and compared by their likelihood. No physics of a rotor turns
 //! the sign round: with the right one the fit can always do as well as a rotor that no torque moves.
 
+use super::baseline;
 use super::data::Data;
 use super::evidence::Evidence;
 use super::hypothesis::Hypothesis;
@@ -29,7 +30,7 @@ pub fn opposite(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result
     if !data.has(false) || monitor.cancelled() {
         return Ok(None);
     }
-    if explains_the_motion(data, base) {
+    if baseline::explains_half(data, base, false) {
         return Ok(None);
     }
     let torque = data.torque(&base.model, base.own());
@@ -59,19 +60,6 @@ pub fn opposite(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result
              counts the wrong way, that one in the same manner"
         ),
     }))
-}
-
-/// Whether the fitted machine explains the larger part of how the speed varies in every recording: with the opposite sign none would.
-fn explains_the_motion(data: &Data, base: &Hypothesis) -> bool {
-    let experiment = data.whole(base).plain();
-    let left = experiment.relative_rms(&experiment.residual(&base.parameters));
-    experiment.blocks().iter().zip(left).filter(|(block, _)| block.channel == Channel::OmegaE).all(
-        |(block, left)| {
-            let floor = data.runs()[block.run].floors.iter().find(|f| f.channel == Channel::OmegaE);
-            let variation = experiment.runs()[block.run].variation(Channel::OmegaE);
-            floor.is_some_and(|floor| (left * floor.total()).powi(2) < 0.5 * variation * variation)
-        },
-    )
 }
 
 /// Mean square of the motion that a fit leaves in one recording, and the independent samples that it rests on.

@@ -7,8 +7,8 @@
 //! Far out the logarithm is sinh-normal (Rieck & Nedelman, "A log-linear model for the Birnbaum–Saunders distribution", Technometrics 33,
 //! 1991): no machine has a thousand times the inductance that is stated, and a normal logarithm would let a fit walk there.
 
-/// Share of the standard deviation of a logarithm by which the hyperbolic sine takes over: within five of them both are the same to 5 %.
-const TAIL: f64 = 0.1;
+/// Share of the standard deviation of a logarithm by which the hyperbolic sine takes over: within three of them both are the same to 6 %.
+const TAIL: f64 = 0.2;
 
 /// Distribution of a parameter before the recording is looked at.
 #[derive(Debug, Clone, Copy, PartialEq)]

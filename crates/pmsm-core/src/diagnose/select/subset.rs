@@ -6,7 +6,7 @@ use crate::effects::{self, EffectId};
 use crate::model::Model;
 
 /// Effects that an effect contains.
-pub(super) fn special_cases(wide: EffectId) -> impl Iterator<Item = EffectId> {
+pub fn special_cases(wide: EffectId) -> impl Iterator<Item = EffectId> {
     effects::ALL.iter().copied().filter(move |e| wide.contains(*e))
 }
 
@@ -33,7 +33,7 @@ pub(super) fn left_out(hypothesis: &Hypothesis, drop: EffectId) -> Option<(Model
 }
 
 /// Model and parameters with the special case `narrow` in place of the effect `wide`; parameters of the same name keep their values.
-pub(super) fn in_place(hypothesis: &Hypothesis, wide: EffectId, narrow: EffectId) -> (Model, Vec<f64>) {
+pub fn in_place(hypothesis: &Hypothesis, wide: EffectId, narrow: EffectId) -> (Model, Vec<f64>) {
     let (rest, mut start) = reduced(hypothesis, wide);
     let slot = hypothesis.model.slots().iter().find(|s| s.effect == wide).expect("it is in the set");
     let own = &hypothesis.parameters[slot.parameters.clone()];

@@ -197,8 +197,7 @@ fn variables(data: &Data, best: &Hypothesis, side: Side) -> Vec<(Variable, f64, 
             out.push((Variable::ID, range(d), noise(Channel::ID)));
             out.push((Variable::IQ, range(q), noise(Channel::IQ)));
         }
-        // Without a measured load it is what the motion balances, whatever that is, and explains all of it.
-        (Side::Mechanical, _) if data.runs().iter().any(|run| run.signals.tau_m.is_some()) => {
+        (Side::Mechanical, _) => {
             out.push((Variable::TauE, range(&torque(data, best)), 0.0));
         }
         _ => {}

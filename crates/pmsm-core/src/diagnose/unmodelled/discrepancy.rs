@@ -41,8 +41,9 @@ pub(super) fn beside_discrepancy(runs: &[Seen]) -> Vec<(EffectId, f64)> {
         slot.effect.info().site == Site::Mechanical && slot.effect.mechanical_state_count() == 0
     };
     let Some(samples) = samples(&normals) else { return Vec::new() };
-    let Some((whole, _)) = choices.least(&normals, machine.len(), &samples) else { return Vec::new() };
-    let Some(remains) = choices.excess(&normals, machine.len(), NO_TORQUE) else { return Vec::new() };
+    let Some((whole, beside)) = choices.least(&normals, machine.len(), &samples) else { return Vec::new() };
+    let excess = |choice| choices.excess(&normals, machine.len(), choice);
+    let Some((remains, alone)) = excess(beside).zip(excess(NO_TORQUE)) else { return Vec::new() };
     let worth = |slot: &Slot| -> Option<(EffectId, f64)> {
         let own: Vec<usize> = (0..machine.len()).filter(|k| slot.parameters.contains(&machine[*k])).collect();
         // At zero strength an effect is not there: its strengths go all the way back, and its shapes tell nothing any more.
@@ -55,7 +56,7 @@ pub(super) fn beside_discrepancy(runs: &[Seen]) -> Vec<(EffectId, f64)> {
         let without: Vec<Normal> = normals.iter().map(|normal| normal.moved(&back)).collect();
         let (fewer, _) = choices.least(&without, machine.len() - own.len(), &samples)?;
         let lost = choices.excess(&without, machine.len() - own.len(), NO_TORQUE)?;
-        if lost < 2.0 * remains {
+        if lost - alone < remains {
             // It is no larger than what remains of unknown cause, which may well be that of this part, too.
             return Some((slot.effect, f64::NEG_INFINITY));
         }
@@ -68,6 +69,22 @@ pub(super) fn beside_discrepancy(runs: &[Seen]) -> Vec<(EffectId, f64)> {
         Some((slot.effect, fewer - whole - cost))
     };
     set.model.slots().iter().filter(asked).filter_map(worth).collect()
+}
+
+/// What a set leaves beside the discrepancy that suits it best, with the price of its own parameters, nats.
+pub(super) fn cost_beside_discrepancy(runs: &[Seen], samples_of: &[Seen]) -> Option<f64> {
+    let (data, set) = runs[0];
+    let choices = Choices::new(data, set);
+    let normals_of = |runs: &[Seen]| -> (Vec<Normal>, usize) {
+        let set = runs[0].1;
+        let fitted = Side::Mechanical.parameters(data, set);
+        let machine: Vec<usize> = fitted.into_iter().filter(|k| *k < set.model.parameter_count()).collect();
+        (runs.iter().map(|run| Normal::new(*run, &machine, &choices.parts)).collect(), machine.len())
+    };
+    let samples = samples(&normals_of(samples_of).0)?;
+    let (normals, count) = normals_of(runs);
+    let (left, _) = choices.least(&normals, count, &samples)?;
+    Some(left + price(&samples) * count as f64)
 }
 
 /// Whether an effect is more likely there than not.

@@ -4,13 +4,13 @@
 //! catalogue holds looks like a sum of those that it holds. So each effect is held against maps of what the set without it has left. One
 //! that a map replaces has not earned its name. Saturation and the like are not asked: their name covers whatever a map of the flux shows.
 
-use super::discrepancy::{beside_discrepancy, likely};
+use super::discrepancy::{Seen, beside_discrepancy, cost_beside_discrepancy, likely};
 use super::{Side, laid, sides};
 use crate::diagnose::data::Data;
 use crate::diagnose::evidence::{DECISIVE, Evidence};
 use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::select::reduced;
+use crate::diagnose::select::{in_place, reduced, special_cases};
 use crate::diagnose::transfer::transfer;
 use crate::diagnose::verdict::Judged;
 use crate::effect::Site;
@@ -89,6 +89,43 @@ pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dy
     }
 }
 
+/// A set transferred to the validation run, if there is one.
+type Transferred<'a> = dyn Fn(&Hypothesis) -> Result<Option<(&'a Data, Hypothesis)>> + 'a;
+
+/// The recording and, if there is one, the validation run, each with the same set.
+fn seen<'a>(data: &'a Data, set: &'a Hypothesis, other: Option<&'a (&Data, Hypothesis)>) -> Vec<Seen<'a>> {
+    std::iter::once((data, set)).chain(other.map(|(judge, set)| (*judge, set))).collect()
+}
+
+/// The set with a special case in place of each wider mechanical effect that is not worth more than it beside a smooth torque.
+fn narrowed<'a>(
+    data: &Data,
+    mut set: Hypothesis,
+    elsewhere: &Transferred<'a>,
+    monitor: &dyn Monitor,
+) -> Result<Hypothesis> {
+    for wide in set.effects().into_iter().filter(|e| e.info().site == Site::Mechanical) {
+        for narrow in special_cases(wide) {
+            if set.effects().contains(&narrow)
+                || !sides(data, &set).contains(&Side::Mechanical)
+                || !set.effects().contains(&wide)
+            {
+                continue;
+            }
+            let (model, start) = in_place(&set, wide, narrow);
+            let simpler = fitting::fit(data, &model, &start, false, monitor)?;
+            let (of_set, of_simpler) = (elsewhere(&set)?, elsewhere(&simpler)?);
+            let (runs, fewer) =
+                (seen(data, &set, of_set.as_ref()), seen(data, &simpler, of_simpler.as_ref()));
+            let cost = cost_beside_discrepancy(&runs, &runs).zip(cost_beside_discrepancy(&fewer, &runs));
+            if cost.is_some_and(|(wide, narrow)| narrow < wide + DECISIVE) {
+                set = simpler;
+            }
+        }
+    }
+    Ok(set)
+}
+
 /// The set without the mechanical effects that a smooth torque replaces, and what each of the others is worth beside one, nats.
 fn beside_a_smooth_torque(
     data: &Data,
@@ -96,10 +133,13 @@ fn beside_a_smooth_torque(
     mut set: Hypothesis,
     monitor: &dyn Monitor,
 ) -> Result<(Hypothesis, Vec<(EffectId, f64)>)> {
+    let elsewhere = |set: &Hypothesis| -> Result<Option<(&Data, Hypothesis)>> {
+        judge.map(|judge| Ok((judge, transfer(judge, set, monitor)?))).transpose()
+    };
+    set = narrowed(data, set, &elsewhere, monitor)?;
     while sides(data, &set).contains(&Side::Mechanical) && !monitor.cancelled() {
-        let elsewhere = judge.map(|judge| Ok((judge, transfer(judge, &set, monitor)?))).transpose()?;
-        let mut runs = vec![(data, &set)];
-        runs.extend(elsewhere.as_ref().map(|(judge, set)| (*judge, set)));
+        let other = elsewhere(&set)?;
+        let runs = seen(data, &set, other.as_ref());
         let worth = beside_discrepancy(&runs);
         // The least needed goes first: what the others are worth may change.
         let least = worth.iter().min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, nats)| !likely(*nats));
