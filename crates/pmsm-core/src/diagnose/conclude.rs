@@ -70,11 +70,7 @@ pub fn conclude(
     }
     let last = outcome.path.len() - 1;
     outcome.path.par_iter_mut().try_for_each(|judged| {
-        let fitted = fitting::efficient(data, &judged.fitted, monitor)?;
-        // Weights by the colour of noise are for a model that lacks nothing: elsewhere they may lead away from the recording.
-        if baseline::fault(data, &fitted).is_none() {
-            judged.fitted = fitted;
-        }
+        judged.fitted = final_estimate(data, &judged.fitted, monitor)?;
         Ok(())
     })?;
     let (first, end) = (outcome.path[0].clone(), outcome.path[last].clone());
@@ -124,7 +120,8 @@ pub fn conclude(
         _ => verdict == Verdict::Unknown,
     };
     if found && open && !monitor.cancelled() {
-        let earned = unmodelled::earned(data, judge, &outcome.best.fitted, monitor)?;
+        let mut earned = unmodelled::earned(data, judge, &outcome.best.fitted, monitor)?;
+        earned.set = final_estimate(data, &earned.set, monitor)?;
         let nearest = earned.nearest.as_ref().map(|set| step(data, set));
         verdict = beside_a_map(&mut outcome, &mut ranked, earned);
         if verdict != Verdict::Unknown {
@@ -222,6 +219,13 @@ pub fn conclude(
         recordings: each::recordings(data, &traces.recording),
         traces,
     })
+}
+
+/// The final estimate of a set. Weights by the colour of noise are for a model that lacks nothing: where they lead away from the recording
+/// they are left out.
+fn final_estimate(data: &Data, set: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
+    let weighted = fitting::efficient(data, set, monitor)?;
+    Ok(if baseline::fault(data, &weighted).is_none() { weighted } else { set.clone() })
 }
 
 /// Posterior probability from which an effect is named beside something else.

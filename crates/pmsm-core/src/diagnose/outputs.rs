@@ -130,7 +130,12 @@ impl<'a> Outputs<'a> {
                     Some("held at the nameplate value: the recording does not contain it".to_string())
                 };
                 let variance = self.variance_of(index, index);
-                let estimate = signed(estimate(value, variance, p.unit(), why), p.physical_range().0);
+                let low = p.physical_range().0;
+                let mut estimate = signed(estimate(value, variance, p.unit(), why), low);
+                if estimate.stderr.is_none() && self.free.contains(&index) && value <= low {
+                    // Where the search for it ended is no value.
+                    estimate.value = None;
+                }
                 let positive = *p != BaseParameter::B;
                 (p.name().to_string(), if positive { shown(estimate) } else { estimate })
             })
