@@ -37,8 +37,8 @@ def test_what_has_no_name_is_modelled_and_predicts_another_run(rubbing: Diagnosi
 
 
 def test_a_rub_at_high_speed_is_not_taken_for_friction(tmp_path: Path) -> None:
-    """Inertia hides where it rubs: friction takes away nine tenths of the mean square in the speed. A map of the
-    torque predicts more than half of it."""
+    """Inertia hides where it rubs: friction takes away nine tenths of the mean square in the speed. A map
+    of the torque predicts more than half of it."""
     from proof.machines import SPINDLE
 
     rub = {"x_tight_spot": {"tau": 0.0909, "width": 0.458, "place": 0.22}}
