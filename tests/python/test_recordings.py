@@ -209,7 +209,7 @@ def test_open_terminals_show_the_harmonics_and_what_is_wrong_with_the_probes() -
     [
         ("mj5208", 7, {"dead_time", "saturation_d"}),
         ("be8108", 21, {"dead_time", "saturation_d"}),
-        # The inverter is the same for all; whether this motor's points show what it loses, their noise decides.
+        # The inverter is the same for all; their noise decides whether this motor shows what it loses.
         ("mad8318", 21, {"saturation_d"}),
         ("flipsky6374", 7, {"dead_time"}),
         ("custom", 20, set()),
