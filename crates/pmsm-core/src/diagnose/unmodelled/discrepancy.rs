@@ -2,8 +2,9 @@
 //!
 //! An effect that such a torque replaces has no claim to its name: an eddy brake looks much like Stribeck friction, and is none. How smooth
 //! the torque is, evidence decides for each set: friction that jumps at standstill beside a smooth torque is simpler than a torque that is as
-//! steep as a jump. What a smooth torque cannot do at all is a high order or a frequency. In integral form along the measured speed all of this is linear, so that one
-//! least-squares solution per set tells; beside a shaft it is so to first order. The recording and the validation run are solved for together.
+//! steep as a jump. What a smooth torque cannot do at all is a high order or a frequency. In integral form along the measured speed all of
+//! this is linear, so that one least-squares solution per set tells; beside a shaft it is so to first order. The recording and the validation
+//! run are solved for together.
 
 use super::linear::Linear;
 use super::{Side, candidates};
@@ -13,6 +14,7 @@ use crate::diagnose::evidence::{Evidence, PRIOR, price};
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::effect::{Role, Site};
 use crate::effects::EffectId;
+use crate::experiment::Channel;
 use crate::map::Part;
 use crate::model::Slot;
 use crate::tall;
@@ -29,22 +31,26 @@ const CELLS: usize = 20_000_000;
 /// A recording with a set of effects fitted to it, or transferred to it.
 pub(super) type Seen<'a> = (&'a Data, &'a Hypothesis);
 
-/// What each mechanical effect of a set explains beside the discrepancy, nats; not asked of effects with states of their own, which nothing
-/// smooth replaces. `runs` are the recording and the validation run, each with the same set.
+/// What each mechanical effect of a set explains beside the discrepancy, nats; zero, an even chance, where no solution tells. It is not asked
+/// of effects with states of their own, which nothing smooth replaces. `runs` are the recording and the validation run, each with the same set.
 pub(super) fn beside_discrepancy(runs: &[Seen]) -> Vec<(EffectId, f64)> {
     let (data, set) = runs[0];
     let choices = Choices::new(data, set);
-    let fitted = Side::Mechanical.parameters(data, set);
-    let machine: Vec<usize> = fitted.into_iter().filter(|k| *k < set.model.parameter_count()).collect();
+    let machine = machine_parameters(data, set);
     let normals: Vec<Normal> = runs.iter().map(|run| Normal::new(*run, &machine, &choices.parts)).collect();
     let asked = |slot: &&Slot| {
         slot.effect.info().site == Site::Mechanical && slot.effect.mechanical_state_count() == 0
     };
-    let Some(samples) = samples(&normals) else { return Vec::new() };
-    let Some((whole, beside)) = choices.least(&normals, machine.len(), &samples) else { return Vec::new() };
-    let excess = |choice| choices.excess(&normals, machine.len(), choice);
-    let Some((remains, alone)) = excess(beside).zip(excess(NO_TORQUE)) else { return Vec::new() };
-    let worth = |slot: &Slot| -> Option<(EffectId, f64)> {
+    let solved = || {
+        let samples = samples(&normals)?;
+        let (whole, beside) = choices.least(&normals, machine.len(), &samples)?;
+        let remains = choices.excess(&normals, machine.len(), beside)?;
+        let alone = choices.excess(&normals, machine.len(), NO_TORQUE)?;
+        Some((samples, whole, remains, alone))
+    };
+    let solved = solved();
+    let worth = |slot: &Slot| -> Option<f64> {
+        let (samples, whole, remains, alone) = solved.as_ref()?;
         let own: Vec<usize> = (0..machine.len()).filter(|k| slot.parameters.contains(&machine[*k])).collect();
         // At zero strength an effect is not there: its strengths go all the way back, and its shapes tell nothing any more.
         let back = |k: &usize| {
@@ -54,21 +60,28 @@ pub(super) fn beside_discrepancy(runs: &[Seen]) -> Vec<(EffectId, f64)> {
         };
         let back: Vec<(usize, f64)> = own.iter().map(|k| (*k, back(k))).collect();
         let without: Vec<Normal> = normals.iter().map(|normal| normal.moved(&back)).collect();
-        let (fewer, _) = choices.least(&without, machine.len() - own.len(), &samples)?;
+        let (fewer, _) = choices.least(&without, machine.len() - own.len(), samples)?;
         let lost = choices.excess(&without, machine.len() - own.len(), NO_TORQUE)?;
-        if lost - alone < remains {
+        if lost - alone < *remains {
             // It is no larger than what remains of unknown cause, which may well be that of this part, too.
-            return Some((slot.effect, f64::NEG_INFINITY));
+            return Some(f64::NEG_INFINITY);
         }
         // Of the forms that were tried one is there.
         let forms = slot.effect.probes(set.model.context()).len().max(1) as f64;
         // What swings in time has its own phase by the clock of each run.
         let clocked = slot.effect.info().parameters.iter().any(|p| p.unit == "Hz");
         let times = if clocked { normals.len() } else { 1 };
-        let cost = PRIOR + forms.ln() + price(&samples) * (times * own.len()) as f64;
-        Some((slot.effect, fewer - whole - cost))
+        let cost = PRIOR + forms.ln() + price(samples) * (times * own.len()) as f64;
+        Some(fewer - whole - cost)
     };
-    set.model.slots().iter().filter(asked).filter_map(worth).collect()
+    let known = |slot: &Slot| (slot.effect, worth(slot).filter(|nats| !nats.is_nan()).unwrap_or(0.0));
+    set.model.slots().iter().filter(asked).map(known).collect()
+}
+
+/// The fitted parameters of the machine and its effects in the equation of motion.
+fn machine_parameters(data: &Data, set: &Hypothesis) -> Vec<usize> {
+    let fitted = Side::Mechanical.parameters(data, set);
+    fitted.into_iter().filter(|k| *k < set.model.parameter_count()).collect()
 }
 
 /// What a set leaves beside the discrepancy that suits it best, with the price of its own parameters, nats.
@@ -76,9 +89,7 @@ pub(super) fn cost_beside_discrepancy(runs: &[Seen], samples_of: &[Seen]) -> Opt
     let (data, set) = runs[0];
     let choices = Choices::new(data, set);
     let normals_of = |runs: &[Seen]| -> (Vec<Normal>, usize) {
-        let set = runs[0].1;
-        let fitted = Side::Mechanical.parameters(data, set);
-        let machine: Vec<usize> = fitted.into_iter().filter(|k| *k < set.model.parameter_count()).collect();
+        let machine = machine_parameters(data, runs[0].1);
         (runs.iter().map(|run| Normal::new(*run, &machine, &choices.parts)).collect(), machine.len())
     };
     let samples = samples(&normals_of(samples_of).0)?;
@@ -216,7 +227,10 @@ impl Normal {
         let (gram, along) = (tall::gram(&all), tall::tr_mul_vector(&all, &residual));
         let rows = data.counted() as f64 / stride as f64;
         let windows = data.windows.len() as f64;
-        let noise = Evidence::new(data, &[]).samples().last().map_or(windows, |n| n.max(windows));
+        let channels = data.runs().iter().flat_map(|run| &run.floors).map(|floor| floor.channel);
+        let evidence = Evidence::new(data, &[]);
+        let speeds = channels.zip(evidence.samples()).filter(|(channel, _)| *channel == Channel::OmegaE);
+        let noise = speeds.map(|(_, n)| n).sum::<f64>().max(windows);
         Self { gram, along, square: residual.norm_squared(), rows, noise, windows }
     }
 
