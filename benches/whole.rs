@@ -79,7 +79,9 @@ fn diagnosis(c: &mut Criterion) {
             let (recording, machine) = recording(seconds, &effects, stepping);
             group.throughput(Throughput::Elements(recording.len() as u64));
             group.bench_function(BenchmarkId::new(name, format!("{seconds} s")), |b| {
-                b.iter(|| diagnose(&[&recording], &machine, None, &Silent).expect("an answer"));
+                b.iter(|| {
+                    diagnose(&[&recording], &machine, None, &Default::default(), &Silent).expect("an answer")
+                });
             });
         }
     }

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import inspect
 import re
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import click
 import pmsm_rs
-from pmsm_rs import effects, plot
+from pmsm_rs import DiagnosisOptions, effects, plot
 from pmsm_rs.cli import cli
 from pmsm_rs.notebook import Page
 from pmsm_rs.quantities import CANONICAL, LOGS
@@ -192,21 +193,17 @@ def columns() -> str:
 
 
 def thresholds() -> str:
-    """The constants on which verdicts rest, with their reasons, as the source of the core states them."""
-    files = ["verdict.rs", "evidence.rs", "select.rs"]
-    text = "\n".join((SOURCES / "diagnose" / file).read_text(encoding="utf-8") for file in files)
-    found = re.findall(r"((?:^/// [^\n]*\n)+)^(?:pub )?const (\w+): [^=]*= ([^;]+);", text, re.MULTILINE)
+    """The constants on which verdicts rest: their values, and what the source of the core says of each."""
+    text = (SOURCES / "diagnose" / "options.rs").read_text(encoding="utf-8")
+    meanings = re.findall(r"((?:^    /// [^\n]*\n)+)^    pub (\w+): \w+,", text, re.MULTILINE)
+    values = asdict(DiagnosisOptions())
     rows = [
-        [
-            f"`{name}`",
-            value.replace("_", ""),
-            " ".join(doc.replace("///", " ").split()).replace("[`", "`").replace("`]", "`"),
-        ]
-        for doc, name, value in found
+        [f"`{name}`", f"{values[name]:g}", " ".join(doc.replace("///", " ").split())]
+        for doc, name in meanings
     ]
     return (
-        "# Thresholds\n\n"
-        "From `verdict.rs`, `evidence.rs` and `select.rs` in `crates/pmsm-core/src/diagnose`.\n\n"
-        + table(["constant", "value", "meaning"], rows)
+        "# Options of the diagnosis\n\n"
+        "The fields of `pmsm_rs.DiagnosisOptions`; every answer lists them under `options`.\n\n"
+        + table(["option", "value", "meaning"], rows)
         + "\n"
     )

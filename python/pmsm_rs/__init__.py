@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .answers import Diagnosis, Identification
     from .fleet import Failure, Fleet, diagnose_many
     from .loader import load
+    from .options import DiagnosisOptions
     from .recording import Recording
     from .registry import effects
     from .run import Swarm, diagnose, identify
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
 _HOME = {
     "DataError": "_core",
     "Diagnosis": "answers",
+    "DiagnosisOptions": "options",
     "Failure": "fleet",
     "Fitness": "_core",
     "Fleet": "fleet",
@@ -72,6 +74,7 @@ _HOME = {
 __all__ = [
     "DataError",
     "Diagnosis",
+    "DiagnosisOptions",
     "Failure",
     "Fitness",
     "Fleet",

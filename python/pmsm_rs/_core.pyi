@@ -118,10 +118,12 @@ def diagnose(
     machine: Machine,
     validation: Recording | None,
     *,
+    options: str,
     seed: int,
     threads: int | None,
     progress: Callable[[str, float], None] | None,
 ) -> tuple[str, dict[str, dict[str, NDArray[np.float64]]]]: ...
+def diagnosis_options() -> str: ...
 def refusal(problem: str, fix: str, *, seed: int) -> str: ...
 
 @final

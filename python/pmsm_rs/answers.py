@@ -38,16 +38,16 @@ class Diagnosis(DiagnosisValues):
     under `model` there.
 
     `read` says for each recording which of its columns became what, which were not used and why, and which
-    questions could be asked; in the JSON answer it is an object for one recording and a list for several.
-    The verdict is `no_mismatch`, `named`, `partial` (the named effects are missing, and something else
-    beside them that is not in the catalogue), `ambiguous`, `unknown` or `undetermined`.
-    Channels are i_d, i_q (A), omega_e (rad/s, electrical), of operating points v_d, v_q (V). `noise_floor`
-    is what a perfect model would leave in each, `fit["recording" or "validation"]["before" or "after"]`
-    what is left, both as root mean square in the channel's unit. `data_quality` has finding, consequence
-    and fix; `cannot_see` effect, why, and power, the probability that it would have been found.
-    `remaining` says what the effects that were found, named or not, leave beyond noise, and is empty where
-    they reach it. `reason` says why a verdict is `undetermined`, and is None otherwise. `data["path"]` is the
-    way to the model, one effect more at each step.
+    questions could be asked; in the JSON answer it is an object for one recording and a list for several. The
+    verdict is `no_mismatch`, `named`, `partial` (the named effects are missing, and something else beside
+    them that is not in the catalogue), `ambiguous`, `unknown` or `undetermined`. Channels are i_d, i_q (A),
+    omega_e (rad/s, electrical), of operating points v_d, v_q (V). `noise_floor` is what a perfect model would
+    leave in each, `fit["recording" or "validation"]["before" or "after"]` what is left, both as root mean
+    square in the channel's unit. `data_quality` has finding, consequence and fix; `cannot_see` effect, why,
+    and power, the probability that it would have been found. `remaining` says what the effects that were
+    found, named or not, leave beyond noise, and is empty where they reach it. `options` are the constants on
+    which the verdict rests, see `DiagnosisOptions`. `reason` says why a verdict is `undetermined`, and is
+    None otherwise. `data["path"]` is the way to the model, one effect more at each step.
 
     `traces["recording"]` and, where a validation run was given, `traces["validation"]` hold arrays of shape
     (samples,): `t` in s, per channel `NAME_measured`, `NAME_before`, `NAME_after`, and the operating point

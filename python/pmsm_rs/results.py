@@ -168,6 +168,7 @@ class DiagnosisValues:
     data_quality: tuple[Mapping[str, str], ...]
     located: tuple[Location, ...]
     remaining: tuple[Remaining, ...]
+    options: Mapping[str, float]
     reason: str | None
     ranking: tuple[Candidate, ...]
     effects: tuple[str, ...]
@@ -199,6 +200,7 @@ class DiagnosisValues:
             data_quality=tuple(data["data_quality"]),
             located=tuple(_location(entry) for entry in data["located"]),
             remaining=tuple(_remaining(entry) for entry in data.get("remaining", ())),
+            options=data.get("options", {}),
             reason=data.get("reason"),
             ranking=tuple(_candidate(entry) for entry in data["ranking"]),
             effects=tuple(data["model"]["effects"]),

@@ -13,6 +13,7 @@ from . import _core
 from ._core import DataError, Machine, NotIdentifiableError, Recording, UsageError
 from .answers import Diagnosis, Identification
 from .errors import NothingToAsk, did_you_mean, expect_whole, fact, refuse
+from .options import DiagnosisOptions
 from .reading import Account, told, warnings
 from .words import lower_first
 
@@ -167,6 +168,7 @@ def diagnose(
     machine: Described,
     validation: Recording | None = None,
     *,
+    options: DiagnosisOptions | None = None,
     seed: int = 1,
     threads: int | None = None,
     progress: Progress | None = None,
@@ -175,13 +177,14 @@ def diagnose(
 
     Everything is estimated on `recording`: several are fitted together by one machine with the same effects,
     each with its own clock, noise, load and initial values. `machine` is the nameplate, or a machine file
-    that holds it. `validation`, another run of the same machine, only judges. `progress(stage, fraction)` is
-    called from time to time. `threads` None uses every processor; the answer does not depend on it. On Ctrl-C
-    the best so far is returned, marked `interrupted`.
+    that holds it. `validation`, another run of the same machine, only judges. `options` are the constants on
+    which the verdict rests. `progress(stage, fraction)` is called from time to time. `threads` None uses
+    every processor; the answer does not depend on it. On Ctrl-C the best so far is returned, marked
+    `interrupted`.
 
-    Raises UsageError without a recording or for what is none, MachineError for a wrong machine file, and
-    DataError or NotIdentifiableError where the recordings cannot be used; of several the message names the
-    one, and so do the attributes `recording`, counted from 1, and `file`.
+    Raises UsageError without a recording, for what is none and for an option out of range, MachineError for a
+    wrong machine file, and DataError or NotIdentifiableError where the recordings cannot be used; of several
+    the message names the one, and so do the attributes `recording`, counted from 1, and `file`.
     """
     several = isinstance(recording, Sequence) and not isinstance(recording, str)
     recordings: list[Any] = list(recording) if several else [recording]  # type: ignore[arg-type]
@@ -192,7 +195,13 @@ def diagnose(
     known = nameplate(machine)
     try:
         answer, traces = _core.diagnose(
-            recordings, known, validation, seed=seed, threads=threads, progress=progress
+            recordings,
+            known,
+            validation,
+            options=(options or DiagnosisOptions()).settings,
+            seed=seed,
+            threads=threads,
+            progress=progress,
         )
     except (DataError, NotIdentifiableError) as error:
         raise _in_file(error, recordings) from error

@@ -24,6 +24,7 @@ pub mod hypothesis;
 pub mod join;
 pub mod locate;
 mod motion;
+mod options;
 mod outputs;
 mod pace;
 mod plausible;
@@ -53,6 +54,7 @@ use crate::recording::Recording;
 use answer::Answer;
 use data::Data;
 use hold::Held;
+pub use options::DiagnosisOptions;
 use transfer::transfer;
 use verdict::Judged;
 
@@ -60,18 +62,20 @@ use verdict::Judged;
 const RICH: &str = "Record a rich manoeuvre: reversals, two levels of i_q, steps of i_d.";
 
 /// Diagnoses a machine from `recordings`, all of which are fitted together, and an optional `validation` run on which nothing is
-/// estimated but initial values and an unknown load.
+/// estimated but initial values and an unknown load. `options` are the constants on which the verdict rests.
 ///
 /// # Errors
-/// [`Error::Unusable`] if the validation run is one of the recordings; those of [`join::prepare`] and [`crate::signals::Signals::new`],
+/// [`Error::Unusable`] if the validation run is one of the recordings; those of [`DiagnosisOptions::check`], [`join::prepare`] and [`crate::signals::Signals::new`],
 /// [`crate::start::values`] and the least-squares fits. An interruption through `monitor` is no error: the answer then rests on what had
 /// been tried.
 pub fn diagnose(
     recordings: &[&Recording],
     machine: &Machine,
     validation: Option<&Recording>,
+    options: &DiagnosisOptions,
     monitor: &dyn Monitor,
 ) -> Result<Answer> {
+    options.check()?;
     monitor.report("bare machine", 0.0);
     if validation.is_some_and(|run| recordings.iter().any(|recording| recording.same_samples(run))) {
         return Err(Error::unusable(
@@ -79,38 +83,38 @@ pub fn diagnose(
             "give another run of the same machine, or none",
         ));
     }
-    let mut whole = join::prepare(recordings, machine)?;
+    let mut whole = join::prepare(recordings, machine, options)?;
     if let Some(finding) = bare::silent(&whole) {
         return Ok(conclude::undetermined(&whole, finding, Some(RICH)));
     }
     let mut base = bare::fit(&mut whole, monitor)?;
     if let Some(finding) = bare::diverged(&base) {
         let mut answer = conclude::undetermined(&whole, finding, None);
-        answer.data_quality.extend(wiring::suspected(recordings, machine, &base, monitor)?);
+        answer.data_quality.extend(wiring::suspected(recordings, machine, &base, options, monitor)?);
         return Ok(answer);
     }
     let counted = counts::settle(&mut whole, &mut base, monitor)?;
     if let Some(why) = between_rows::moved(&whole, &base, monitor)? {
-        whole = join::motion_alone(recordings, machine, &why)?;
+        whole = join::motion_alone(recordings, machine, &why, options)?;
         if counted {
             counts::to_middle(&mut whole);
         }
         base = bare::fit(&mut whole, monitor)?;
     }
     if let Some(finding) = torque_sign::opposite(&whole, &base, monitor)?
-        && wiring::suspected(recordings, machine, &base, monitor)?.is_none()
+        && wiring::suspected(recordings, machine, &base, options, monitor)?.is_none()
     {
         return Ok(conclude::undetermined(&whole, finding, None));
     }
     if let Some(finding) = baseline::fault(&whole, &base) {
         let mut answer = conclude::undetermined(&whole, finding, None);
-        answer.data_quality.extend(wiring::suspected(recordings, machine, &base, monitor)?);
+        answer.data_quality.extend(wiring::suspected(recordings, machine, &base, options, monitor)?);
         return Ok(answer);
     }
     let mut others = Vec::new();
     if let Some(recording) = validation {
         let signals = join::read(recording, machine, whole.signals.limits.coarse.as_ref())?;
-        let mut data = Data::new(signals, machine)?;
+        let mut data = Data::new(signals, machine, options)?;
         if counted {
             counts::to_middle(&mut data);
         }
@@ -136,7 +140,7 @@ pub fn diagnose(
             data.settle_floors(&transferred);
         }
     }
-    if whole.poor && verdict::largest_excess(&base) > verdict::MISMATCH {
+    if whole.poor && verdict::largest_excess(&base) > options.mismatch {
         base = fitting::refit(&whole, &base, monitor)?;
     }
     monitor.report("bare machine", 0.1);
@@ -158,8 +162,8 @@ pub fn diagnose(
     monitor.report("answer", 0.97);
     let judge = others.last().filter(|_| validation.is_some());
     // A log that was wired or written wrong has no names of what the model leaves out.
-    let mistake = match outcome.best.excess() > verdict::MISMATCH {
-        true => wiring::suspected(recordings, machine, &outcome.ends().0.fitted, monitor)?,
+    let mistake = match outcome.best.excess() > options.mismatch {
+        true => wiring::suspected(recordings, machine, &outcome.ends().0.fitted, options, monitor)?,
         false => None,
     };
     if mistake.is_some() {
@@ -185,7 +189,8 @@ mod tests {
             let mut setup = setup(speeds(1.1, &[(0.1, 80.0), (0.5, -60.0), (0.9, 90.0)]), Vec::new());
             setup.seed = seed;
             let recording = simulate(&setup, &Silent).unwrap().recording;
-            let answer = diagnose(&[&recording], &setup.nameplate, None, &Silent).unwrap();
+            let answer =
+                diagnose(&[&recording], &setup.nameplate, None, &Default::default(), &Silent).unwrap();
             assert_eq!(answer.verdict, Verdict::NoMismatch, "seed {seed}: {:?}", answer.model);
         }
     }
@@ -199,7 +204,7 @@ mod tests {
         manoeuvre.tau_load = Some(Schedule::new(steps, Shape::Steps).unwrap());
         let setup = setup(manoeuvre, effects);
         let recording = simulate(&setup, &Silent).unwrap().recording;
-        diagnose(&[&recording], &setup.nameplate, None, &Silent).unwrap()
+        diagnose(&[&recording], &setup.nameplate, None, &Default::default(), &Silent).unwrap()
     }
 
     fn steps(answer: &Answer) -> usize {
@@ -235,7 +240,7 @@ mod tests {
             let mut setup = setup(manoeuvre, effects);
             setup.drive.sensors.noise_i = 0.3;
             let recording = simulate(&setup, &Silent).unwrap().recording;
-            diagnose(&[&recording], &setup.nameplate, None, &Silent).unwrap()
+            diagnose(&[&recording], &setup.nameplate, None, &Default::default(), &Silent).unwrap()
         };
         let found = answer(vec![choice("coulomb_friction", "tau_c", 0.05)]);
         assert_ne!(found.verdict, Verdict::NoMismatch);
@@ -260,7 +265,8 @@ mod tests {
         };
         let told = |validated: f64| {
             let ((recording, nameplate), (validation, _)) = (run(1, 0.2), run(2, validated));
-            let answer = diagnose(&[&recording], &nameplate, Some(&validation), &Silent).unwrap();
+            let answer =
+                diagnose(&[&recording], &nameplate, Some(&validation), &Default::default(), &Silent).unwrap();
             assert_eq!(answer.verdict, Verdict::Ambiguous, "{:?} {:?}", answer.reason, answer.ranking);
             assert_eq!(answer.ranking[0].effect, "current_gain_imbalance");
             let said = answer.data_quality.iter().any(|f| f.finding.starts_with("on the validation run"));
@@ -289,7 +295,7 @@ mod tests {
             .chain(columns.into_iter().map(|(name, x)| (name.to_string(), x)));
         let recording = Recording::new(columns.collect(), None).unwrap();
         let machine = Machine::new(3).unwrap();
-        let answer = diagnose(&[&recording], &machine, None, &Silent).unwrap();
+        let answer = diagnose(&[&recording], &machine, None, &Default::default(), &Silent).unwrap();
         assert_eq!(answer.verdict, Verdict::Undetermined, "{:?}", answer.model);
         let said = answer.data_quality.last().unwrap();
         assert!(said.finding.contains("stays finite"), "{}", said.finding);

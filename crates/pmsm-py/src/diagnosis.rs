@@ -1,6 +1,6 @@
 //! The diagnosis for Python.
 
-use crate::errors::InternalError;
+use crate::errors::{InternalError, UsageError};
 use crate::machine::PyMachine;
 use crate::recording::PyRecording;
 use crate::supervise;
@@ -13,14 +13,15 @@ use serde_json::json;
 use std::sync::Arc;
 
 /// Diagnoses recordings of one machine: the answer as JSON text, and the traces of the recordings, end to end,
-/// and of the validation run as dicts of arrays of shape (samples,).
+/// and of the validation run as dicts of arrays of shape (samples,). `options` are the core's `DiagnosisOptions` as JSON text.
 #[pyfunction]
-#[pyo3(signature = (recordings, machine, validation, *, seed, threads, progress))]
+#[pyo3(signature = (recordings, machine, validation, *, options, seed, threads, progress))]
 pub fn diagnose<'py>(
     py: Python<'py>,
     recordings: Vec<PyRef<'py, PyRecording>>,
     machine: PyRef<'py, PyMachine>,
     validation: Option<PyRef<'py, PyRecording>>,
+    options: &str,
     seed: u64,
     threads: Option<usize>,
     progress: Option<Bound<'py, PyAny>>,
@@ -28,9 +29,10 @@ pub fn diagnose<'py>(
     let runs: Vec<Arc<Recording>> = recordings.iter().map(|r| Arc::clone(&r.0)).collect();
     let other = validation.map(|r| Arc::clone(&r.0));
     let machine = machine.0.clone();
+    let options = read(options)?;
     let (answer, interrupted) = supervise::run(py, threads, progress.as_ref(), |monitor| {
         let runs: Vec<&Recording> = runs.iter().map(Arc::as_ref).collect();
-        core::diagnose(&runs, &machine, other.as_deref(), monitor)
+        core::diagnose(&runs, &machine, other.as_deref(), &options, monitor)
     })?;
     let traces = PyDict::new(py);
     for (name, columns) in
@@ -43,6 +45,22 @@ pub fn diagnose<'py>(
         traces.set_item(name, arrays)?;
     }
     Ok((text(&answer, seed, interrupted)?, traces))
+}
+
+/// The constants on which a verdict rests, as JSON text.
+#[pyfunction]
+pub fn diagnosis_options() -> PyResult<String> {
+    let fault = |error: serde_json::Error| InternalError::new_err(error.to_string());
+    serde_json::to_string(&core::DiagnosisOptions::default()).map_err(fault)
+}
+
+fn read(options: &str) -> PyResult<core::DiagnosisOptions> {
+    let wrong = |error: String| {
+        UsageError::new_err(format!("these options of the diagnosis cannot be used: {error}"))
+    };
+    let options: core::DiagnosisOptions = serde_json::from_str(options).map_err(|e| wrong(e.to_string()))?;
+    options.check().map_err(|e| wrong(e.to_string()))?;
+    Ok(options)
 }
 
 /// The answer, as JSON text, where recordings cannot be diagnosed at all: their problem and what to do about it.

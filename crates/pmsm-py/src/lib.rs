@@ -26,7 +26,7 @@ mod _core {
     #[pymodule_export]
     use super::catalogue::effects;
     #[pymodule_export]
-    use super::diagnosis::{diagnose, refusal};
+    use super::diagnosis::{diagnose, diagnosis_options, refusal};
     #[pymodule_export]
     use super::errors::{
         DataError, InternalError, MachineError, NotIdentifiableError, PmsmError, UsageError,

@@ -78,6 +78,12 @@ def demo(report_file: str, json_file: str | None, threads: int | None, seed: int
     metavar="OUT.parquet",
     help="Write measured and modelled trajectories.",
 )
+@click.option(
+    "--options",
+    "constants",
+    metavar="NAME=VALUE,...",
+    help="Constants on which the verdict rests, such as named=0.95; the answer lists all of them.",
+)
 @options.THREADS
 @options.SEED
 def diagnose(
@@ -87,6 +93,7 @@ def diagnose(
     json_file: str | None,
     report_file: str | None,
     trajectories: str | None,
+    constants: str | None,
     threads: int | None,
     seed: int,
 ) -> int:
@@ -106,9 +113,11 @@ def diagnose(
     # Meanwhile comes what takes long to import.
     from ..config import read_machine
     from ..loader import load
+    from ..options import DiagnosisOptions
     from ..run import diagnose as run
     from ..run import refused, unanswered
 
+    settings = None if constants is None else DiagnosisOptions.parse(constants)
     machine = read_machine(machine_file)
     try:
         runs = [load(file, machine) for file in [*ahead, *files[AHEAD:]]]
@@ -120,7 +129,15 @@ def diagnose(
         return 0
     other = None if validation is None else runs.pop()
     try:
-        answer = run(runs, machine.machine, other, seed=seed, threads=threads, progress=terminal.progress())
+        answer = run(
+            runs,
+            machine.machine,
+            other,
+            options=settings,
+            seed=seed,
+            threads=threads,
+            progress=terminal.progress(),
+        )
     except _core.NotIdentifiableError as error:
         terminal.finish(json_file, refused(error, runs, seed=seed).to_json)
         raise

@@ -7,7 +7,6 @@ use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::power::times;
-use super::verdict::MISMATCH;
 use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
@@ -18,9 +17,6 @@ use crate::signals::Finding;
 
 /// Share of its excess mean square that a recording must lose when it is fitted alone.
 const ALONE: f64 = 0.25;
-
-/// Highest probability of any name that may only stand in for the difference between recordings.
-pub const CEILING: f64 = 0.4;
 
 /// A contradiction between recordings.
 pub struct Contradiction {
@@ -47,7 +43,7 @@ impl Contradiction {
 /// Those of the least-squares fits.
 pub fn contradiction(data: &Data, best: &Hypothesis, monitor: &dyn Monitor) -> Result<Option<Contradiction>> {
     let blocks = data.whole(best).blocks();
-    let left = best.squares.iter().any(|(_, square)| *square > 1.0 + MISMATCH);
+    let left = best.squares.iter().any(|(_, square)| *square > 1.0 + data.options.mismatch);
     if data.parts.is_empty() || !left || monitor.cancelled() {
         return Ok(None);
     }
@@ -56,7 +52,7 @@ pub fn contradiction(data: &Data, best: &Hypothesis, monitor: &dyn Monitor) -> R
     let worse = |at: usize| {
         let block = &blocks[at];
         let (together, own) = (best.squares[at].1, alone[block.run].square(block.channel));
-        let contradicts = together > 1.0 + MISMATCH && own - 1.0 < ALONE * (together - 1.0);
+        let contradicts = together > 1.0 + data.options.mismatch && own - 1.0 < ALONE * (together - 1.0);
         contradicts.then_some((block, together, own))
     };
     let worst = (0..blocks.len()).filter_map(worse).max_by(|a, b| a.1.total_cmp(&b.1));
@@ -126,7 +122,9 @@ mod tests {
         let mut other = one.clone();
         other.machine = other.machine.with(BaseParameter::J, 1.3 * 0.008).unwrap();
         let runs = [&one, &other].map(|s| simulate(s, &Silent).unwrap().recording);
-        let ask = |runs: [&Recording; 2]| diagnose(&runs, &one.nameplate, None, &Silent).unwrap();
+        let ask = |runs: [&Recording; 2]| {
+            diagnose(&runs, &one.nameplate, None, &Default::default(), &Silent).unwrap()
+        };
         let said = |answer: &Answer| {
             answer.data_quality.iter().map(|f| f.finding.clone()).find(|f| f.contains("contradict"))
         };
@@ -134,7 +132,11 @@ mod tests {
         let text = said(&different).unwrap();
         assert!(text.contains("omega_e") && text.contains("alone j is"), "{text}");
         assert_eq!(different.verdict, Verdict::Undetermined);
-        assert!(different.ranking.iter().all(|c| c.probability <= super::CEILING), "{:?}", different.ranking);
+        assert!(
+            different.ranking.iter().all(|c| c.probability <= different.options.ceiling_unknown),
+            "{:?}",
+            different.ranking
+        );
         let again =
             simulate(&crate::drive::Setup { seed: one.seed + 1, ..one.clone() }, &Silent).unwrap().recording;
         let same = ask([&runs[0], &again]);

@@ -2,7 +2,7 @@
 
 use super::data::Data;
 use super::hypothesis::Hypothesis;
-use super::verdict::{self, Judged};
+use super::verdict::Judged;
 use crate::effect::Site;
 
 /// Share of the voltages' noise, as the bare machine sees it, below which a better model must bring it to be believed.
@@ -16,8 +16,9 @@ pub fn settled_anew(whole: &mut Data, others: &mut [Data], base: &Judged, best: 
     // What is left of the motion tells of torques alone where those that were found have exact forms.
     let exact = best.fitted.effects().iter().all(|e| e.info().site == Site::Mechanical);
     let far = exact && others.iter().chain([&*whole]).any(|data| unfiltered(data) > 0);
-    let hides = noisy || best.excess() > verdict::MISMATCH || far;
-    let real = !whole.poor || base.excess() > verdict::MISMATCH;
+    let mismatch = whole.options.mismatch;
+    let hides = noisy || best.excess() > mismatch || far;
+    let real = !whole.poor || base.excess() > mismatch;
     if best.fitted.effects().is_empty() || !hides || !real {
         return false;
     }

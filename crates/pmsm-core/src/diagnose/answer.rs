@@ -1,6 +1,7 @@
 //! The answer of a diagnosis, schema `pmsm-rs.diagnosis/2`.
 
 use super::locate::Located;
+use super::options::DiagnosisOptions;
 use super::remaining::Remaining;
 use super::unmodelled::Unmodelled;
 use crate::effects;
@@ -143,6 +144,8 @@ pub struct Answer {
     pub verdict: Verdict,
     /// What the user should know of the data.
     pub data_quality: Vec<Finding>,
+    /// Every constant on which the verdict rests.
+    pub options: DiagnosisOptions,
     /// Where the bare machine fails.
     pub located: Vec<Located>,
     /// What the effects that were found, named or not, leave beyond noise, largest first; empty where they reach it.
@@ -188,6 +191,7 @@ impl Answer {
             verdict: Verdict::Undetermined,
             cannot_see: effects::ALL.iter().map(unseen).collect(),
             data_quality: vec![why.clone()],
+            options: DiagnosisOptions::default(),
             located: Vec::new(),
             remaining: Vec::new(),
             reason: Some(why.reason()),

@@ -152,7 +152,7 @@ mod tests {
             v_d[k] += NOISE * noise(k).0;
             v_q[k] += NOISE * noise(k).1;
         }
-        Data::new(signals, &setup.nameplate).unwrap()
+        Data::new(signals, &setup.nameplate, &Default::default()).unwrap()
     }
 
     #[test]
@@ -169,7 +169,7 @@ mod tests {
             let ratio = base.own()[l.index()] / setup.nameplate.get(l).unwrap();
             assert!((ratio - 1.0).abs() < 0.05, "{} {ratio}", l.name());
         }
-        assert!(verdict::largest_excess(&base) < verdict::MISMATCH);
+        assert!(verdict::largest_excess(&base) < data.options.mismatch);
     }
 
     #[test]
@@ -199,12 +199,12 @@ mod tests {
         for (k, load) in signals.tau_m.as_mut().unwrap().iter_mut().enumerate() {
             *load += 0.2 * normal_pair(7, [k as u32, 0, 0, 0]).0;
         }
-        let mut data = Data::new(signals, &setup.nameplate).unwrap();
+        let mut data = Data::new(signals, &setup.nameplate, &Default::default()).unwrap();
         let base = fit(&mut data, &Silent).unwrap();
         let speed = data.floors.iter().find(|f| f.channel == Channel::OmegaE).unwrap();
         assert!(speed.driven > 0.5 * speed.sensor, "{speed:?}");
         let square = base.square(speed.channel);
-        assert!((square - 1.0).abs() < verdict::MISMATCH, "{square}");
+        assert!((square - 1.0).abs() < data.options.mismatch, "{square}");
     }
 
     #[test]
@@ -223,7 +223,7 @@ mod tests {
             });
             let recording = Recording::new(columns.collect(), Some(recording.load())).unwrap();
             let signals = Signals::new(&recording, &setup.nameplate).unwrap();
-            let mut data = Data::new(signals, &setup.nameplate).unwrap();
+            let mut data = Data::new(signals, &setup.nameplate, &Default::default()).unwrap();
             let base = fit(&mut data, &Silent).unwrap();
             let current = *data.floors.iter().find(|f| f.channel == Channel::ID).unwrap();
             (current, base.square(Channel::ID), data.whitening.is_some_and(|w| w.wanders()))
@@ -249,7 +249,7 @@ mod tests {
             setup.drive.sensors.noise_i = 0.3;
             let recording = simulate(&setup, &Silent).unwrap().recording;
             let signals = Signals::new(&recording, &setup.nameplate).unwrap();
-            let mut data = Data::new(signals, &setup.nameplate).unwrap();
+            let mut data = Data::new(signals, &setup.nameplate, &Default::default()).unwrap();
             let base = fit(&mut data, &Silent).unwrap();
             (data, base)
         };
@@ -257,10 +257,10 @@ mod tests {
         let speed = data.floors.iter().find(|f| f.channel == Channel::OmegaE).unwrap();
         assert!(speed.wander.is_some() && speed.chance() == 0.0, "{speed:?}");
         let square = base.square(Channel::OmegaE);
-        assert!((square - 1.0).abs() < 0.5 * verdict::MISMATCH, "{square}");
+        assert!((square - 1.0).abs() < 0.5 * data.options.mismatch, "{square}");
 
         let (data, base) = fitted(vec![choice("coulomb_friction", "tau_c", 0.08)]);
-        assert!(verdict::largest_excess(&base) > verdict::MISMATCH, "{:?}", base.squares);
+        assert!(verdict::largest_excess(&base) > data.options.mismatch, "{:?}", base.squares);
         // What is told of the residual is how large it is, not what the filter leaves of it.
         let experiment = data.whole(&base).plain();
         let plain = experiment.relative_rms(&experiment.residual(&base.parameters));
@@ -280,8 +280,12 @@ mod tests {
             setup.nameplate = plate;
             setup.nameplate.base[BaseParameter::J.index()] =
                 j.map(|share| share * setup.machine.get(BaseParameter::J).unwrap());
-            let mut data =
-                Data::new(Signals::new(&recording, &setup.nameplate).unwrap(), &setup.nameplate).unwrap();
+            let mut data = Data::new(
+                Signals::new(&recording, &setup.nameplate).unwrap(),
+                &setup.nameplate,
+                &Default::default(),
+            )
+            .unwrap();
             let base = fit(&mut data, &Silent).unwrap();
             BaseParameter::ALL.map(|p| base.own()[p.index()] / setup.machine.get(p).unwrap())
         };

@@ -7,11 +7,6 @@ use crate::experiment::{Block, Channel, Prior};
 use crate::machine::BaseParameter;
 use crate::signals::Finding;
 
-/// Factor by which what is left may exceed the signal's own variation: in a short window noise that is added up does that by chance.
-const BEYOND: f64 = 1.1;
-/// A signal that varies by less than this many times its noise has nothing to explain, and no machine fails it.
-const VARIES: f64 = 2.0;
-
 /// What the bare machine leaves in a channel of one recording beside how far that varies by itself.
 struct Excess {
     run: usize,
@@ -52,7 +47,8 @@ fn excesses(data: &Data, base: &Hypothesis) -> Vec<Excess> {
         let variation = experiment.runs()[run].variation(channel);
         let left = left * floor.total();
         // Not "greater": what is not a number is no model either.
-        let fits = left <= BEYOND * variation || variation <= VARIES * floor.sensor;
+        let still = variation <= data.options.still * floor.sensor;
+        let fits = left <= data.options.worse_than_constant * variation || still;
         (!fits).then_some(Excess { run, channel, left, variation })
     })
     .collect()
@@ -67,7 +63,8 @@ pub fn explains_half(data: &Data, fitted: &Hypothesis, electrical: bool) -> bool
         let floor = data.runs()[block.run].floors.iter().find(|f| f.channel == block.channel);
         let variation = experiment.runs()[block.run].variation(block.channel);
         floor.is_some_and(|floor| {
-            variation <= VARIES * floor.sensor || (left * floor.total()).powi(2) < 0.5 * variation * variation
+            variation <= data.options.still * floor.sensor
+                || (left * floor.total()).powi(2) < 0.5 * variation * variation
         })
     })
 }

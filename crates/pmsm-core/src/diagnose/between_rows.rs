@@ -4,7 +4,6 @@
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
-use super::verdict::MISMATCH;
 use crate::error::Result;
 use crate::experiment::Channel;
 use crate::machine::BaseParameter;
@@ -41,7 +40,8 @@ pub fn moved(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result<Op
     }
     let far =
         |run: &Data| sampled(run) && !run.signals.holds_every_period() && run.signals.period * rate > NEAR;
-    let mismatched = |(channel, square): &(Channel, f64)| channel.is_electrical() && *square > 1.0 + MISMATCH;
+    let mismatched =
+        |(channel, square): &(Channel, f64)| channel.is_electrical() && *square > 1.0 + data.options.mismatch;
     if !base.squares.iter().any(mismatched) || !data.runs().iter().any(far) {
         return Ok(None);
     }
@@ -117,7 +117,7 @@ mod tests {
         });
         let recording = Recording::new(columns.collect(), Some(whole.load())).unwrap();
         let machine = Machine { f_sample: None, ..setup.nameplate };
-        diagnose(&[&recording], &machine, None, &Silent).unwrap()
+        diagnose(&[&recording], &machine, None, &Default::default(), &Silent).unwrap()
     }
 
     #[test]

@@ -32,6 +32,7 @@ pub fn undetermined(data: &Data, finding: Finding, next: Option<&str>) -> Answer
         next_experiment: next.map(str::to_string),
         noise_floor: floors(data),
         recording_kind: Some(data.signals.kind),
+        options: data.options,
         ..Answer::undetermined(finding)
     };
     answer.data_quality.extend(data.signals.findings.iter().cloned());
@@ -50,7 +51,7 @@ pub fn conclude(
     weak: &[String],
     monitor: &dyn Monitor,
 ) -> Result<Answer> {
-    if data.poor && outcome.base.excess() <= verdict::MISMATCH {
+    if data.poor && outcome.base.excess() <= data.options.mismatch {
         // On a poor recording a small gain of one effect is no evidence against the bare machine.
         outcome.names_nothing();
         let asked = able::able(data).0;
@@ -86,7 +87,7 @@ pub fn conclude(
     reason = ran_away.as_ref().map(Finding::reason).or(reason);
     if reason.is_some() {
         verdict = Verdict::Undetermined;
-        decide::doubt(&mut ranked, agree::CEILING);
+        decide::doubt(&mut ranked, data.options.ceiling_unknown);
     }
     if let Some(why) = data.signals.limits.coarse.as_ref().filter(|_| verdict == Verdict::NoMismatch) {
         // The motion is explained; of the voltages, which were left out, no all-clear is given.
@@ -95,7 +96,7 @@ pub fn conclude(
     let own = Outputs::new(data, &outcome.best.fitted);
     if verdict == Verdict::Named && moves_nothing(&outcome.best.fitted, &own) {
         verdict = Verdict::Unknown;
-        decide::doubt(&mut ranked, decide::CEILING_UNKNOWN);
+        decide::doubt(&mut ranked, data.options.ceiling_unknown);
     }
     // Steady points have no dynamics to tell an effect from base parameters that can stand in for all of its strength.
     let steady = data.signals.kind == Kind::OperatingPoints;
@@ -112,7 +113,7 @@ pub fn conclude(
     let mut remaining = remaining::beside(data, &outcome.best.fitted, foreseen);
     if data.poor && verdict == Verdict::Ambiguous && !remaining.is_empty() {
         // Beside another cause no name is sure, however much of the mismatch it explains.
-        decide::doubt(&mut ranked, remaining::CEILING_BESIDE);
+        decide::doubt(&mut ranked, data.options.ceiling_doubtful);
     }
     let found = !outcome.best.fitted.effects().is_empty() && !cannot_tell(data, &outcome.best.fitted);
     let open = match verdict {
@@ -138,7 +139,7 @@ pub fn conclude(
         && unmodelled::rival(data, judge, &outcome.best.fitted, monitor)?.is_some()
     {
         verdict = Verdict::Unknown;
-        decide::doubt(&mut ranked, decide::CEILING_UNKNOWN);
+        decide::doubt(&mut ranked, data.options.ceiling_unknown);
     }
     let located = fault::located(data, judge, &outcome, verdict);
     if verdict == Verdict::Unknown {
@@ -172,9 +173,10 @@ pub fn conclude(
     let predicted = validation.as_ref().filter(|_| described.is_none() && !outcome.base.held_out.is_empty());
     let predicted = predicted.map(|(_, before, after)| (verdict::excess(before), verdict::excess(after)));
     let others = validation.iter().filter(|_| data.poor && !refuted);
-    let unforeseen: Vec<Finding> = others.filter_map(|(_, _, after)| not_foreseen(after)).collect();
+    let limit = data.options.mismatch_held_out;
+    let unforeseen: Vec<Finding> = others.filter_map(|(_, _, after)| not_foreseen(after, limit)).collect();
     if !unforeseen.is_empty() {
-        decide::doubt(&mut ranked, decide::CEILING_UNFORESEEN);
+        decide::doubt(&mut ranked, data.options.ceiling_doubtful);
     }
     let gains = (searched, predicted);
     let ranking = ranked.par_iter().map(|r| candidate(data, &outcome, r, model_outputs, gains)).collect();
@@ -194,13 +196,14 @@ pub fn conclude(
     // What a model of the rest leaves on the validation run may be its own extrapolation, and so may what kept one from being believed.
     let extrapolated = validation.iter().filter(|(_, _, after)| {
         let more = verdict == Verdict::Unknown || !settled.effects().is_empty();
-        !data.poor && more && verdict::largest_excess(after) > verdict::MISMATCH
+        !data.poor && more && verdict::largest_excess(after) > data.options.mismatch
     });
     data_quality.extend(extrapolated.filter_map(|(judge, ..)| reach::beyond(&data.signals, &judge.signals)));
     Ok(Answer {
         schema: SCHEMA,
         verdict,
         data_quality,
+        options: data.options,
         located,
         remaining,
         reason,
@@ -228,9 +231,6 @@ fn final_estimate(data: &Data, set: &Hypothesis, monitor: &dyn Monitor) -> Resul
     Ok(if baseline::fault(data, &weighted).is_none() { weighted } else { set.clone() })
 }
 
-/// Posterior probability from which an effect is named beside something else.
-const NAMED: f64 = 0.88;
-
 /// Whether a recording is too poor to tell the effects of a set from what no catalogue holds: those of the voltage equations where these do
 /// not pin down the machine's own parameters, and all of them where it stays at one operating point.
 fn cannot_tell(data: &Data, set: &Hypothesis) -> bool {
@@ -241,27 +241,28 @@ fn cannot_tell(data: &Data, set: &Hypothesis) -> bool {
 /// The verdict where a set has more than noise left: the effects that explain what a map cannot are named beside it, and make up the set
 /// from then on.
 fn beside_a_map(outcome: &mut Outcome, ranked: &mut [Ranked], earned: Earned) -> Verdict {
+    let options = *outcome.evidence.options();
     let kept = earned.set.effects();
     if kept.is_empty() {
-        decide::doubt(ranked, decide::CEILING_UNKNOWN);
+        decide::doubt(ranked, options.ceiling_unknown);
         return Verdict::Unknown;
     }
     let set = Judged { fitted: earned.set, held_out: Vec::new(), refuted: false };
     for candidate in ranked.iter_mut() {
         match earned.probabilities.iter().find(|(effect, _)| *effect == candidate.effect) {
             Some((_, probability)) => {
-                candidate.probability = (1.0 - decide::UNKNOWN) * probability;
+                candidate.probability = (1.0 - options.unknown) * probability;
                 candidate.judged = set.clone();
             }
-            None => candidate.probability = candidate.probability.min(decide::CEILING_UNKNOWN),
+            None => candidate.probability = candidate.probability.min(options.ceiling_unknown),
         }
     }
     ranked.sort_by_key(|candidate| !kept.contains(&candidate.effect));
-    let sure = |c: &Ranked| c.equivalent.is_empty() && c.probability >= NAMED;
+    let sure = |c: &Ranked| c.equivalent.is_empty() && c.probability >= options.named;
     let mut of_set = ranked.iter().filter(|candidate| kept.contains(&candidate.effect));
     let verdict = if of_set.all(sure) { Verdict::Partial } else { Verdict::Ambiguous };
     if verdict == Verdict::Ambiguous {
-        decide::doubt(ranked, remaining::CEILING_BESIDE);
+        decide::doubt(ranked, options.ceiling_doubtful);
     }
     let goes = |step: &Judged| step.fitted.effects().iter().all(|e| kept.contains(e));
     outcome.path.retain(|step| goes(step) && step.fitted.effects().len() < kept.len());
@@ -389,8 +390,8 @@ fn quality(data: &Data, weak: &[String], found: &[Tie], refuted: bool) -> Vec<Fi
 }
 
 /// A finding if a model fitted to a poor recording does not predict the validation run.
-fn not_foreseen(on_validation: &Hypothesis) -> Option<Finding> {
-    if verdict::largest_excess(on_validation) <= verdict::MISMATCH_HELD_OUT {
+fn not_foreseen(on_validation: &Hypothesis, limit: f64) -> Option<Finding> {
+    if verdict::largest_excess(on_validation) <= limit {
         return None;
     }
     let (channel, square) = on_validation.squares.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;

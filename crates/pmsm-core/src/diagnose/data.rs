@@ -3,6 +3,7 @@
 //! Several recordings of one machine are fitted together, each with its own clock, noise, load and initial values; see
 //! [`super::join`].
 
+use super::options::DiagnosisOptions;
 use crate::base::BASE;
 use crate::error::Result;
 use crate::experiment::{Channel, Channels, Experiment, Joint, Prior};
@@ -19,15 +20,6 @@ use crate::wander::Wander;
 use crate::whitening::Whitening;
 use std::ops::Range;
 
-/// Standard deviation of the logarithm of a nameplate value: a fifth either way is ordinary, as magnets and windings scatter and warm up.
-const NAMEPLATE_SPREAD: f64 = 0.2;
-/// Standard deviation of a stated friction, or of a value of zero, share of the value: a bearing's friction may vanish, which no factor
-/// reaches.
-const FRICTION_SPREAD: f64 = 0.3;
-/// Time in which its largest torque brings a rotor to its largest speed, s, and the standard deviation of its logarithm: milliseconds in a
-/// servo, half a minute in a vehicle. All that is known of an inertia that no nameplate states.
-const RUN_UP: f64 = 0.3;
-const RUN_UP_SPREAD: f64 = 2.3;
 /// Fewest mechanical windows from which every other one is held out where no validation run is given.
 const FEWEST_WINDOWS: usize = 4;
 
@@ -54,6 +46,8 @@ pub struct Data {
     pub poor: bool,
     /// Samples that do not count, if some are held out.
     pub held_out: Option<Vec<bool>>,
+    /// The constants on which a verdict rests.
+    pub options: DiagnosisOptions,
     /// The recordings, if there are several; the rest then describes all of them.
     pub parts: Vec<Data>,
 }
@@ -63,16 +57,21 @@ impl Data {
     ///
     /// # Errors
     /// Those of [`Signals::new`] and [`start::values`].
-    pub fn new(signals: Signals, machine: &Machine) -> Result<Self> {
+    pub fn new(signals: Signals, machine: &Machine, options: &DiagnosisOptions) -> Result<Self> {
         let start = start::values(&signals, machine)?;
-        Ok(Self::started(signals, machine, start))
+        Ok(Self::started(signals, machine, start, options))
     }
 
     /// The same from given base parameters.
-    pub fn started(signals: Signals, machine: &Machine, mut start: [f64; BASE]) -> Self {
+    pub fn started(
+        signals: Signals,
+        machine: &Machine,
+        mut start: [f64; BASE],
+        options: &DiagnosisOptions,
+    ) -> Self {
         let windows = mechanical::windows(&signals);
         let nameplate = BaseParameter::ALL.map(|p| machine.get(p));
-        let known = |p: &BaseParameter| known(*p, nameplate[p.index()], &signals);
+        let known = |p: &BaseParameter| known(*p, nameplate[p.index()], &signals, options);
         let prior: Vec<Prior> = BaseParameter::ALL.iter().filter_map(known).collect();
         for prior in &prior {
             // A regression that finds what no machine has is no place to start from.
@@ -117,6 +116,7 @@ impl Data {
             prior,
             poor: false,
             held_out,
+            options: *options,
             parts,
         }
     }
@@ -271,16 +271,22 @@ impl Data {
 const OUTLANDISH: f64 = 3.0;
 
 /// What is known of a base parameter whose `nameplate` value is this, if anything is.
-fn known(parameter: BaseParameter, nameplate: Option<f64>, signals: &Signals) -> Option<Prior> {
+fn known(
+    parameter: BaseParameter,
+    nameplate: Option<f64>,
+    signals: &Signals,
+    options: &DiagnosisOptions,
+) -> Option<Prior> {
     let (index, cx) = (parameter.index(), &signals.context);
     match nameplate {
         Some(value) if value > 0.0 && parameter != BaseParameter::B => {
-            Some(Prior::lognormal(index, value, NAMEPLATE_SPREAD))
+            Some(Prior::lognormal(index, value, options.nameplate_spread))
         }
-        Some(value) => Some(Prior::normal(index, value, FRICTION_SPREAD * value.abs().max(1e-9))),
+        Some(value) => Some(Prior::normal(index, value, options.friction_spread * value.abs().max(1e-9))),
         None if parameter == BaseParameter::J => {
-            let median = RUN_UP * cx.tau_max / cx.omega_m_max();
-            (median > 0.0 && median.is_finite()).then(|| Prior::lognormal(index, median, RUN_UP_SPREAD))
+            let median = options.run_up * cx.tau_max / cx.omega_m_max();
+            (median > 0.0 && median.is_finite())
+                .then(|| Prior::lognormal(index, median, options.run_up_spread))
         }
         None => None,
     }

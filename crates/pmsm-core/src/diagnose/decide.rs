@@ -1,18 +1,10 @@
 //! From the selected set to a verdict, with rivals and posterior probabilities.
 
 use super::answer::Verdict;
-use super::evidence::DECISIVE;
 use super::select::Outcome;
-use super::verdict::{Judged, MISMATCH, MISMATCH_HELD_OUT};
+use super::verdict::Judged;
 use crate::effects::EffectId;
 
-/// Probability that is kept for physics outside the catalogue when a set reaches the noise.
-pub const UNKNOWN: f64 = 0.02;
-/// Highest probability of any name when the verdict is "unknown", or when the validation run refutes it.
-pub const CEILING_UNKNOWN: f64 = 0.4;
-/// Highest probability of any name by a poor recording whose model does not foresee the validation run: an even chance, as what fails may be
-/// a parameter that the recording does not pin down, or the effect.
-pub const CEILING_UNFORESEEN: f64 = 0.5;
 /// Candidates less probable than this are not listed.
 const LEAST_LISTED: f64 = 0.001;
 
@@ -35,7 +27,8 @@ pub struct Ranked {
 /// effects, and those with another in its place.
 pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
     let effects = outcome.order();
-    let known = if outcome.best.refuted { CEILING_UNKNOWN } else { 1.0 - UNKNOWN };
+    let options = outcome.evidence.options();
+    let known = if outcome.best.refuted { options.ceiling_unknown } else { 1.0 - options.unknown };
     let least = outcome.evidence.cost(&outcome.best);
     let weight = |judged: &Judged| (least - outcome.evidence.cost(judged)).min(50.0).exp();
     let total = 1.0 + outcome.swaps.iter().map(|s| weight(&s.judged)).sum::<f64>();
@@ -43,7 +36,7 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
     for &effect in &effects {
         let others = || outcome.swaps.iter().filter(|s| s.replaced == effect);
         let without: f64 = others().map(|s| weight(&s.judged)).sum();
-        let close = |s: &&super::select::Swap| outcome.evidence.cost(&s.judged) < least + DECISIVE;
+        let close = |s: &&super::select::Swap| outcome.evidence.cost(&s.judged) < least + options.decisive;
         let equivalent = others().filter(close).filter_map(|s| s.by).collect();
         let probability = known * (1.0 - without / total);
         ranked.push(Ranked { effect, probability, equivalent, judged: outcome.best.clone() });
@@ -64,8 +57,12 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
         ranked = unlikely(outcome);
     }
     let verdict = if effects.is_empty() {
-        let elsewhere = outcome.base.held_out_excess() > MISMATCH_HELD_OUT;
-        if outcome.base.excess() > MISMATCH || elsewhere { Verdict::Unknown } else { Verdict::NoMismatch }
+        let elsewhere = outcome.base.held_out_excess() > options.mismatch_held_out;
+        if outcome.base.excess() > options.mismatch || elsewhere {
+            Verdict::Unknown
+        } else {
+            Verdict::NoMismatch
+        }
     } else if poor || ranked.iter().any(|r| effects.contains(&r.effect) && !r.equivalent.is_empty()) {
         // A poor recording cannot tell physics outside the catalogue from physics within.
         Verdict::Ambiguous
@@ -124,6 +121,7 @@ fn unlikely(outcome: &Outcome) -> Vec<Ranked> {
 mod tests {
     use super::super::evidence::Evidence;
     use super::super::hypothesis::Hypothesis;
+    use super::super::options::DiagnosisOptions;
     use super::super::select::Swap;
     use super::*;
     use crate::effects::testing::CX;
@@ -155,7 +153,7 @@ mod tests {
             assert_eq!((verdict, ranked.len()), (Verdict::Ambiguous, 1));
             ranked[0].probability
         };
-        assert!(probability(false) > 0.9 && probability(true) <= CEILING_UNKNOWN);
+        assert!(probability(false) > 0.9 && probability(true) <= DiagnosisOptions::default().ceiling_unknown);
     }
 
     #[test]
@@ -171,13 +169,18 @@ mod tests {
         };
         let (verdict, equivalent, dry_is, drag_is) = told(1.0, 9.0);
         assert_eq!((verdict, equivalent), (Verdict::Ambiguous, vec![drag]));
-        assert!((dry_is - drag_is).abs() < 1e-9 && (dry_is + drag_is - (1.0 - UNKNOWN)).abs() < 1e-3);
+        assert!(
+            (dry_is - drag_is).abs() < 1e-9
+                && (dry_is + drag_is - (1.0 - DiagnosisOptions::default().unknown)).abs() < 1e-3
+        );
         let (verdict, equivalent, dry_is, drag_is) = told(3.0, 9.0);
         assert_eq!((verdict, equivalent), (Verdict::Named, Vec::new()));
-        assert!((dry_is + drag_is - (1.0 - UNKNOWN)).abs() < 1e-3 && drag_is < 1e-6);
+        assert!(
+            (dry_is + drag_is - (1.0 - DiagnosisOptions::default().unknown)).abs() < 1e-3 && drag_is < 1e-6
+        );
         // The set without the effect takes its share, too.
         let (.., dry_is, drag_is) = told(3.0, 1.4);
-        let without = 1.0 - UNKNOWN - dry_is - drag_is;
+        let without = 1.0 - DiagnosisOptions::default().unknown - dry_is - drag_is;
         assert!(without > 0.001 && without < dry_is, "{dry_is} {drag_is}");
     }
 

@@ -6,49 +6,37 @@
 //!
 //! the Laplace approximation of its marginal likelihood (Schwarz, "Estimating the dimension of a model", Ann. Statist. 6, 1978) with the
 //! prior odds π of each of its m effects. Runs that were not used for fitting add their likelihood alone: what the set predicts there.
-//! n_c counts independent samples, one in a hundred rows (`CORRELATED`).
+//! n_c counts independent samples, one in a hundred rows ([`DiagnosisOptions::rows_per_sample`]).
 
 use super::data::Data;
 use super::hypothesis::Hypothesis;
+use super::options::DiagnosisOptions;
 use super::verdict::Judged;
 use crate::experiment::Channel;
 use crate::recording::Kind;
 use crate::simulate::mechanical::Nuisance;
-
-/// Samples that count as one. Forms of real curves, quantisation and a floor known to a per cent make errors that last. The value was chosen
-/// by hand on whole benches and is not calibrated: no stated false-alarm rate follows from it.
-const CORRELATED: f64 = 100.0;
-/// A floor is known to a tenth: a mean square that lies less below it is that of the noise.
-const WITHIN: f64 = 0.9;
-/// Fewest independent samples of a channel.
-const FEWEST: f64 = 10.0;
-/// What an effect costs by itself, nats: of the two dozen of the catalogue about one is there, prior odds of 1 to 20.
-pub const PRIOR: f64 = 3.0;
-
-/// What a coefficient of a map costs, nats: its prior holds it back, and its size was chosen by prediction.
-const COEFFICIENT: f64 = 0.5;
-
-/// Gain in nats from which a set counts as better: posterior odds of ten to one, as a verdict asks for.
-pub const DECISIVE: f64 = 2.3;
 
 /// Independent samples of each channel, on the fitted and on the other recordings.
 #[derive(Debug, Clone)]
 pub struct Evidence {
     fitted: Vec<f64>,
     held_out: Vec<Vec<f64>>,
+    options: DiagnosisOptions,
 }
 
 impl Evidence {
     /// By the samples that count of each recording.
     pub fn new(data: &Data, held_out: &[&Data]) -> Self {
         let of = |data: &Data| data.runs().iter().flat_map(of_run).collect();
-        Self { fitted: of(data), held_out: held_out.iter().map(|data| of(data)).collect() }
+        let held_out = held_out.iter().map(|data| of(data)).collect();
+        Self { fitted: of(data), held_out, options: data.options }
     }
 
     /// The same by what these sets have left: beyond noise it lasts, and counts as the few independent values that it is. The whitest
     /// residual of each channel tells.
     #[must_use]
     pub fn limited<'a>(mut self, sets: impl Iterator<Item = &'a Judged> + Clone) -> Self {
+        let fewest = self.options.fewest_samples;
         let limit = |own: &mut [f64], left: &dyn Fn(&'a Judged) -> Option<&'a Hypothesis>| {
             let mut most = vec![0.0f64; own.len()];
             for hypothesis in sets.clone().filter_map(left) {
@@ -57,7 +45,7 @@ impl Evidence {
                 }
             }
             for (own, most) in own.iter_mut().zip(most) {
-                *own = own.min(most).max(FEWEST);
+                *own = own.min(most).max(fewest);
             }
         };
         limit(&mut self.fitted, &|set| Some(&set.fitted));
@@ -65,6 +53,11 @@ impl Evidence {
             limit(own, &|set| set.held_out.get(run));
         }
         self
+    }
+
+    /// The constants by which sets are compared.
+    pub fn options(&self) -> &DiagnosisOptions {
+        &self.options
     }
 
     /// Independent samples of each channel of the fitted recordings.
@@ -82,22 +75,22 @@ impl Evidence {
         let mapped = fitted.model.map_parameters();
         let parameters = fitted.free.iter().filter(|k| **k < mapped.start).count() as f64;
         let effects = fitted.model.slots().len() as f64;
-        misfit(fitted, &self.fitted)
-            + price(&self.fitted) * parameters
-            + PRIOR * effects
-            + COEFFICIENT * mapped.len() as f64
+        self.misfit(fitted, &self.fitted)
+            + price(&self.fitted, &self.options) * parameters
+            + self.options.effect_cost * effects
+            + self.options.coefficient_cost * mapped.len() as f64
     }
 
     /// Cost of what a set predicts of the recordings that it was not fitted to, nats.
     pub fn cost_elsewhere(&self, set: &Judged) -> f64 {
-        set.held_out.iter().zip(&self.held_out).map(|(run, samples)| misfit(run, samples)).sum()
+        set.held_out.iter().zip(&self.held_out).map(|(run, samples)| self.misfit(run, samples)).sum()
     }
 
     /// Whether `larger` is worth its further effects over `smaller`: by all recordings, and not by the fitted one alone where another one
     /// shows the channels in which it gains.
     pub fn prefers(&self, larger: &Judged, smaller: &Judged) -> bool {
         let elsewhere = self.cost_elsewhere(larger) < self.cost_elsewhere(smaller);
-        self.cost(larger) + DECISIVE < self.cost(smaller)
+        self.cost(larger) + self.options.decisive < self.cost(smaller)
             && (elsewhere || !self.shown_elsewhere(larger, smaller))
     }
 
@@ -105,7 +98,7 @@ impl Evidence {
     fn shown_elsewhere(&self, larger: &Judged, smaller: &Judged) -> bool {
         let (mut all, mut shown) = (0.0, 0.0);
         for (at, (channel, square)) in larger.fitted.squares.iter().enumerate() {
-            let least = least_square(*channel, larger.fitted.chance[at]);
+            let least = self.least_square(*channel, larger.fitted.chance[at]);
             let nats = |square: f64| 0.5 * self.fitted[at] * log_square(square, least);
             let gain = (nats(smaller.fitted.squares[at].1) - nats(*square)).max(0.0);
             all += gain;
@@ -115,42 +108,43 @@ impl Evidence {
         }
         shown > 0.5 * all
     }
+
+    /// Negative logarithm of the likelihood of one recording with what the steps of its load cost, nats.
+    fn misfit(&self, hypothesis: &Hypothesis, samples: &[f64]) -> f64 {
+        let channels = hypothesis.squares.iter().zip(&hypothesis.chance).zip(samples);
+        let nats = |(((channel, square), chance), n): ((&(Channel, f64), &f64), &f64)| {
+            0.5 * n * log_square(*square, self.least_square(*channel, *chance))
+        };
+        let all: f64 = channels.map(nats).sum();
+        let steps: usize = hypothesis.nuisances.iter().map(Nuisance::steps).sum();
+        // Height and instant of each step.
+        let price = samples.iter().copied().fold(self.options.fewest_samples, f64::max).ln();
+        all + price * steps as f64
+    }
+
+    /// Mean square, over the floor's, below which a model earns nothing. Of currents and speed it is what driven noise adds by chance. The
+    /// floor of a voltage is read from neighbouring points, of which there may be few, and the noise may be that much less.
+    fn least_square(&self, channel: Channel, chance: f64) -> f64 {
+        let known_to = self.options.floor_known_to;
+        match channel {
+            Channel::ID | Channel::IQ | Channel::OmegaE => known_to + chance,
+            Channel::VD | Channel::VQ => known_to / (1.0 + chance),
+        }
+    }
 }
 
 /// Cost of one fitted parameter, nats: half the logarithm of all independent samples.
-pub fn price(samples: &[f64]) -> f64 {
-    0.5 * samples.iter().sum::<f64>().max(FEWEST).ln()
+pub fn price(samples: &[f64], options: &DiagnosisOptions) -> f64 {
+    0.5 * samples.iter().sum::<f64>().max(options.fewest_samples).ln()
 }
 
 /// Independent samples of each channel of one recording.
 fn of_run(run: &Data) -> impl Iterator<Item = f64> {
     // Steady points and rows at open terminals have no memory: each counts.
     let steady = matches!(run.signals.kind, Kind::OperatingPoints | Kind::OpenCircuit);
-    let correlated = if steady { 1.0 } else { CORRELATED };
-    let samples = (run.counted() as f64 / correlated).max(FEWEST);
+    let correlated = if steady { 1.0 } else { run.options.rows_per_sample };
+    let samples = (run.counted() as f64 / correlated).max(run.options.fewest_samples);
     run.floors.iter().map(move |_| samples)
-}
-
-/// Negative logarithm of the likelihood of one recording with what the steps of its load cost, nats.
-fn misfit(hypothesis: &Hypothesis, samples: &[f64]) -> f64 {
-    let channels = hypothesis.squares.iter().zip(&hypothesis.chance).zip(samples);
-    let nats = |(((channel, square), chance), n): ((&(Channel, f64), &f64), &f64)| {
-        0.5 * n * log_square(*square, least_square(*channel, *chance))
-    };
-    let all: f64 = channels.map(nats).sum();
-    let steps: usize = hypothesis.nuisances.iter().map(Nuisance::steps).sum();
-    // Height and instant of each step.
-    let price = samples.iter().copied().fold(FEWEST, f64::max).ln();
-    all + price * steps as f64
-}
-
-/// Mean square, over the floor's, below which a model earns nothing. Of currents and speed it is what driven noise adds by chance. The floor
-/// of a voltage is read from neighbouring points, of which there may be few, and the noise may be that much less.
-fn least_square(channel: Channel, chance: f64) -> f64 {
-    match channel {
-        Channel::ID | Channel::IQ | Channel::OmegaE => WITHIN + chance,
-        Channel::VD | Channel::VQ => WITHIN / (1.0 + chance),
-    }
 }
 
 /// Logarithm of a mean square of at least `least`; what is not a number costs all.
@@ -162,7 +156,7 @@ fn log_square(square: f64, least: f64) -> f64 {
 impl Evidence {
     /// By these independent samples of each channel.
     pub fn counting(fitted: Vec<f64>, held_out: Vec<Vec<f64>>) -> Self {
-        Self { fitted, held_out }
+        Self { fitted, held_out, options: DiagnosisOptions::default() }
     }
 }
 
@@ -184,7 +178,7 @@ mod tests {
         let right = judged(1.0, 1.0, 1.0, 5);
         let evidence = evidence();
         assert!(evidence.prefers(&right, &bare) && !evidence.prefers(&bare, &right));
-        assert!(evidence.cost(&lucky) + DECISIVE < evidence.cost(&bare));
+        assert!(evidence.cost(&lucky) + evidence.options.decisive < evidence.cost(&bare));
         assert!(!evidence.prefers(&lucky, &bare));
     }
 
@@ -205,10 +199,13 @@ mod tests {
     fn parameters_effects_and_steps_of_the_load_have_their_price() {
         let (evidence, bare) = (evidence(), judged(1.0, 1.0, 1.0, 4));
         let more = |set: &Judged| evidence.cost(set) - evidence.cost(&bare);
-        assert!((more(&judged(1.0, 1.0, 1.0, 6)) - 2.0 * price(evidence.samples())).abs() < 1e-9);
+        assert!(
+            (more(&judged(1.0, 1.0, 1.0, 6)) - 2.0 * price(evidence.samples(), evidence.options())).abs()
+                < 1e-9
+        );
         let mut named = bare.clone();
         named.fitted.model = Model::new(*bare.fitted.model.context(), &[EffectId::CoulombFriction]);
-        assert!((more(&named) - PRIOR).abs() < 1e-9);
+        assert!((more(&named) - evidence.options.effect_cost).abs() < 1e-9);
         // Three steps on the recording, two on the other: each a height and an instant.
         let mut stepping = bare.clone();
         stepping.fitted.nuisances = vec![Nuisance::unknown(3, 0)];
@@ -229,7 +226,7 @@ mod tests {
         }
         assert!(evidence.cost(&other) > evidence.cost(&bare));
         // Nor does what is below the floor.
-        let least = least_square(Channel::ID, 0.0);
+        let least = evidence.least_square(Channel::ID, 0.0);
         assert_eq!(log_square(0.5, least), log_square(0.2, least));
     }
 
@@ -239,10 +236,14 @@ mod tests {
         for broken in [judged(f64::NAN, 1.0, 1.0, 4), judged(1.0, 1.0, f64::INFINITY, 4)] {
             assert!(evidence.cost(&broken).is_finite());
             assert!(
-                !evidence.prefers(&broken, &bare) && evidence.cost(&bare) + DECISIVE < evidence.cost(&broken)
+                !evidence.prefers(&broken, &bare)
+                    && evidence.cost(&bare) + evidence.options.decisive < evidence.cost(&broken)
             );
         }
         // Recordings too short for one independent sample count as a few.
-        assert!(price(&[0.0]) > 0.0 && misfit(&hypothesis(1.0, 1.0, 4), &[0.0, 0.0]) == 0.0);
+        assert!(
+            price(&[0.0], evidence.options()) > 0.0
+                && evidence.misfit(&hypothesis(1.0, 1.0, 4), &[0.0, 0.0]) == 0.0
+        );
     }
 }

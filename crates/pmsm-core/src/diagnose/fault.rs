@@ -9,7 +9,7 @@ use super::fitting::free_parameters;
 use super::hypothesis::Hypothesis;
 use super::locate::{self, Located};
 use super::select::Outcome;
-use super::verdict::{self, MISMATCH};
+use super::verdict;
 use crate::base::BASE;
 use crate::basis::orthonormal;
 use crate::effect::Site;
@@ -102,7 +102,7 @@ fn absorbed(data: &Data, base: &Hypothesis, best: &Hypothesis) -> Vec<Located> {
 /// Whether the currents leave a mismatch, and the motion none that another flux and other inductances would not take away, to first order.
 fn bent(data: &Data, base: &Hypothesis) -> bool {
     let mut excess = base.squares.iter().zip(verdict::beyond_chance(base));
-    if !excess.any(|((channel, _), excess)| channel.is_electrical() && excess > MISMATCH) {
+    if !excess.any(|((channel, _), excess)| channel.is_electrical() && excess > data.options.mismatch) {
         return false;
     }
     let (_, rotor, _) = free_parameters(data, &base.model);
@@ -115,7 +115,7 @@ fn bent(data: &Data, base: &Hypothesis) -> bool {
     let linear = experiment.linearise(&base.parameters, &free);
     let basis = orthonormal(&linear.jacobian);
     let freed = &linear.residual - &basis * basis.tr_mul(&linear.residual);
-    experiment.relative_rms(&freed).iter().all(|left| left * left <= 1.0 + MISMATCH)
+    experiment.relative_rms(&freed).iter().all(|left| left * left <= 1.0 + data.options.mismatch)
 }
 
 #[cfg(test)]

@@ -4,7 +4,6 @@
 use super::data::{Data, SETTINGS};
 use super::hypothesis::Hypothesis;
 use super::motion::{self, Found};
-use super::verdict::MISMATCH;
 use crate::base::BASE;
 use crate::effect::Site;
 use crate::error::Result;
@@ -194,7 +193,7 @@ fn staged(
 fn in_agreement(data: &Data, apart: Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
     let explained = |h: &Hypothesis, electrical: bool| {
         let mut side = h.squares.iter().filter(|(c, _)| c.is_electrical() == electrical);
-        side.all(|(_, square)| *square <= 1.0 + MISMATCH)
+        side.all(|(_, square)| *square <= 1.0 + data.options.mismatch)
     };
     if !explained(&apart, true) || explained(&apart, false) || monitor.cancelled() {
         return Ok(apart);
@@ -343,9 +342,13 @@ mod tests {
         let l_q = setup.machine.get(BaseParameter::LQ).unwrap();
         let nameplate = setup.machine.with(BaseParameter::LQ, 1.25 * l_q).unwrap();
         let signals = crate::signals::Signals::new(&recording, &nameplate).unwrap();
-        let mut data = Data::new(signals, &nameplate).unwrap();
+        let mut data = Data::new(signals, &nameplate, &Default::default()).unwrap();
         let base = crate::diagnose::bare::fit(&mut data, &Silent).unwrap();
-        assert!(crate::diagnose::verdict::largest_excess(&base) < MISMATCH, "{:?}", base.squares);
+        assert!(
+            crate::diagnose::verdict::largest_excess(&base) < data.options.mismatch,
+            "{:?}",
+            base.squares
+        );
     }
 
     #[test]
@@ -368,7 +371,11 @@ mod tests {
             side.map(|(_, square)| *square).fold(0.0, f64::max)
         };
         let apart = with_flux(1.01);
-        assert!(left(&apart, true) < 1.0 + MISMATCH && left(&apart, false) > 10.0, "{:?}", apart.squares);
+        assert!(
+            left(&apart, true) < 1.0 + data.options.mismatch && left(&apart, false) > 10.0,
+            "{:?}",
+            apart.squares
+        );
         let both = in_agreement(&data, apart, &Silent).unwrap();
         assert!(left(&both, true) < 1.1 && left(&both, false) < 1.1, "{:?}", both.squares);
         assert!((both.parameters[psi_m] / truth[psi_m] - 1.0).abs() < 2e-3);

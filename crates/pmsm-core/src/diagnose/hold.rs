@@ -5,7 +5,7 @@ use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::select::{Outcome, Swap};
 use super::transfer::transfer;
-use super::verdict::{UNEXPLAINED, beyond_chance};
+use super::verdict::beyond_chance;
 use crate::effect::Site;
 use crate::error::Result;
 use crate::monitor::Monitor;
@@ -65,7 +65,8 @@ pub fn settle(
         }
         Ok((theirs, before))
     };
-    let asks = |hypothesis: &Hypothesis| beyond_chance(hypothesis).any(|excess| excess > UNEXPLAINED);
+    let enough = data.options.explained;
+    let asks = |hypothesis: &Hypothesis| beyond_chance(hypothesis).any(|excess| excess > enough);
     let command = || in_stator(Logged::Command);
     let (early, rotor) = rayon::join(|| asks(found).then(command).transpose(), in_rotor);
     let (in_rotor, before) = rotor?;
@@ -74,7 +75,7 @@ pub fn settle(
         None if before.iter().any(asks) => command()?,
         None => return Ok(Held::InRotor(in_rotor)),
     };
-    if !promises(&before, &held) {
+    if !promises(&before, &held, enough) {
         return Ok(Held::InRotor(in_rotor));
     }
     let mut logged = Logged::Command;
@@ -83,7 +84,7 @@ pub fn settle(
         (tried, held, logged) = (by_mean, mean, Logged::Mean);
     }
     let mut after = vec![held.clone()];
-    if !tells(&before[..1], &after) {
+    if !tells(&before[..1], &after, enough) {
         return Ok(Held::InRotor(in_rotor));
     }
     let mut theirs = in_rotor.clone();
@@ -91,7 +92,7 @@ pub fn settle(
         other.hold_in_stator(logged);
         after.push(transfer(other, &held, monitor)?);
     }
-    if !explained(&before, &after) {
+    if !explained(&before, &after, enough) {
         return Ok(Held::InRotor(in_rotor));
     }
     tried.signals.findings.push(Finding {
@@ -136,7 +137,7 @@ pub fn in_place_of_one(
 
 /// Whether what was left of the currents, or of the motion, has become so much less `after` on the first recording that one reading of the
 /// log may explain it; what others alone have left may be.
-fn promises(before: &[Hypothesis], after: &Hypothesis) -> bool {
+fn promises(before: &[Hypothesis], after: &Hypothesis, enough: f64) -> bool {
     let of = |hypothesis: &Hypothesis, electrical: bool| -> Vec<f64> {
         let channels = beyond_chance(hypothesis).zip(&hypothesis.squares);
         channels
@@ -144,7 +145,7 @@ fn promises(before: &[Hypothesis], after: &Hypothesis) -> bool {
             .map(|(excess, _)| excess.max(0.0))
             .collect()
     };
-    let asks = |hypothesis: &Hypothesis, side: bool| of(hypothesis, side).iter().any(|x| *x > UNEXPLAINED);
+    let asks = |hypothesis: &Hypothesis, side: bool| of(hypothesis, side).iter().any(|x| *x > enough);
     let sum = |hypothesis: &Hypothesis, side: bool| of(hypothesis, side).iter().sum::<f64>();
     [true, false].into_iter().any(|side| match asks(&before[0], side) {
         true => sum(after, side) <= PROMISING * sum(&before[0], side),
@@ -158,13 +159,13 @@ fn left_over(hypothesis: &Hypothesis) -> f64 {
 }
 
 /// Whether all that was left of the currents, or of the motion, is gone, and the rest no worse.
-fn explained(before: &[Hypothesis], after: &[Hypothesis]) -> bool {
-    sides(before, after).into_iter().any(|side| side.asks && side.gone)
+fn explained(before: &[Hypothesis], after: &[Hypothesis], enough: f64) -> bool {
+    sides(before, after, enough).into_iter().any(|side| side.asks && side.gone)
 }
 
 /// Whether that can still be so with more recordings than these.
-fn tells(before: &[Hypothesis], after: &[Hypothesis]) -> bool {
-    sides(before, after).into_iter().any(|side| side.gone)
+fn tells(before: &[Hypothesis], after: &[Hypothesis], enough: f64) -> bool {
+    sides(before, after, enough).into_iter().any(|side| side.gone)
 }
 
 /// Currents or motion of some recordings.
@@ -175,7 +176,7 @@ struct Side {
     gone: bool,
 }
 
-fn sides(before: &[Hypothesis], after: &[Hypothesis]) -> [Side; 2] {
+fn sides(before: &[Hypothesis], after: &[Hypothesis], enough: f64) -> [Side; 2] {
     let pairs = |electrical: bool| -> Vec<(f64, f64)> {
         let on_run = |(before, after): (&Hypothesis, &Hypothesis)| {
             let excess = beyond_chance(before).zip(beyond_chance(after));
@@ -188,11 +189,11 @@ fn sides(before: &[Hypothesis], after: &[Hypothesis]) -> [Side; 2] {
     [true, false].map(|side| {
         let (own, rest) = (pairs(side), pairs(!side));
         let gone = |(before, after): &(f64, f64)| {
-            *after <= if *before > UNEXPLAINED { (LEFT * before).min(UNEXPLAINED) } else { UNEXPLAINED }
+            *after <= if *before > enough { (LEFT * before).min(enough) } else { enough }
         };
         let no_worse = |(before, after): &(f64, f64)| *after <= before + MORE * (1.0 + before.max(0.0));
         Side {
-            asks: own.iter().any(|(before, _)| *before > UNEXPLAINED),
+            asks: own.iter().any(|(before, _)| *before > enough),
             gone: own.iter().all(gone) && rest.iter().all(no_worse),
         }
     })
@@ -201,6 +202,8 @@ fn sides(before: &[Hypothesis], after: &[Hypothesis]) -> [Side; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const ENOUGH: f64 = 0.12;
     use crate::effects::testing::CX;
     use crate::experiment::Channel;
     use crate::model::Model;
@@ -214,11 +217,11 @@ mod tests {
 
     #[test]
     fn the_other_reading_is_asked_where_one_has_done_most_of_it() {
-        assert!(promises(&[left(9.0, 3.0, 50.0)], &left(3.0, 1.5, 50.0)));
-        assert!(!promises(&[left(9.0, 3.0, 50.0)], &left(8.0, 2.5, 49.0)));
+        assert!(promises(&[left(9.0, 3.0, 50.0)], &left(3.0, 1.5, 50.0), ENOUGH));
+        assert!(!promises(&[left(9.0, 3.0, 50.0)], &left(8.0, 2.5, 49.0), ENOUGH));
         // Where friction is missing nothing is left of the currents that anything could explain.
-        assert!(!promises(&[left(1.02, 1.0, 50.0)], &left(1.0, 1.0, 50.0)));
-        assert!(promises(&[left(1.02, 1.0, 1.0), left(1.4, 1.0, 1.0)], &left(1.05, 1.0, 1.0)));
+        assert!(!promises(&[left(1.02, 1.0, 50.0)], &left(1.0, 1.0, 50.0), ENOUGH));
+        assert!(promises(&[left(1.02, 1.0, 1.0), left(1.4, 1.0, 1.0)], &left(1.05, 1.0, 1.0), ENOUGH));
         // Of two readings the one that leaves less of a faint channel is the better, whatever a loud one says.
         assert!(left_over(&left(1.0, 1.0, 50.1)) < left_over(&left(1.2, 1.1, 50.0)));
     }
@@ -228,20 +231,21 @@ mod tests {
         let runs = |a, b| [a, b];
         // The currents show it on the second run alone; friction is missing.
         let before = runs(left(1.05, 1.0, 90.0), left(1.42, 1.1, 40.0));
-        assert!(explained(&before, &runs(left(1.0, 1.0, 89.0), left(1.01, 1.0, 41.0))));
-        assert!(!explained(&before, &runs(left(1.0, 1.0, 89.0), left(1.2, 1.0, 41.0))));
+        assert!(explained(&before, &runs(left(1.0, 1.0, 89.0), left(1.01, 1.0, 41.0)), ENOUGH));
+        assert!(!explained(&before, &runs(left(1.0, 1.0, 89.0), left(1.2, 1.0, 41.0)), ENOUGH));
         // Of the first run alone it is not known yet, or no longer.
         assert!(
-            tells(&before[..1], &[left(1.0, 1.0, 89.0)]) && !explained(&before[..1], &[left(1.0, 1.0, 89.0)])
+            tells(&before[..1], &[left(1.0, 1.0, 89.0)], ENOUGH)
+                && !explained(&before[..1], &[left(1.0, 1.0, 89.0)], ENOUGH)
         );
-        assert!(!tells(&before[..1], &[left(1.2, 1.0, 89.0)]));
-        assert!(!explained(&before, &runs(left(1.0, 1.0, 99.0), left(1.01, 1.0, 41.0))));
+        assert!(!tells(&before[..1], &[left(1.2, 1.0, 89.0)], ENOUGH));
+        assert!(!explained(&before, &runs(left(1.0, 1.0, 99.0), left(1.01, 1.0, 41.0)), ENOUGH));
         // The motion of the fitted run alone proves nothing against that of the other one.
         let before = runs(left(1.0, 1.0, 1.3), left(1.0, 1.0, 1.05));
-        assert!(explained(&before, &runs(left(1.0, 1.0, 1.01), left(1.0, 1.0, 1.0))));
-        assert!(!explained(&before, &runs(left(1.0, 1.0, 1.01), left(1.0, 1.0, 1.9))));
+        assert!(explained(&before, &runs(left(1.0, 1.0, 1.01), left(1.0, 1.0, 1.0)), ENOUGH));
+        assert!(!explained(&before, &runs(left(1.0, 1.0, 1.01), left(1.0, 1.0, 1.9)), ENOUGH));
         // Where nothing was left there is nothing to explain.
         let still = runs(left(1.0, 1.0, 1.05), left(1.0, 1.0, 1.05));
-        assert!(!explained(&still, &runs(left(1.0, 1.0, 1.0), left(1.0, 1.0, 1.0))));
+        assert!(!explained(&still, &runs(left(1.0, 1.0, 1.0), left(1.0, 1.0, 1.0)), ENOUGH));
     }
 }

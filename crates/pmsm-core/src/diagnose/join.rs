@@ -5,6 +5,7 @@
 
 use super::data::Data;
 use super::hypothesis::Hypothesis;
+use super::options::DiagnosisOptions;
 use crate::base::BASE;
 use crate::error::{Error, Result};
 use crate::experiment::split;
@@ -20,16 +21,21 @@ use crate::start;
 /// # Errors
 /// [`Error::Unusable`] without any recording; those of [`Data::new`], and [`Error::Column`] for one that cannot be combined with the
 /// first, of several recordings within [`Error::InRecording`].
-pub fn prepare(recordings: &[&Recording], machine: &Machine) -> Result<Data> {
-    prepared(recordings, machine, None)
+pub fn prepare(recordings: &[&Recording], machine: &Machine, options: &DiagnosisOptions) -> Result<Data> {
+    prepared(recordings, machine, None, options)
 }
 
 /// The same without the voltages, which tell nothing and `why`, where motion is left without them.
 ///
 /// # Errors
 /// Those of [`prepare`].
-pub fn motion_alone(recordings: &[&Recording], machine: &Machine, why: &Finding) -> Result<Data> {
-    prepared(recordings, machine, Some(why))
+pub fn motion_alone(
+    recordings: &[&Recording],
+    machine: &Machine,
+    why: &Finding,
+    options: &DiagnosisOptions,
+) -> Result<Data> {
+    prepared(recordings, machine, Some(why), options)
 }
 
 /// A recording as signals, without its voltages if there is a reason for that.
@@ -44,7 +50,12 @@ pub fn read(recording: &Recording, machine: &Machine, why: Option<&Finding>) -> 
     Ok(signals)
 }
 
-fn prepared(recordings: &[&Recording], machine: &Machine, why: Option<&Finding>) -> Result<Data> {
+fn prepared(
+    recordings: &[&Recording],
+    machine: &Machine,
+    why: Option<&Finding>,
+    options: &DiagnosisOptions,
+) -> Result<Data> {
     let numbered = |(at, recording): (usize, &&Recording)| {
         read(recording, machine, why).map_err(|e| within(e, at, recordings.len()))
     };
@@ -53,13 +64,13 @@ fn prepared(recordings: &[&Recording], machine: &Machine, why: Option<&Finding>)
         return Err(Error::unusable("no recording was given", "give at least one"));
     }
     if signals.len() == 1 {
-        return Data::new(signals.remove(0), machine);
+        return Data::new(signals.remove(0), machine, options);
     }
     distinct(recordings)?;
     combinable(&signals)?;
     let common = agree_on_temperatures(&mut signals);
     let start = first_values(&signals, machine)?;
-    let parts = signals.into_iter().map(|s| Data::started(s, machine, start)).collect();
+    let parts = signals.into_iter().map(|s| Data::started(s, machine, start, options)).collect();
     Ok(Data::joined(parts, common))
 }
 
@@ -178,6 +189,7 @@ impl Data {
             start: parts[0].start,
             prior: parts[0].prior.clone(),
             nameplate: parts[0].nameplate,
+            options: parts[0].options,
             poor: false,
             held_out: None,
             parts,
@@ -265,7 +277,8 @@ mod tests {
 
     fn together(setups: &[Setup]) -> Answer {
         let runs: Vec<Recording> = setups.iter().map(|s| simulate(s, &Silent).unwrap().recording).collect();
-        diagnose(&runs.iter().collect::<Vec<_>>(), &setups[0].nameplate, None, &Silent).unwrap()
+        diagnose(&runs.iter().collect::<Vec<_>>(), &setups[0].nameplate, None, &Default::default(), &Silent)
+            .unwrap()
     }
 
     fn strength(answer: &Answer) -> f64 {
@@ -327,7 +340,7 @@ mod tests {
         let held = Recording::new(columns(&|_| true), Some(crate::recording::Load::Locked)).unwrap();
         assert_eq!((mechanical.kind(), held.kind()), (Kind::Mechanical, Kind::Electrical));
         let machine = setup(sweep(60.0, 90.0), Vec::new()).nameplate;
-        let answer = diagnose(&[&mechanical, &held], &machine, None, &Silent).unwrap();
+        let answer = diagnose(&[&mechanical, &held], &machine, None, &Default::default(), &Silent).unwrap();
         assert_eq!(answer.recording_kind, Some(Kind::Full));
         let channels = |k: usize| answer.recordings[k].fit.after.keys().cloned().collect::<Vec<_>>();
         assert_eq!(
@@ -347,7 +360,7 @@ mod tests {
         let given = columns.map(|(name, x)| (name.to_string(), level(x))).to_vec();
         let points = Recording::new(given, None).unwrap();
         let machine = setup(sweep(60.0, 90.0), Vec::new()).nameplate;
-        let error = prepare(&[&waveform, &points], &machine).unwrap_err();
+        let error = prepare(&[&waveform, &points], &machine, &Default::default()).unwrap_err();
         assert!(matches!(error, Error::InRecording { number: 2, .. }), "{error}");
         assert!(
             error.to_string().contains("operating points") && error.to_string().contains("by themselves")
@@ -359,10 +372,10 @@ mod tests {
         let (one, other) = (setup(sweep(60.0, 90.0), Vec::new()), setup(sweep(40.0, 90.0), Vec::new()));
         let machine = one.nameplate.clone();
         let [one, other] = [one, other].map(|s| simulate(&s, &Silent).unwrap().recording);
-        let error = prepare(&[&one, &other, &one], &machine).unwrap_err();
+        let error = prepare(&[&one, &other, &one], &machine, &Default::default()).unwrap_err();
         assert!(matches!(error, Error::InRecording { number: 3, .. }), "{error}");
         assert!(error.to_string().contains("recording 1"), "{error}");
-        let error = diagnose(&[&one], &machine, Some(&one), &Silent).unwrap_err();
+        let error = diagnose(&[&one], &machine, Some(&one), &Default::default(), &Silent).unwrap_err();
         assert!(error.to_string().contains("judges nothing"), "{error}");
     }
 

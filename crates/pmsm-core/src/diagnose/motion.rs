@@ -172,7 +172,7 @@ mod tests {
     use super::*;
     use crate::diagnose::hypothesis::Hypothesis;
     use crate::diagnose::testing::{data, fitted, setup, speeds};
-    use crate::diagnose::verdict::{MISMATCH, largest_excess};
+    use crate::diagnose::verdict::largest_excess;
     use crate::diagnose::{bare, fitting};
     use crate::drive::{Choice, Schedule, Shape, simulate};
     use crate::effects::EffectId;
@@ -245,8 +245,12 @@ mod tests {
             *machine = machine.clone().with_drive(Some(560.0), Some(20.0), Some(2e4)).unwrap();
         }
         let recording = simulate(&setup, &Silent).unwrap().recording;
-        let mut data =
-            Data::new(Signals::new(&recording, &setup.nameplate).unwrap(), &setup.nameplate).unwrap();
+        let mut data = Data::new(
+            Signals::new(&recording, &setup.nameplate).unwrap(),
+            &setup.nameplate,
+            &Default::default(),
+        )
+        .unwrap();
         let base = bare::fit(&mut data, &Silent).unwrap();
         let speed = data.floors.iter().find(|f| f.channel == Channel::OmegaE).unwrap();
         assert!(speed.wander.is_some(), "{speed:?}");
@@ -256,7 +260,7 @@ mod tests {
             (found[4] - 1.42).abs() < 0.02 && (found[2] - found[1] - SMALL).abs() < 0.3 * SMALL,
             "{found:?}"
         );
-        assert!(largest_excess(&base) < 0.5 * MISMATCH, "{:?}", base.squares);
+        assert!(largest_excess(&base) < 0.5 * data.options.mismatch, "{:?}", base.squares);
     }
 
     #[test]
@@ -273,8 +277,12 @@ mod tests {
         let names = ["t", "v_d", "v_q", "i_a", "i_b", "i_c", "theta_e", "omega_e"];
         let columns = names.iter().filter_map(|name| Some((name.to_string(), logged(whole.column(name)?))));
         let recording = Recording::new(columns.collect(), None).unwrap();
-        let mut data =
-            Data::new(Signals::new(&recording, &setup.nameplate).unwrap(), &setup.nameplate).unwrap();
+        let mut data = Data::new(
+            Signals::new(&recording, &setup.nameplate).unwrap(),
+            &setup.nameplate,
+            &Default::default(),
+        )
+        .unwrap();
         let base = bare::fit(&mut data, &Silent).unwrap();
         let shaft = fitted(&data, &base, EffectId::TwoMassShaft);
         assert_eq!(shaft.nuisances[0].initial, 6);
@@ -285,7 +293,7 @@ mod tests {
         let mut settled = shaft.parameters.clone();
         settled[count + 2..].fill(0.0);
         let settled = Hypothesis::on(&data, shaft.model, settled, shaft.free, shaft.nuisances);
-        assert!(settled.square(Channel::OmegaE) > 1.0 + MISMATCH, "{:?}", settled.squares);
+        assert!(settled.square(Channel::OmegaE) > 1.0 + data.options.mismatch, "{:?}", settled.squares);
     }
 
     #[test]
@@ -299,7 +307,7 @@ mod tests {
         setup.drive.sensors.noise_tau = 0.01;
         let (data, base) = data(&setup);
         assert!(data.windows.len() > 4, "{:?}", data.windows);
-        assert!(largest_excess(&base) < MISMATCH, "{:?}", base.squares);
+        assert!(largest_excess(&base) < data.options.mismatch, "{:?}", base.squares);
         // In windows over the jumps the same model leaves far more than noise.
         let mut whole = data.clone();
         whole.windows = vec![0..1250, 1250..2500, 2500..3750, 3750..data.signals.len()];

@@ -17,11 +17,11 @@ mod shapes;
 mod words;
 
 use super::data::Data;
-use super::evidence::{DECISIVE, PRIOR, price};
+use super::evidence::price;
 use super::hypothesis::Hypothesis;
 use super::locate::upper_tail;
+use super::options::DiagnosisOptions;
 use super::shortlist::{Scorer, batches, solve};
-use super::verdict::MISMATCH;
 use crate::basis::{freed, orthonormal, orthonormal_beside};
 use crate::effect::Role;
 use crate::effects::EffectId;
@@ -87,6 +87,7 @@ struct Survey<'a> {
     best: &'a Hypothesis,
     worth: &'a [f64],
     poor: bool,
+    options: DiagnosisOptions,
     fitted: Fitted,
     known: Known,
     found: Vec<Found>,
@@ -133,7 +134,7 @@ pub fn survey(
     }
     let fitted = Fitted::new(jacobian, basis);
     let known = Known::new(basis.clone(), &columns, blocks);
-    let survey = Survey { scorer, best, worth, poor, fitted, known, found };
+    let survey = Survey { scorer, best, worth, poor, options: data.options, fitted, known, found };
     let judged: Vec<Option<Shown>> = absent
         .par_iter()
         .map(|effect| if monitor.cancelled() { None } else { survey.judge(*effect) })
@@ -228,10 +229,11 @@ impl Survey<'_> {
         // The misfit is a mean over recordings.
         let runs = self.best.runs() as f64;
         (gain, variance) = (gain / runs, variance / (runs * runs));
-        let needed = PRIOR + DECISIVE + price(self.worth) * count as f64;
+        let options = &self.options;
+        let needed = options.effect_cost + options.decisive + price(self.worth, options) * count as f64;
         let spread = (variance + 0.5 * count as f64 * share).sqrt();
         let power = upper_tail((needed - gain) / spread.max(f64::MIN_POSITIVE));
-        if self.poor && squares.iter().all(|x| *x <= MISMATCH) { 0.0 } else { power }
+        if self.poor && squares.iter().all(|x| *x <= options.mismatch) { 0.0 } else { power }
     }
 
     /// How much of a found effect's trace another's columns reproduce within bounds, and what they would lose against it.
@@ -288,7 +290,7 @@ mod tests {
     /// Whether an effect does nearly all that the found one does, for little less evidence.
     fn resembles(shown: &Shown, found: EffectId) -> bool {
         let (_, cosine, nats) = shown.likeness.iter().find(|(e, ..)| *e == found).unwrap();
-        *cosine > 0.95 && *nats < DECISIVE
+        *cosine > 0.95 && *nats < DiagnosisOptions::default().decisive
     }
 
     #[test]
@@ -356,7 +358,9 @@ mod tests {
         use crate::drive::simulate;
         let setup = setup(narrow(), vec![choice("coulomb_friction", "tau_c", 1.0)]);
         let recording = simulate(&setup, &Silent).unwrap().recording;
-        let answer = crate::diagnose::diagnose(&[&recording], &setup.nameplate, None, &Silent).unwrap();
+        let answer =
+            crate::diagnose::diagnose(&[&recording], &setup.nameplate, None, &Default::default(), &Silent)
+                .unwrap();
         assert_ne!(answer.verdict, Verdict::Named, "{:?}", answer.model);
         if answer.verdict == Verdict::Ambiguous {
             assert!(answer.next_experiment.is_some());

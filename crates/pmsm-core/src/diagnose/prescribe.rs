@@ -8,7 +8,6 @@ mod rivalry;
 use super::answer::Verdict;
 use super::data::Data;
 use super::decide::Ranked;
-use super::evidence::DECISIVE;
 use super::hypothesis::Hypothesis;
 use super::power::times;
 use super::select::Outcome;
@@ -23,8 +22,8 @@ use rivalry::{Rival, Separation};
 
 /// Rivals compared at most.
 const RIVALS: usize = 3;
-/// A rival that loses fewer nats than this against what was named is worth an experiment.
-const CLOSE: f64 = 2.0 * DECISIVE;
+/// A rival that loses less than this many times a decisive gain against what was named is worth an experiment.
+const CLOSE: f64 = 2.0;
 /// Least-squares steps with which a rival adjusts itself to a manoeuvre: when manoeuvres are compared, and for the words on the best.
 const STEPS: (usize, usize) = (1, 5);
 /// Manoeuvres looked at closely.
@@ -86,6 +85,7 @@ fn rivals<'a>(
 ) -> Option<(&'static str, Vec<Named<'a>>)> {
     let loss = |judged| outcome.evidence.cost(judged);
     let floor = loss(&outcome.best);
+    let close_by = CLOSE * outcome.evidence.options().decisive;
     let of = |first: &Ranked| -> Vec<Named<'a>> {
         let mut swaps: Vec<_> = outcome.swaps.iter().filter(|s| s.replaced == first.effect).collect();
         swaps.sort_by(|a, b| loss(&a.judged).total_cmp(&loss(&b.judged)));
@@ -94,7 +94,7 @@ fn rivals<'a>(
             let asked = if verdict == Verdict::Ambiguous {
                 first.equivalent.contains(&by)
             } else {
-                loss(&s.judged) < floor + CLOSE && !by.contains(first.effect)
+                loss(&s.judged) < floor + close_by && !by.contains(first.effect)
             };
             asked.then(|| (by.id(), &s.judged.fitted))
         });
@@ -158,7 +158,7 @@ fn tell_apart(data: &Data, best: Named, others: &[Named], monitor: &dyn Monitor)
     let (name, rival) = (best.0, others[chosen.worst]);
     let (words, load) = (&chosen.candidate.words, bench.load_words());
     let Separation { nats, channel, left } = chosen.separation;
-    if nats < DECISIVE {
+    if nats < data.options.decisive {
         return Ok(Some(format!(
             "No manoeuvre within the recorded speed, current and voltage would tell {name} from {}: the best of {} tried \
              ({words}{load}) would leave the rival at {} times the noise. Go beyond the recorded range where it is safe.",
@@ -271,7 +271,7 @@ mod tests {
         };
         let candidates = contest.bench.limits.candidates().unwrap();
         let tried = contest.compare(candidates.iter().collect(), STEPS.1).unwrap();
-        assert!(tried[0].separation.nats > 2.0 * DECISIVE, "{:?}", tried[0].separation);
+        assert!(tried[0].separation.nats > CLOSE * data.options.decisive, "{:?}", tried[0].separation);
         assert!(tried[0].candidate.words.contains("reverse"), "{}", tried[0].candidate.words);
         // On that manoeuvre the rival fails as foretold, and the right one does not.
         let trial = contest.bench.run(&right, tried[0].candidate, &Silent).unwrap().unwrap();

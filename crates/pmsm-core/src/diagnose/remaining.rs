@@ -4,18 +4,10 @@ use super::answer::Step;
 use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::locate::{self, Located};
+use super::options::DiagnosisOptions;
 use super::power::times;
 use crate::experiment::Channel;
 use serde::Serialize;
-
-/// Times the noise from which what an effect leaves is a further cause. Below it lies what the forms of right effects leave: real saturation
-/// curves, shaft dampings and friction humps are not quite those of the catalogue, and the independent plant's own equations come back to
-/// up to 1.2 times the noise.
-pub const FURTHER: f64 = 1.5;
-/// Probability of so much by chance above which nothing is said to remain.
-const CHANCE: f64 = 1e-3;
-/// Highest probability of a name beside which something remains: an even chance. What is named may only stand in for the cause of both.
-pub const CEILING_BESIDE: f64 = 0.5;
 
 /// Times the noise that is left of an equation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -68,7 +60,7 @@ pub fn beside(data: &Data, model: &Hypothesis, foreseen: Option<(&Data, &Hypothe
     let of = |channel: Channel| {
         let here = Seen::of(model, channel)?;
         let there = foreseen.and_then(|(_, found)| Seen::of(found, channel));
-        let further = |seen: &Seen| seen.excess > FURTHER * FURTHER - 1.0 && seen.p_value < CHANCE;
+        let further = |seen: &Seen| seen.is_a_further_cause(&data.options);
         let worst = [Some(here), there].into_iter().flatten().filter(further).reduce(Seen::larger)?;
         let (run, found) = foreseen.filter(|_| there == Some(worst)).unwrap_or((data, model));
         let equation = locate::equation_of(channel);
@@ -99,6 +91,10 @@ impl Seen {
             Self { square: *square, excess, p_value: locate::upper_tail(excess * (0.5 * samples).sqrt()) }
         });
         own.reduce(Self::larger)
+    }
+
+    fn is_a_further_cause(&self, options: &DiagnosisOptions) -> bool {
+        self.excess > options.remaining_times.powi(2) - 1.0 && self.p_value < options.remaining_chance
     }
 
     fn larger(self, other: Self) -> Self {
@@ -190,7 +186,7 @@ mod tests {
         let other = [(0.3, -70.0), (0.9, 95.0), (1.2, 20.0), (1.7, -40.0), (2.2, 60.0)];
         let (recording, machine) = recorded(&path, effects.clone(), foreign);
         let (validation, _) = recorded(&other, effects, foreign);
-        diagnose(&[&recording], &machine, Some(&validation), &Silent).unwrap()
+        diagnose(&[&recording], &machine, Some(&validation), &Default::default(), &Silent).unwrap()
     }
 
     /// A brake by eddy currents: strongest at 25 rad/s, weaker beyond.
@@ -237,7 +233,7 @@ mod tests {
             model.samples = vec![samples; model.squares.len()];
             model.chance = vec![chance; model.squares.len()];
             let seen = Seen::of(&model, Channel::OmegaE).unwrap();
-            seen.excess > FURTHER * FURTHER - 1.0 && seen.p_value < CHANCE
+            seen.is_a_further_cause(&DiagnosisOptions::default())
         };
         assert!(!seen(1.9, 1000.0, 0.0) && seen(2.5, 1000.0, 0.0));
         // Of few independent samples, or of noise that adds up, chance leaves as much.
@@ -258,11 +254,12 @@ mod tests {
         };
         assert_eq!(beside(0.0), []);
         let left = beside(0.3);
+        let options = DiagnosisOptions::default();
         let [one] = &left[..] else { panic!("{left:?}") };
         assert!(one.equation == "mechanical" && one.beside == ["coulomb_friction"], "{one:?}");
         assert!(
-            one.times_noise.recording > FURTHER
-                && one.p_value < CHANCE
+            one.times_noise.recording > options.remaining_times
+                && one.p_value < options.remaining_chance
                 && one.times_noise.validation.is_none()
         );
     }

@@ -6,7 +6,7 @@ use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::pace;
-use super::select::{self, Outcome, Search};
+use super::select::{Outcome, Search};
 use super::transfer::transfer;
 use super::verdict;
 use crate::effect::Site;
@@ -62,12 +62,18 @@ fn in_halves(
     monitor: &dyn Monitor,
 ) -> Result<Option<Outcome>> {
     // Half a recording may not pin down what the whole does: where the bare machine fits the whole, nothing is wrong with it.
-    let split = others.is_empty() && !whole.poor && verdict::largest_excess(base) > verdict::MISMATCH;
+    let split = others.is_empty() && !whole.poor && verdict::largest_excess(base) > whole.options.mismatch;
     let Some((fitted, held_out)) = split.then(|| whole.halves()).flatten() else { return Ok(None) };
     let start = fitting::refit(&fitted, base, monitor)?;
     let held_out = vec![&held_out];
-    let search =
-        Search { data: &fitted, held_out, refuting: Vec::new(), most: select::MOST, from: None, monitor };
+    let search = Search {
+        data: &fitted,
+        held_out,
+        refuting: Vec::new(),
+        most: whole.options.most_effects,
+        from: None,
+        monitor,
+    };
     on_whole(whole, search.run(start)?, base, monitor).map(Some)
 }
 
@@ -79,7 +85,14 @@ fn open<'a>(
     monitor: &'a dyn Monitor,
 ) -> Search<'a> {
     let held_out = others.iter().collect();
-    Search { data, held_out, refuting: Vec::new(), most: select::MOST, from: from.cloned(), monitor }
+    Search {
+        data,
+        held_out,
+        refuting: Vec::new(),
+        most: data.options.most_effects,
+        from: from.cloned(),
+        monitor,
+    }
 }
 
 /// The noise measured with the help of what was found, and what comes of a search there, where the bare machine was too far from a speed that
@@ -96,7 +109,7 @@ pub fn judged_finer(
     let moving = effects.iter().filter(|e| e.info().site == Site::Mechanical).count();
     let wanders = others.iter().chain([whole]).any(|data| unfiltered(data) > 0);
     // What is left unexplained is no noise.
-    let explained = best.excess() <= verdict::MISMATCH;
+    let explained = best.excess() <= whole.options.mismatch;
     if moving == 0 || moving == effects.len() || !wanders || !explained || monitor.cancelled() {
         return Ok(None);
     }

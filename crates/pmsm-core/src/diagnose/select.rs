@@ -28,8 +28,6 @@ pub use exchange::Swap;
 use subset::left_out;
 pub use subset::{in_place, reduced, special_cases};
 
-/// Most effects in one set, unless the recording is too poor for more than one.
-pub const MOST: usize = 10;
 /// Effects with which the whole set is refitted before the best of them is gone on from.
 const REFITTED: usize = 3;
 /// Share of the leading score from which an effect of the same side is refitted, too.
@@ -86,7 +84,7 @@ impl Outcome {
     /// Whether the best set without `effect`, all else fitted anew, has more than noise: then no other parameter makes up for it.
     pub fn needs(&self, effect: EffectId) -> bool {
         let without = self.swaps.iter().find(|s| s.replaced == effect && s.by.is_none());
-        without.map_or(&self.base, |s| &s.judged).excess() > verdict::MISMATCH
+        without.map_or(&self.base, |s| &s.judged).excess() > self.evidence.options().mismatch
     }
 
     /// Takes the bare machine for the best set.
@@ -121,14 +119,14 @@ impl Search<'_> {
         self.monitor.report("alternatives", 0.85);
         let mut swaps = Vec::new();
         let mut shown = Vec::new();
-        for _ in 0..MOST {
+        for _ in 0..self.data.options.most_effects {
             let evidence = self.evidence().limited(std::iter::once(&best));
             let worth = power::worth(self.data, &best.fitted, evidence.samples());
             if let Some(simpler) = self.simpler(&best, &worth, &evidence, &mut seen)? {
                 best = simpler;
                 continue;
             }
-            let (absent, poor) = (absent(&able, &best), self.most < MOST);
+            let (absent, poor) = (absent(&able, &best), self.most < self.data.options.most_effects);
             shown = power::survey(self.data, &best.fitted, &absent, evidence.samples(), poor, self.monitor);
             swaps = self.exchange(&best, &worth, &shown, &mut seen)?;
             let better = swaps.iter().filter(|s| evidence.prefers(&s.judged, &best));
@@ -153,7 +151,7 @@ impl Search<'_> {
         }
         // Of steady points the noise is known from a few neighbours alone: what may be noise is not looked into.
         let noise = |set: &Judged| {
-            self.data.signals.kind == Kind::OperatingPoints && set.excess() <= verdict::MISMATCH
+            self.data.signals.kind == Kind::OperatingPoints && set.excess() <= self.data.options.mismatch
         };
         while best.fitted.effects().len() < self.most && !noise(&best) && !self.monitor.cancelled() {
             let larger = self.extended(&best, &absent(able, &best))?;
@@ -176,7 +174,7 @@ impl Search<'_> {
             }
             best = self.renewed(next)?;
             seen.push(best.clone());
-            let share = best.fitted.effects().len() as f64 / MOST as f64;
+            let share = best.fitted.effects().len() as f64 / self.data.options.most_effects as f64;
             self.monitor.report("effects", 0.2 + 0.6 * share);
         }
         if best.held_out.len() < self.held_out.len() {
@@ -189,7 +187,7 @@ impl Search<'_> {
     /// beside the others: it was chosen when the others were not there.
     fn renewed(&self, mut set: Judged) -> Result<Judged> {
         let effects = set.fitted.effects();
-        if set.excess() <= verdict::MISMATCH {
+        if set.excess() <= self.data.options.mismatch {
             return Ok(set);
         }
         let evidence = self.evidence();
@@ -261,7 +259,7 @@ impl Search<'_> {
         let held_out = held_out?;
         let mut refuted = false;
         for (data, bare) in &self.refuting {
-            refuted |= !fitted.effects().is_empty() && verdict::refutes(&on(data)?, bare);
+            refuted |= !fitted.effects().is_empty() && verdict::refutes(&on(data)?, bare, &self.data.options);
         }
         Ok(Judged { fitted, held_out, refuted })
     }
@@ -338,7 +336,14 @@ mod tests {
     }
 
     fn search(data: &Data) -> Search<'_> {
-        Search { data, held_out: Vec::new(), refuting: Vec::new(), most: MOST, from: None, monitor: &Silent }
+        Search {
+            data,
+            held_out: Vec::new(),
+            refuting: Vec::new(),
+            most: data.options.most_effects,
+            from: None,
+            monitor: &Silent,
+        }
     }
 
     fn selected(present: Vec<Choice>) -> Vec<EffectId> {
@@ -383,10 +388,10 @@ mod tests {
         start[order] = right / 3.0;
         let fitted = fitting::fit(&data, &model, &start, false, &Silent).unwrap();
         let wrong = Judged { fitted, held_out: Vec::new(), refuted: false };
-        assert!(wrong.excess() > verdict::MISMATCH && wrong.fitted.own()[order] == right / 3.0);
+        assert!(wrong.excess() > data.options.mismatch && wrong.fitted.own()[order] == right / 3.0);
         let found = search(&data).renewed(wrong).unwrap();
         let slot = found.fitted.model.slots().iter().find(|s| s.effect == cogging).unwrap();
         assert_eq!(found.fitted.own()[slot.parameters.end - 1], right);
-        assert!(found.excess() < verdict::MISMATCH, "{:?}", found.fitted.squares);
+        assert!(found.excess() < data.options.mismatch, "{:?}", found.fitted.squares);
     }
 }

@@ -387,7 +387,7 @@ mod tests {
         let machine = setup(speeds(0.1, &[(0.0, 1.0)]), Vec::new()).nameplate;
         let (first, second) = (noisy(1.0, Vec::new()), noisy(-1.0, Vec::new()));
         for recordings in [&[&first][..], &[&first, &second]] {
-            let mut data = join::prepare(recordings, &machine).unwrap();
+            let mut data = join::prepare(recordings, &machine, &Default::default()).unwrap();
             let base = bare::fit(&mut data, &Silent).unwrap();
             assert!(data.runs().iter().all(|run| run.whitening.is_some()));
             let scorer = Scorer::new(&data, &base);
@@ -416,7 +416,7 @@ mod tests {
     fn a_voltage_that_lasts_stands_out_of_the_noise_of_the_others() {
         let machine = setup(speeds(0.1, &[(0.0, 1.0)]), Vec::new()).nameplate;
         let recording = noisy(1.0, vec![choice("dead_time", "v_err", 8.0)]);
-        let mut data = join::prepare(&[&recording], &machine).unwrap();
+        let mut data = join::prepare(&[&recording], &machine, &Default::default()).unwrap();
         let base = bare::fit(&mut data, &Silent).unwrap();
         let mut scorer = Scorer::new(&data, &base);
         let score = scorer.score(EffectId::DeadTime).score;
@@ -438,7 +438,8 @@ mod tests {
         let cut: Vec<(String, Vec<f64>)> = ["t", "v_d", "v_q", "i_a", "i_b", "i_c", "theta_e", "omega_e"]
             .map(|name| (name.to_string(), whole.recording.column(name).unwrap()[150..].to_vec()))
             .to_vec();
-        let mut data = join::prepare(&[&Recording::new(cut, None).unwrap()], &nameplate).unwrap();
+        let mut data =
+            join::prepare(&[&Recording::new(cut, None).unwrap()], &nameplate, &Default::default()).unwrap();
         let base = bare::fit(&mut data, &Silent).unwrap();
         let prospect = Scorer::new(&data, &base).score(EffectId::TwoMassShaft);
         let off = (prospect.start[1] / 37.0).ln().abs();

@@ -44,7 +44,9 @@ pub fn narrow() -> Manoeuvre {
 /// The simulated recording made ready, with its floors settled on the bare machine.
 pub fn data(setup: &Setup) -> (Data, Hypothesis) {
     let recording = simulate(setup, &Silent).unwrap().recording;
-    let mut data = Data::new(Signals::new(&recording, &setup.nameplate).unwrap(), &setup.nameplate).unwrap();
+    let mut data =
+        Data::new(Signals::new(&recording, &setup.nameplate).unwrap(), &setup.nameplate, &Default::default())
+            .unwrap();
     let model = Model::new(data.signals.context, &[]);
     let rough = fitting::fit(&data, &model, &data.start, false, &Silent).unwrap();
     data.settle_floors(&rough);

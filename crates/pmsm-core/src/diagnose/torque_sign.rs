@@ -108,7 +108,7 @@ mod tests {
         let setup = setup(speeds(2.0, &[(0.2, 80.0), (0.7, -60.0), (1.2, 90.0), (1.7, -70.0)]), effects);
         let whole = simulate(&setup, &Silent).unwrap().recording;
         let signals = Signals::new(&whole, &setup.nameplate).unwrap();
-        let data = Data::new(signals, &setup.nameplate).unwrap();
+        let data = Data::new(signals, &setup.nameplate, &Default::default()).unwrap();
         let torque = data.torque(&Model::new(data.signals.context, &[]), &data.start);
         let columns = vec![
             ("t".into(), data.signals.t.clone()),
@@ -116,7 +116,7 @@ mod tests {
             ("tau_e".into(), torque.iter().map(|x| sign * x).collect()),
         ];
         let recording = Recording::new(columns, Some(whole.load())).unwrap();
-        let answer = diagnose(&[&recording], &setup.nameplate, None, &Silent).unwrap();
+        let answer = diagnose(&[&recording], &setup.nameplate, None, &Default::default(), &Silent).unwrap();
         (answer.verdict, answer.data_quality.first().map_or(String::new(), |f| f.finding.clone() + &f.fix))
     }
 

@@ -22,7 +22,7 @@ use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::locate::{self, Located};
 use super::transfer::transfer;
-use super::verdict::{Judged, UNEXPLAINED, excess};
+use super::verdict::{Judged, excess};
 use crate::error::Result;
 use crate::experiment::Prior;
 use crate::map::Map;
@@ -167,7 +167,7 @@ fn places(data: &Data, best: &Hypothesis, side: Side) -> Vec<Located> {
 
 /// Sides on which more is left than may remain where something is explained, the larger excess first.
 fn sides(data: &Data, best: &Hypothesis) -> Vec<Side> {
-    let mut left: Vec<_> = best.squares.iter().filter(|(_, s)| *s > 1.0 + UNEXPLAINED).collect();
+    let mut left: Vec<_> = best.squares.iter().filter(|(_, s)| *s > 1.0 + data.options.explained).collect();
     left.sort_by(|a, b| b.1.total_cmp(&a.1));
     let mut sides = Vec::new();
     for (channel, _) in left {

@@ -1,15 +1,7 @@
 //! What a fitted hypothesis leaves on the recordings, and when that is a mismatch, an explanation or a refutation.
 
 use super::hypothesis::Hypothesis;
-
-/// Share of the floor's mean square that a channel may have beyond it and still count as explained.
-pub const UNEXPLAINED: f64 = 0.12;
-/// A mean square beyond this multiple of the bare machine's, and this much more, refutes a model.
-const REFUTES: (f64, f64) = (2.0, 1.0);
-/// Excess mean square from which a channel is called mismatched; below it nothing is looked for.
-pub const MISMATCH: f64 = 0.3;
-/// The same on a recording that was not used for fitting.
-pub const MISMATCH_HELD_OUT: f64 = 1.0;
+use super::options::DiagnosisOptions;
 
 /// A hypothesis with what it leaves on a recording that was not used for fitting.
 #[derive(Debug, Clone)]
@@ -50,8 +42,8 @@ pub fn excess(hypothesis: &Hypothesis) -> f64 {
 }
 
 /// Whether a model leaves so much more than the bare machine on a recording that it cannot be right.
-pub fn refutes(model: &Hypothesis, bare: &Hypothesis) -> bool {
-    let (times, more) = REFUTES;
+pub fn refutes(model: &Hypothesis, bare: &Hypothesis, options: &DiagnosisOptions) -> bool {
+    let (times, more) = (options.refuted_times, options.refuted_by);
     // Not "greater": what is not a number refutes, too.
     !model.squares.iter().zip(&bare.squares).all(|((_, s), (_, bare))| *s <= times * bare + more)
 }
@@ -69,8 +61,9 @@ mod tests {
     #[test]
     fn a_model_that_predicts_worse_than_the_bare_machine_is_refuted() {
         let base = judged(60.0, 1.0, 60.0, 4);
-        assert!(refutes(&judged(130.0, 1.0, 1.0, 5).fitted, &base.fitted));
-        assert!(refutes(&judged(f64::NAN, 1.0, 1.0, 5).fitted, &base.fitted));
-        assert!(!refutes(&judged(90.0, 2.5, 1.0, 5).fitted, &base.fitted));
+        let refuted = |model: Judged| refutes(&model.fitted, &base.fitted, &DiagnosisOptions::default());
+        assert!(refuted(judged(130.0, 1.0, 1.0, 5)));
+        assert!(refuted(judged(f64::NAN, 1.0, 1.0, 5)));
+        assert!(!refuted(judged(90.0, 2.5, 1.0, 5)));
     }
 }

@@ -4,6 +4,7 @@
 mod mistakes;
 
 use super::hypothesis::Hypothesis;
+use super::options::DiagnosisOptions;
 use super::{bare, join, verdict};
 use crate::error::Result;
 use crate::machine::Machine;
@@ -33,6 +34,7 @@ pub fn suspected(
     recordings: &[&Recording],
     machine: &Machine,
     base: &Hypothesis,
+    options: &DiagnosisOptions,
     monitor: &dyn Monitor,
 ) -> Result<Option<Finding>> {
     let finite = base.squares.iter().all(|(_, square)| square.is_finite());
@@ -60,7 +62,7 @@ pub fn suspected(
             continue;
         };
         let undone: Vec<&Recording> = undone.iter().collect();
-        let Ok(mut data) = join::prepare(&undone, machine) else { continue };
+        let Ok(mut data) = join::prepare(&undone, machine, options) else { continue };
         let left = verdict::largest_excess(&bare::fit(&mut data, monitor)?);
         if left < LEFT * before && left < FAR {
             explaining.push((left, *at));
@@ -129,9 +131,11 @@ mod tests {
     }
 
     fn said(recording: &Recording, machine: &Machine) -> Option<String> {
-        let mut data = join::prepare(&[recording], machine).unwrap();
+        let mut data = join::prepare(&[recording], machine, &Default::default()).unwrap();
         let base = bare::fit(&mut data, &Silent).unwrap();
-        suspected(&[recording], machine, &base, &Silent).unwrap().map(|finding| finding.finding)
+        suspected(&[recording], machine, &base, &Default::default(), &Silent)
+            .unwrap()
+            .map(|finding| finding.finding)
     }
 
     #[test]

@@ -174,7 +174,12 @@ mod tests {
         let names = ["t", "v_d", "v_q", "i_a", "i_b", "i_c", "theta_e", "omega_e"];
         let columns = names.iter().filter_map(|name| Some((name.to_string(), logged(whole.column(name)?))));
         let recording = Recording::new(columns.collect(), None).unwrap();
-        let data = Data::new(Signals::new(&recording, &setup.nameplate).unwrap(), &setup.nameplate).unwrap();
+        let data = Data::new(
+            Signals::new(&recording, &setup.nameplate).unwrap(),
+            &setup.nameplate,
+            &Default::default(),
+        )
+        .unwrap();
         let model = Model::new(data.signals.context, &[]);
         let own: Vec<f64> = BaseParameter::ALL.iter().map(|p| setup.machine.get(*p).unwrap()).collect();
         let torque = data.torque(&model, &own);

@@ -137,7 +137,7 @@ impl<'a> Bench<'a> {
         let motor = Motor { model: &truth.model, p: &p, drift: &drift };
         let recording = drive::record(&motor, &self.nameplate, &self.drive, &manoeuvre, 1, monitor)?;
         let signals = Signals::new(&self.as_logged(recording, truth, &p)?, &self.nameplate)?;
-        let mut trial = Data::new(signals, &self.nameplate)?;
+        let mut trial = Data::new(signals, &self.nameplate, &self.data.options)?;
         for floor in &mut trial.floors {
             if let Some(known) = self.data.floors.iter().find(|f| f.channel == floor.channel) {
                 *floor = *known;

@@ -157,7 +157,6 @@ mod tests {
     use crate::diagnose::data::Data;
     use crate::diagnose::hypothesis::Hypothesis;
     use crate::diagnose::power;
-    use crate::diagnose::select::MOST;
     use crate::diagnose::testing::{choice, data, setup, speeds};
     use crate::drive::{Choice, Manoeuvre, Schedule};
     use crate::model::Model;
@@ -183,7 +182,7 @@ mod tests {
             data: &data,
             held_out: Vec::new(),
             refuting: Vec::new(),
-            most: MOST,
+            most: data.options.most_effects,
             from: None,
             monitor: &Silent,
         };

@@ -10,8 +10,9 @@ use super::linear::Linear;
 use super::{Side, candidates};
 use crate::basis::orthonormal;
 use crate::diagnose::data::Data;
-use crate::diagnose::evidence::{Evidence, PRIOR, price};
+use crate::diagnose::evidence::{Evidence, price};
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::options::DiagnosisOptions;
 use crate::effect::{Role, Site};
 use crate::effects::EffectId;
 use crate::experiment::Channel;
@@ -71,7 +72,8 @@ pub(super) fn beside_discrepancy(runs: &[Seen]) -> Vec<(EffectId, f64)> {
         // What swings in time has its own phase by the clock of each run.
         let clocked = slot.effect.info().parameters.iter().any(|p| p.unit == "Hz");
         let times = if clocked { normals.len() } else { 1 };
-        let cost = PRIOR + forms.ln() + price(samples) * (times * own.len()) as f64;
+        let options = &data.options;
+        let cost = options.effect_cost + forms.ln() + price(samples, options) * (times * own.len()) as f64;
         Some(fewer - whole - cost)
     };
     let known = |slot: &Slot| (slot.effect, worth(slot).filter(|nats| !nats.is_nan()).unwrap_or(0.0));
@@ -95,7 +97,7 @@ pub(super) fn cost_beside_discrepancy(runs: &[Seen], samples_of: &[Seen]) -> Opt
     let samples = samples(&normals_of(samples_of).0)?;
     let (normals, count) = normals_of(runs);
     let (left, _) = choices.least(&normals, count, &samples)?;
-    Some(left + price(&samples) * count as f64)
+    Some(left + price(&samples, &data.options) * count as f64)
 }
 
 /// Whether an effect is more likely there than not.
@@ -119,6 +121,7 @@ struct Choices {
     parts: Vec<Part>,
     /// Columns of each choice, counted from the first one of the parts.
     columns: Vec<Vec<usize>>,
+    options: DiagnosisOptions,
 }
 
 impl Choices {
@@ -136,7 +139,7 @@ impl Choices {
         for speed in std::iter::once(Vec::new()).chain(over_speed) {
             columns.extend([speed.clone(), [&speed[..], &over_turn].concat()]);
         }
-        Self { parts: [speed.concat(), turn].concat(), columns }
+        Self { parts: [speed.concat(), turn].concat(), columns, options: data.options }
     }
 
     /// What a set of so many parameters leaves beside the torque that suits it best, with the price of that torque, nats; and which it is.
@@ -144,8 +147,9 @@ impl Choices {
         let cost = |choice: usize| {
             let left = left(&self.beside(normals, parameters, choice), samples)?;
             // Physics that no catalogue holds is as rare as an effect of the catalogue.
-            let prior = if choice == NO_TORQUE { 0.0 } else { PRIOR };
-            Some((left + prior + price(samples) * self.columns[choice].len() as f64, choice))
+            let prior = if choice == NO_TORQUE { 0.0 } else { self.options.effect_cost };
+            let price = price(samples, &self.options) * self.columns[choice].len() as f64;
+            Some((left + prior + price, choice))
         };
         (0..self.columns.len()).filter_map(cost).min_by(|a, b| a.0.total_cmp(&b.0))
     }

@@ -7,7 +7,7 @@
 use super::discrepancy::{Seen, beside_discrepancy, cost_beside_discrepancy, likely};
 use super::{Side, laid, sides};
 use crate::diagnose::data::Data;
-use crate::diagnose::evidence::{DECISIVE, Evidence};
+use crate::diagnose::evidence::Evidence;
 use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::select::{in_place, reduced, special_cases};
@@ -76,7 +76,9 @@ pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dy
         // The least needed goes first: what the others are worth may change.
         let least = tried.iter().min_by(|a, b| a.1.total_cmp(&b.1));
         match least {
-            Some((_, nats, fewer)) if *nats < DECISIVE && !monitor.cancelled() => set = fewer.clone(),
+            Some((_, nats, fewer)) if *nats < data.options.decisive && !monitor.cancelled() => {
+                set = fewer.clone()
+            }
             _ => {
                 let probability = |effect: EffectId| match tried.iter().find(|(e, ..)| *e == effect) {
                     Some((_, nats, _)) => (effect, 1.0 / (1.0 + (-nats).exp())),
@@ -118,7 +120,7 @@ fn narrowed<'a>(
             let (runs, fewer) =
                 (seen(data, &set, of_set.as_ref()), seen(data, &simpler, of_simpler.as_ref()));
             let cost = cost_beside_discrepancy(&runs, &runs).zip(cost_beside_discrepancy(&fewer, &runs));
-            if cost.is_some_and(|(wide, narrow)| narrow < wide + DECISIVE) {
+            if cost.is_some_and(|(wide, narrow)| narrow < wide + data.options.decisive) {
                 set = simpler;
             }
         }

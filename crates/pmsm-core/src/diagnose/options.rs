@@ -1,0 +1,146 @@
+//! The constants on which a verdict rests, each with what it means.
+//!
+//! Those of the likelihood say how much a row tells, those of the prior how rare an effect is, the others from where on a verdict speaks. None
+//! of them belongs to a kind of machine or to an effect. They are echoed in every answer.
+
+use crate::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// The constants on which a verdict rests. All are pure numbers unless they say otherwise.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DiagnosisOptions {
+    /// Rows of a waveform that count as one independent sample. Forms of real curves, quantisation and a floor known to a per cent make
+    /// errors that last. Steady points and rows at open terminals count each.
+    pub rows_per_sample: f64,
+    /// Fewest independent samples of a channel.
+    pub fewest_samples: f64,
+    /// Mean square over that of the noise floor below which a model earns nothing: a floor is known to a tenth.
+    pub floor_known_to: f64,
+    /// What an effect costs by itself, nats: of the two dozen of the catalogue about one is there, prior odds of 1 to 20. Physics that no
+    /// catalogue holds is as rare.
+    pub effect_cost: f64,
+    /// What a coefficient of a map costs, nats: its own prior holds it back.
+    pub coefficient_cost: f64,
+    /// Gain from which a set counts as better, nats: posterior odds of ten to one.
+    pub decisive: f64,
+    /// Probability that is kept for physics outside the catalogue when a set reaches the noise.
+    pub unknown: f64,
+    /// Posterior probability from which an effect is named beside something else.
+    pub named: f64,
+    /// Most effects in one set.
+    pub most_effects: usize,
+    /// Excess mean square, over the floor's, from which a channel is called mismatched; below it nothing is looked for.
+    pub mismatch: f64,
+    /// The same on a recording that was not used for fitting.
+    pub mismatch_held_out: f64,
+    /// Excess mean square that a channel may have and still count as explained.
+    pub explained: f64,
+    /// A mean square on another recording beyond this multiple of the bare machine's, and beyond that by `refuted_by`, refutes a model.
+    pub refuted_times: f64,
+    /// See `refuted_times`.
+    pub refuted_by: f64,
+    /// Times the noise from which what an effect leaves is a further cause. Below it lies what the forms of right effects leave: real
+    /// saturation curves, shaft dampings and friction humps are not quite those of the catalogue.
+    pub remaining_times: f64,
+    /// Probability of so much by chance above which nothing is said to remain.
+    pub remaining_chance: f64,
+    /// Highest probability of any name where nothing is named, or where another recording speaks against it.
+    pub ceiling_unknown: f64,
+    /// Highest probability of a name in doubt: an even chance. Something else remains beside it, or a poor recording foresees no other one.
+    pub ceiling_doubtful: f64,
+    /// Standard deviation of the logarithm of a nameplate value: magnets and windings scatter and warm up.
+    pub nameplate_spread: f64,
+    /// Standard deviation of a stated friction, or of a value of zero, share of the value: a bearing's friction may vanish.
+    pub friction_spread: f64,
+    /// Time in which its largest torque brings a rotor to its largest speed, s: all that is known of an inertia that no nameplate states.
+    pub run_up: f64,
+    /// Standard deviation of the logarithm of that time: milliseconds in a servo, half a minute in a vehicle.
+    pub run_up_spread: f64,
+    /// Factor by which a bare machine may leave more than the signal's own variation: in a short window noise that is added up does that.
+    pub worse_than_constant: f64,
+    /// A signal that varies by less than this many times its noise has nothing to explain.
+    pub still: f64,
+}
+
+impl Default for DiagnosisOptions {
+    fn default() -> Self {
+        Self {
+            rows_per_sample: 100.0,
+            fewest_samples: 10.0,
+            floor_known_to: 0.9,
+            effect_cost: 3.0,
+            coefficient_cost: 0.5,
+            decisive: 2.3,
+            unknown: 0.02,
+            named: 0.9,
+            most_effects: 10,
+            mismatch: 0.3,
+            mismatch_held_out: 1.0,
+            explained: 0.12,
+            refuted_times: 2.0,
+            refuted_by: 1.0,
+            remaining_times: 1.5,
+            remaining_chance: 1e-3,
+            ceiling_unknown: 0.4,
+            ceiling_doubtful: 0.5,
+            nameplate_spread: 0.2,
+            friction_spread: 0.3,
+            run_up: 0.3,
+            run_up_spread: 2.3,
+            worse_than_constant: 1.1,
+            still: 2.0,
+        }
+    }
+}
+
+impl DiagnosisOptions {
+    /// Checks that each is a number with which a diagnosis can be made.
+    ///
+    /// # Errors
+    /// [`Error::Unusable`] naming the first that is not finite or not above zero, or the probability above one.
+    pub fn check(&self) -> Result<()> {
+        let serde_json::Value::Object(each) = serde_json::to_value(self)
+            .map_err(|e| Error::unusable(format!("the options are not readable: {e}"), "give numbers"))?
+        else {
+            return Ok(());
+        };
+        let shares =
+            ["floor_known_to", "unknown", "named", "remaining_chance", "ceiling_unknown", "ceiling_doubtful"];
+        for (name, value) in each {
+            let value = value.as_f64().unwrap_or(f64::NAN);
+            if !value.is_finite() || value <= 0.0 || shares.contains(&name.as_str()) && value > 1.0 {
+                let range = if shares.contains(&name.as_str()) { " up to one" } else { "" };
+                return Err(Error::unusable(
+                    format!("the option {name} is {value}"),
+                    format!("give a finite number above zero{range}"),
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_come_back_from_json_and_a_part_of_them_is_enough() {
+        let options = DiagnosisOptions { named: 0.95, ..DiagnosisOptions::default() };
+        let text = serde_json::to_string(&options).unwrap();
+        assert_eq!(serde_json::from_str::<DiagnosisOptions>(&text).unwrap(), options);
+        assert_eq!(serde_json::from_str::<DiagnosisOptions>("{\"named\": 0.95}").unwrap(), options);
+        assert!(serde_json::from_str::<DiagnosisOptions>("{\"name\": 0.95}").is_err());
+    }
+
+    #[test]
+    fn what_is_no_probability_or_no_number_is_refused_by_name() {
+        assert!(DiagnosisOptions::default().check().is_ok());
+        let refused = |options: DiagnosisOptions| options.check().unwrap_err().to_string();
+        let default = DiagnosisOptions::default;
+        assert!(refused(DiagnosisOptions { named: 1.2, ..default() }).contains("named"));
+        assert!(refused(DiagnosisOptions { mismatch: f64::NAN, ..default() }).contains("mismatch"));
+        assert!(refused(DiagnosisOptions { still: 0.0, ..default() }).contains("still"));
+    }
+}
