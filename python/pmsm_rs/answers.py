@@ -45,7 +45,8 @@ class Diagnosis(DiagnosisValues):
     leave in each, `fit["recording" or "validation"]["before" or "after"]` what is left, both as root mean
     square in the channel's unit. `data_quality` has finding, consequence and fix; `cannot_see` effect, why,
     and power, the probability that it would have been found. `remaining` says what the effects that were
-    found, named or not, leave beyond noise, and is empty where they reach it. `options` are the constants on
+    found, named or not, leave beyond noise, and is empty where they reach it. `budget` says
+    which share of the mismatch each effect takes away, by channel and run. `options` are the constants on
     which the verdict rests, see `DiagnosisOptions`. `reason` says why a verdict is `undetermined`, and is
     None otherwise. `data["path"]` is the way to the model, one effect more at each step.
 

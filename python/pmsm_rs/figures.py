@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from . import budget as mismatch
 from . import plot, traces
 from .words import channel
 
@@ -159,6 +160,15 @@ def before_after(answer: DiagnosisValues) -> list[Picture]:
             _picture(stretch, f"{symbol}: the stretch where the model without the effect is furthest off")
         )
     return out
+
+
+def budget(answer: DiagnosisValues) -> list[Picture]:
+    """Which share of the mismatch each effect takes away, where anything was explained."""
+    told = mismatch.judged(answer.budget)
+    if not told:
+        return []
+    words = " ".join(mismatch.sentence(entry) for entry in told)
+    return [_picture(partial(mismatch.draw, told), words)]
 
 
 def unmodelled(answer: DiagnosisValues) -> list[Picture]:

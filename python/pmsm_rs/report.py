@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from . import figures, plot, words
+from . import budget, figures, plot, words
 from .headline import headline, is_whole
 from .quantities import CANONICAL
 from .readout import extent, ignored, origin, reasons
@@ -95,6 +95,8 @@ def render(answer: DiagnosisValues, title: str | None = None) -> str:
         each=_each(answer),
         trained=_fit(answer, "recording") if judged == "validation" else [],
         located=figures.located(answer) if answer.located else [],
+        budget=figures.budget(answer),
+        budget_run=next((entry.run for entry in budget.judged(answer.budget)), ""),
         unmodelled=answer.unmodelled,
         maps=figures.unmodelled(answer),
         before_after=figures.before_after(answer),

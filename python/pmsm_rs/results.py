@@ -147,6 +147,44 @@ class Remaining:
 
 
 @dataclass(frozen=True)
+class Share:
+    """What an effect takes away of the excess mean square of the bare machine: by itself, and beside the
+    others, none of which takes its place.
+    """
+
+    effect: str
+    alone: float
+    beside: float
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The budget of one channel on one run, "recording" or "validation".
+
+    `before` and `after` are what the bare machine and the model leave, in times the noise. The shares are of
+    the excess mean square of the bare machine: `parts` of the effects, largest first, `shared` what any of
+    several effects could take away, `unmodelled` what the map of what has no name takes away, `rest` what is
+    left. They add up to one.
+    """
+
+    run: str
+    channel: str
+    equation: str
+    before: float
+    after: float
+    parts: tuple[Share, ...]
+    shared: float
+    unmodelled: float
+    rest: float
+
+    @classmethod
+    def of(cls, entry: Mapping[str, Any]) -> Self:
+        """From its JSON object."""
+        parts = tuple(Share(**part) for part in entry["parts"])
+        return cls(**{**entry, "parts": parts})
+
+
+@dataclass(frozen=True)
 class Candidate:
     """An omitted effect that would explain the mismatch, with its probability, parameters and look-alikes."""
 
@@ -168,6 +206,7 @@ class DiagnosisValues:
     data_quality: tuple[Mapping[str, str], ...]
     located: tuple[Location, ...]
     remaining: tuple[Remaining, ...]
+    budget: tuple[Budget, ...]
     options: Mapping[str, float]
     reason: str | None
     ranking: tuple[Candidate, ...]
@@ -200,6 +239,7 @@ class DiagnosisValues:
             data_quality=tuple(data["data_quality"]),
             located=tuple(_location(entry) for entry in data["located"]),
             remaining=tuple(_remaining(entry) for entry in data.get("remaining", ())),
+            budget=tuple(Budget.of(entry) for entry in data.get("budget", ())),
             options=data.get("options", {}),
             reason=data.get("reason"),
             ranking=tuple(_candidate(entry) for entry in data["ranking"]),

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import PurePath
 from typing import Any
 
+from .budget import judged, sentence
 from .headline import headline
 from .readout import extent, ignored, origins, reasons
 from .results import DiagnosisValues, Estimate, IdentificationValues, json_text
@@ -53,6 +54,13 @@ def diagnosis(answer: DiagnosisValues) -> str:
     run = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
     lines += _fit(answer, run)
     lines += _each(answer)
+    budgets = judged(answer.budget)
+    if budgets:
+        lines += [
+            "",
+            "Budget of the mismatch" + (", validation run" if budgets[0].run == "validation" else ""),
+        ]
+        lines += [hung("  ", sentence(budget)) for budget in budgets]
     if answer.remaining:
         lines += ["", "What remains"]
         lines += [hung("  ", at.sentence) for at in answer.remaining]

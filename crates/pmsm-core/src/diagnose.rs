@@ -11,6 +11,7 @@ pub mod answer;
 mod bare;
 mod baseline;
 mod between_rows;
+pub mod budget;
 mod conclude;
 mod counts;
 pub mod data;

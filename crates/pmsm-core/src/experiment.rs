@@ -23,7 +23,7 @@ mod variation;
 pub use course::Course;
 pub use fitting::Fitted;
 pub use joint::{Block, Channels, Joint, split};
-pub use lost::Answering;
+pub use lost::{Answering, LAGS};
 pub use prior::Prior;
 
 use crate::base::BASE;

@@ -1,5 +1,6 @@
 //! The answer of a diagnosis, schema `pmsm-rs.diagnosis/2`.
 
+use super::budget::Budget;
 use super::locate::Located;
 use super::options::DiagnosisOptions;
 use super::remaining::Remaining;
@@ -150,6 +151,8 @@ pub struct Answer {
     pub located: Vec<Located>,
     /// What the effects that were found, named or not, leave beyond noise, largest first; empty where they reach it.
     pub remaining: Vec<Remaining>,
+    /// Which share of the mismatch each effect takes away, by channel and run.
+    pub budget: Vec<Budget>,
     /// Why nothing is said, where the verdict is `undetermined`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
@@ -194,6 +197,7 @@ impl Answer {
             options: DiagnosisOptions::default(),
             located: Vec::new(),
             remaining: Vec::new(),
+            budget: Vec::new(),
             reason: Some(why.reason()),
             ranking: Vec::new(),
             model: FoundModel { effects: Vec::new(), base: BTreeMap::new(), unmodelled: None },

@@ -3,6 +3,7 @@
 use super::answer::{
     Answer, BeforeAfter, Candidate, Columns, Estimate, FitTable, FoundModel, SCHEMA, Step, Traces, Verdict,
 };
+use super::budget::Ends;
 use super::data::Data;
 use super::decide::{self, Ranked};
 use super::fitting;
@@ -14,7 +15,7 @@ use super::transfer::transfer;
 use super::unmodelled::Earned;
 use super::verdict::Judged;
 use super::{
-    able, agree, baseline, each, fault, plausible, power, prescribe, reach, remaining, stated_load,
+    able, agree, baseline, budget, each, fault, plausible, power, prescribe, reach, remaining, stated_load,
     unmodelled, verdict,
 };
 use crate::effect::{Role, Site};
@@ -163,6 +164,9 @@ pub fn conclude(
     let told = Outputs::new(data, settled);
     let model_outputs = &told;
     let validation = before.zip(after).map(|((judge, before), (_, after))| (judge, before, after));
+    let (bare, left) = validation.as_ref().map(|(_, before, after)| (before, after)).unzip();
+    let ends = Ends { base: (&outcome.base.fitted, bare), set: &best.fitted, told: (settled, left) };
+    let budget = budget::budgets(data, judge, &ends, monitor)?;
     let mut traces = Traces { recording: traces(data, &outcome.base.fitted, settled), ..Traces::default() };
     let mut fit = FitTable { recording: table(&traces.recording, data), ..FitTable::default() };
     if let Some((judge, before, after)) = &validation {
@@ -180,7 +184,8 @@ pub fn conclude(
     }
     let gains = (searched, predicted);
     let ranking = ranked.par_iter().map(|r| candidate(data, &outcome, r, model_outputs, gains)).collect();
-    let next_experiment = prescribe::next_experiment(data, &ranked, &outcome, verdict, weak, monitor)?;
+    let next_experiment =
+        prescribe::next_experiment(data, &ranked, &outcome, (verdict, &remaining), weak, monitor)?;
     let mut data_quality = quality(data, weak, &ties, refuted);
     data_quality.extend(plausible::against_nameplate(data, &model_outputs.base()));
     data_quality.extend(stated_load::may_be_off(data, &asymmetric));
@@ -206,6 +211,7 @@ pub fn conclude(
         options: data.options,
         located,
         remaining,
+        budget,
         reason,
         ranking,
         model: FoundModel {

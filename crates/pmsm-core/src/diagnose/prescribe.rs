@@ -10,6 +10,7 @@ use super::data::Data;
 use super::decide::Ranked;
 use super::hypothesis::Hypothesis;
 use super::power::times;
+use super::remaining::Remaining;
 use super::select::Outcome;
 use crate::error::{Error, Result};
 use crate::machine::BaseParameter;
@@ -29,7 +30,8 @@ const STEPS: (usize, usize) = (1, 5);
 /// Manoeuvres looked at closely.
 const FINALISTS: usize = 2;
 
-/// One or two sentences on what to record next, if anything is open. An interruption leaves the computed part out.
+/// One or two sentences on what to record next, if anything is open. Something that remains is asked about over its own variables. An
+/// interruption leaves the computed part out.
 ///
 /// # Errors
 /// Those of the least-squares fits.
@@ -37,21 +39,26 @@ pub fn next_experiment(
     data: &Data,
     ranked: &[Ranked],
     outcome: &Outcome,
-    verdict: Verdict,
+    (verdict, remaining): (Verdict, &[Remaining]),
     weak: &[String],
     monitor: &dyn Monitor,
 ) -> Result<Option<String>> {
     let rich = "reversals through standstill, two levels of i_q, steps of i_d, a coast-down";
     if data.signals.kind == Kind::OperatingPoints {
-        let open = matches!(verdict, Verdict::Ambiguous | Verdict::Unknown) || !weak.is_empty();
+        let open =
+            matches!(verdict, Verdict::Ambiguous | Verdict::Unknown | Verdict::Partial) || !weak.is_empty();
         let points = "points at other speeds, both directions, several levels of i_d and i_q, cold and warm";
         return Ok(open.then(|| format!("Record {points}.")));
     }
     let mut sentences = Vec::new();
-    if verdict == Verdict::Unknown {
-        sentences.push(format!(
-            "Repeat the recording at the located place and around it, with {rich}, to see on what the rest depends."
-        ));
+    if matches!(verdict, Verdict::Unknown | Verdict::Partial) {
+        let over: Vec<String> = remaining.iter().filter_map(what_it_depends_on).collect();
+        let everywhere = || {
+            format!(
+                "Repeat the recording at the located place and around it, with {rich}, to see on what the rest depends."
+            )
+        };
+        if over.is_empty() { sentences.push(everywhere()) } else { sentences.extend(over) }
     }
     let pair = rivals(ranked, outcome, verdict);
     let computed = || -> Result<Vec<String>> {
@@ -73,6 +80,27 @@ pub fn next_experiment(
         sentences.push(format!("Record {rich}."));
     }
     Ok((!sentences.is_empty()).then(|| sentences.join(" ")))
+}
+
+/// What to record to see on what the rest of an equation depends, by the variables over which it lies.
+fn what_it_depends_on(remaining: &Remaining) -> Option<String> {
+    let sweep = |variable: &String| match variable.as_str() {
+        "omega_e" => Some("slow ramps of the speed through standstill over its whole range, i_d at zero"),
+        "theta_e" | "theta_m" => {
+            Some("some turns at a slow constant speed in each direction, the angle logged")
+        }
+        "i_d" => Some("steps of i_d at two speeds"),
+        "i_q" | "tau_e" => Some("steps of i_q in both directions at two speeds"),
+        "t" => Some("the same manoeuvre for twice as long, cold and warm"),
+        _ => None,
+    };
+    let mut sweeps: Vec<&str> = remaining.over.iter().filter_map(sweep).collect();
+    sweeps.dedup();
+    let what = match remaining.equation.as_str() {
+        "mechanical" => "the rest of the motion".to_string(),
+        axis => format!("the rest of the {axis}-axis voltage"),
+    };
+    (!sweeps.is_empty()).then(|| format!("To see on what {what} depends, record {}.", sweeps.join(", and ")))
 }
 
 type Named<'a> = (&'static str, &'a Hypothesis);

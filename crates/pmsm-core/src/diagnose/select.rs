@@ -183,8 +183,8 @@ impl Search<'_> {
         Ok((best, singles))
     }
 
-    /// A set with those of its effects that have a whole number among their parameters, such as an order, at the number that explains most
-    /// beside the others: it was chosen when the others were not there.
+    /// A set with those of its effects that have a whole number among their parameters, such as an order, at the number with which the whole
+    /// set does best: it was chosen when the others were not there. The numbers that lead to first order are refitted.
     fn renewed(&self, mut set: Judged) -> Result<Judged> {
         let effects = set.fitted.effects();
         if set.excess() <= self.data.options.mismatch {
@@ -199,20 +199,23 @@ impl Search<'_> {
             }
             let nuisances = set.fitted.nuisances.clone();
             let without = Hypothesis::on(self.data, model, parameters, free, nuisances);
-            let prospect = Scorer::new(self.data, &without).score(effect);
+            let prospects = Scorer::new(self.data, &without).leading(effect, REFITTED);
             let slot =
                 set.fitted.model.slots().iter().find(|s| s.effect == effect).expect("it is in the set");
-            let own = &set.fitted.parameters[slot.parameters.clone()];
-            let same = effect.info().parameters.iter().zip(own).zip(&prospect.start);
-            let mut numbers = same.filter(|((p, _), _)| p.role == Role::Fixed);
-            if prospect.score == 0.0 || numbers.all(|((_, a), b)| a == b) {
-                continue;
-            }
-            let Some(fitted) = self.refit(&Judged { fitted: without, ..set.clone() }, &prospect)? else {
-                continue;
+            let own = set.fitted.parameters[slot.parameters.clone()].to_vec();
+            let other = |prospect: &&Prospect| {
+                let same = effect.info().parameters.iter().zip(&own).zip(&prospect.start);
+                let mut numbers = same.filter(|((p, _), _)| p.role == Role::Fixed);
+                prospect.score > 0.0 && !numbers.all(|((_, a), b)| a == b)
             };
-            if evidence.cost_on_recording(&fitted) < evidence.cost_on_recording(&set.fitted) {
-                set = Judged { fitted, held_out: Vec::new(), refuted: false };
+            let without = Judged { fitted: without, ..set.clone() };
+            let asked: Vec<&Prospect> = prospects.iter().filter(other).collect();
+            let tried: Vec<Option<Hypothesis>> =
+                asked.par_iter().map(|prospect| self.refit(&without, prospect)).collect::<Result<_>>()?;
+            for fitted in tried.into_iter().flatten() {
+                if evidence.cost_on_recording(&fitted) < evidence.cost_on_recording(&set.fitted) {
+                    set = Judged { fitted, held_out: Vec::new(), refuted: false };
+                }
             }
         }
         Ok(set)

@@ -97,6 +97,23 @@ impl<'a> Scorer<'a> {
             .fold(nothing, |best, next| if next.score > best.score { next } else { best })
     }
 
+    /// The effect with each of its whole numbers, such as an order, that explains most: no more than `count`, the best first.
+    pub fn leading(&self, effect: EffectId, count: usize) -> Vec<Prospect> {
+        let context = self.hypothesis.model.context();
+        let (amplitudes, nothing) = (self.amplitudes(effect), Prospect::nothing(effect, context));
+        let numbers = |shape: &[f64]| -> Vec<f64> {
+            let each = effect.info().parameters.iter().zip(shape);
+            each.filter(|(p, _)| p.role == Role::Fixed).map(|(_, x)| *x).collect()
+        };
+        let probes = effect.probes(context);
+        let alike: Vec<&[Vec<f64>]> = probes.chunk_by(|a, b| numbers(a) == numbers(b)).collect();
+        let best = |shapes: &[Vec<f64>]| self.best_of(&nothing, shapes, &amplitudes);
+        let mut all: Vec<Prospect> = alike.into_par_iter().map(best).collect();
+        all.sort_by(|a, b| b.score.total_cmp(&a.score));
+        all.truncate(count);
+        all
+    }
+
     /// The score of an effect whose trace changes with its strength: of exact simulations over a grid of shapes and strengths, and of a
     /// finer one around the best.
     fn score_of_trials(&self, effect: EffectId) -> Prospect {

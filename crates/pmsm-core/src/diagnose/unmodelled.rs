@@ -23,8 +23,10 @@ use super::hypothesis::Hypothesis;
 use super::locate::{self, Located};
 use super::transfer::transfer;
 use super::verdict::{Judged, excess};
+use crate::effect::Site;
+use crate::effects::EffectId;
 use crate::error::Result;
-use crate::experiment::Prior;
+use crate::experiment::{Channel, Prior};
 use crate::map::Map;
 use crate::monitor::Monitor;
 use crate::recording::Load;
@@ -186,6 +188,17 @@ impl Side {
         let experiment = data.experiment(&fitted.model, &fitted.nuisances, data.channels(true, true));
         let own = |k: &usize| experiment.is_electrical(*k) == (self == Self::Electrical);
         fitted.free.iter().copied().filter(own).collect()
+    }
+
+    /// Whether a channel shows its equations.
+    fn shows(self, channel: Channel) -> bool {
+        channel.is_electrical() == (self == Self::Electrical)
+    }
+
+    /// Whether an effect with a form of its own acts in its equations: names that cover any function are not in question.
+    fn has(self, effect: EffectId) -> bool {
+        let moves = effect.info().site == Site::Mechanical;
+        moves == (self == Self::Mechanical) && !effect.is_general()
     }
 
     fn holds(self, equation: &str) -> bool {

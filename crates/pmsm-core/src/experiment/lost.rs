@@ -21,6 +21,8 @@ const LOST: [usize; 2] = [STATES, STATES + 1];
 const FOLLOWED: usize = STATES + 2;
 /// Derivatives that the run carries: as many as any other.
 const SLOTS: usize = super::LANES;
+/// Ways in which current sensors lag.
+pub const LAGS: usize = 3;
 /// Columns side by side in the lanes of a vector.
 const WIDE: usize = 8;
 
@@ -99,6 +101,36 @@ impl Experiment<'_> {
             // No voltage that is lost changes an inductance.
             let rates = || vec![[0.0; 2]; part.count()];
             self.whiten_residual(p, rates, &every, &mut electrical);
+        }
+        self.mask(&mut linear);
+        linear.jacobian
+    }
+
+    /// Derivatives of the weighted residuals with respect to how the current sensors lag behind, to first order in the lag: by the current's
+    /// change over a sample, by its change of change, and by the turn of a frame that lags. Shape: as many rows as [`Self::residual`] has,
+    /// [`LAGS`] columns.
+    pub fn lag_columns(&self, p: &[f64], answering: &Answering) -> DMatrix<f64> {
+        let mut linear = super::Linearisation::zeros(self.channels.len() * self.samples(), LAGS);
+        let (mut electrical, _) = linear.split_rows(self.electrical_rows());
+        if let (Some(d), Some(q)) = (self.row_of(Channel::ID), self.row_of(Channel::IQ)) {
+            for (at, steps) in answering.steps.windows(3).enumerate() {
+                // Across a gap nothing is told.
+                if steps[..2].iter().any(|step| step.held.is_none()) {
+                    continue;
+                }
+                let [before, last, here] = [&steps[0], &steps[1], &steps[2]];
+                let turn = here.env.omega_e * self.signals.period;
+                for (axis, (row, weight)) in [d, q].into_iter().enumerate() {
+                    let other = [-here.i[1], here.i[0]][axis];
+                    let change = here.i[axis] - last.i[axis];
+                    let bend = change - (last.i[axis] - before.i[axis]);
+                    for (column, x) in electrical.columns.iter_mut().zip([change, bend, turn * other]) {
+                        column[row + answering.steps[at + 2].sample] = x * weight;
+                    }
+                }
+            }
+            let every: Vec<usize> = (0..LAGS).collect();
+            self.whiten_residual(p, || vec![[0.0; 2]; LAGS], &every, &mut electrical);
         }
         self.mask(&mut linear);
         linear.jacobian

@@ -91,11 +91,41 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
     pairs.into_iter().map(|(first, second)| Part { equations: equations.clone(), first, second }).collect()
 }
 
+/// Smooth voltages over speed and currents, of which one may be there, the simplest first; and the voltages over the turn, which may be there
+/// together.
+pub fn lost_voltages(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part>) {
+    let equations = Side::Electrical.equations(data);
+    let part = |first, second| Part { equations: equations.clone(), first, second };
+    let spline = |v: &(Variable, f64, f64), (degree, pieces): (usize, usize)| {
+        Factor::Spline(Spline { variable: v.0, low: v.1, high: v.2, degree, pieces, warp: 0.0 })
+    };
+    let variables = variables(data, best, Side::Electrical);
+    let curves: Vec<Part> = variables.iter().map(|x| part(spline(x, CURVE), None)).collect();
+    let mut surfaces = Vec::new();
+    for (k, x) in variables.iter().enumerate() {
+        let others = variables[k + 1..].iter();
+        surfaces.extend(others.map(|y| part(spline(x, SURFACE), Some(spline(y, SURFACE)))));
+    }
+    let mut smooth = vec![curves];
+    if !surfaces.is_empty() {
+        smooth.push(surfaces);
+    }
+    let mut over_turn = Vec::new();
+    for wave in waves(data, Side::Electrical, &[]) {
+        over_turn.push(part(wave, None));
+        if let Factor::Harmonics { angle, order, count } = wave {
+            let fewer = Factor::Harmonics { angle, order, count: count.min(CHANGING) };
+            over_turn.extend(variables.iter().map(|x| part(fewer, Some(spline(x, LINE)))));
+        }
+    }
+    (smooth, over_turn)
+}
+
 /// Smooth torques over the speed, of which one may be there, the smoothest first; and the torques over the turn, which may be there together.
 ///
 /// Each direction of rotation has its own curve, whose pieces are equally long: what turns over at standstill within less than the shortest
 /// of them is dry friction by any name. There is none over the motor's torque: in steady motion it is what it balances, whatever that is.
-pub fn discrepancies(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part>) {
+pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part>) {
     let part = |first| Part { equations: vec![Equation::Mechanical], first, second: None };
     let speed = variables(data, best, Side::Mechanical).into_iter().find(|x| x.0 == Variable::OmegaE);
     let ranges: Vec<(f64, f64)> = match speed {

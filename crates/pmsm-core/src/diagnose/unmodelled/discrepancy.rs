@@ -1,10 +1,10 @@
-//! The discrepancy of the equation of motion: what any smooth torque over speed and angle could explain.
+//! The discrepancy of an equation: what a smooth torque over speed and turn, or a smooth voltage over speed, currents and turn, could explain.
 //!
-//! An effect that such a torque replaces has no claim to its name: an eddy brake looks much like Stribeck friction, and is none. How smooth
-//! the torque is, evidence decides for each set: friction that jumps at standstill beside a smooth torque is simpler than a torque that is as
-//! steep as a jump. What a smooth torque cannot do at all is a high order or a frequency. In integral form along the measured speed all of
-//! this is linear, so that one least-squares solution per set tells; beside a shaft it is so to first order. The recording and the validation
-//! run are solved for together.
+//! An effect that such a term replaces has no claim to its name: an eddy brake looks much like Stribeck friction, and is none. How smooth
+//! the term is, evidence decides for each set: friction that jumps at standstill beside a smooth torque is simpler than a torque that is as
+//! steep as a jump. What a smooth torque cannot do at all is a high order or a frequency. Sensors of the currents may lag behind, too.
+//! In integral form along the measured speed all of this is linear for the motion, so that one least-squares solution per set tells; beside a
+//! shaft, and for the currents, it is so to first order. The recording and the validation run are solved for together.
 
 use super::linear::Linear;
 use super::{Side, candidates};
@@ -13,40 +13,42 @@ use crate::diagnose::data::Data;
 use crate::diagnose::evidence::{Evidence, price};
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::options::DiagnosisOptions;
-use crate::effect::{Role, Site};
+use crate::effect::Role;
 use crate::effects::EffectId;
-use crate::experiment::Channel;
+use crate::experiment::LAGS;
 use crate::map::Part;
 use crate::model::Slot;
+use crate::recording::Kind;
 use crate::tall;
 use nalgebra::{DMatrix, DVector};
 
 /// Weight of a coefficient of the discrepancy at zero, share of its own square: what no row shows stays there.
 const UNSHOWN: f64 = 1e-9;
 
-/// The choice of no smooth torque.
-const NO_TORQUE: usize = 0;
+/// The choice of no discrepancy.
+const NONE: usize = 0;
+/// Time over which what is missing says one thing, s: that of a window of the motion.
+const LASTS: f64 = 0.25;
 /// Most numbers held of one run.
 const CELLS: usize = 20_000_000;
 
 /// A recording with a set of effects fitted to it, or transferred to it.
 pub(super) type Seen<'a> = (&'a Data, &'a Hypothesis);
 
-/// What each mechanical effect of a set explains beside the discrepancy, nats; zero, an even chance, where no solution tells. It is not asked
-/// of effects with states of their own, which nothing smooth replaces. `runs` are the recording and the validation run, each with the same set.
-pub(super) fn beside_discrepancy(runs: &[Seen]) -> Vec<(EffectId, f64)> {
+/// What each effect on one side of a set explains beside the discrepancy, nats; zero, an even chance, where no solution tells. It is not
+/// asked of rotors with states of their own, which nothing smooth replaces, nor of names that cover any function. `runs` are the recording
+/// and the validation run, each with the same set.
+pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f64)> {
     let (data, set) = runs[0];
-    let choices = Choices::new(data, set);
-    let machine = machine_parameters(data, set);
-    let normals: Vec<Normal> = runs.iter().map(|run| Normal::new(*run, &machine, &choices.parts)).collect();
-    let asked = |slot: &&Slot| {
-        slot.effect.info().site == Site::Mechanical && slot.effect.mechanical_state_count() == 0
-    };
+    let choices = Choices::new(data, set, side);
+    let machine = machine_parameters(data, set, side);
+    let normals: Vec<Normal> = runs.iter().map(|run| Normal::new(*run, side, &machine, &choices)).collect();
+    let asked = |slot: &&Slot| side.has(slot.effect) && slot.effect.mechanical_state_count() == 0;
     let solved = || {
         let samples = samples(&normals)?;
         let (whole, beside) = choices.least(&normals, machine.len(), &samples)?;
         let remains = choices.excess(&normals, machine.len(), beside)?;
-        let alone = choices.excess(&normals, machine.len(), NO_TORQUE)?;
+        let alone = choices.excess(&normals, machine.len(), NONE)?;
         Some((samples, whole, remains, alone))
     };
     let solved = solved();
@@ -62,7 +64,7 @@ pub(super) fn beside_discrepancy(runs: &[Seen]) -> Vec<(EffectId, f64)> {
         let back: Vec<(usize, f64)> = own.iter().map(|k| (*k, back(k))).collect();
         let without: Vec<Normal> = normals.iter().map(|normal| normal.moved(&back)).collect();
         let (fewer, _) = choices.least(&without, machine.len() - own.len(), samples)?;
-        let lost = choices.excess(&without, machine.len() - own.len(), NO_TORQUE)?;
+        let lost = choices.excess(&without, machine.len() - own.len(), NONE)?;
         if lost - alone < *remains {
             // It is no larger than what remains of unknown cause, which may well be that of this part, too.
             return Some(f64::NEG_INFINITY);
@@ -80,19 +82,19 @@ pub(super) fn beside_discrepancy(runs: &[Seen]) -> Vec<(EffectId, f64)> {
     set.model.slots().iter().filter(asked).map(known).collect()
 }
 
-/// The fitted parameters of the machine and its effects in the equation of motion.
-fn machine_parameters(data: &Data, set: &Hypothesis) -> Vec<usize> {
-    let fitted = Side::Mechanical.parameters(data, set);
+/// The fitted parameters of the machine and its effects in the equations of one side.
+fn machine_parameters(data: &Data, set: &Hypothesis, side: Side) -> Vec<usize> {
+    let fitted = side.parameters(data, set);
     fitted.into_iter().filter(|k| *k < set.model.parameter_count()).collect()
 }
 
-/// What a set leaves beside the discrepancy that suits it best, with the price of its own parameters, nats.
+/// What a set leaves of the motion beside the discrepancy that suits it best, with the price of its own parameters, nats.
 pub(super) fn cost_beside_discrepancy(runs: &[Seen], samples_of: &[Seen]) -> Option<f64> {
-    let (data, set) = runs[0];
-    let choices = Choices::new(data, set);
+    let ((data, set), side) = (runs[0], Side::Mechanical);
+    let choices = Choices::new(data, set, side);
     let normals_of = |runs: &[Seen]| -> (Vec<Normal>, usize) {
-        let machine = machine_parameters(data, runs[0].1);
-        (runs.iter().map(|run| Normal::new(*run, &machine, &choices.parts)).collect(), machine.len())
+        let machine = machine_parameters(data, runs[0].1, side);
+        (runs.iter().map(|run| Normal::new(*run, side, &machine, &choices)).collect(), machine.len())
     };
     let samples = samples(&normals_of(samples_of).0)?;
     let (normals, count) = normals_of(runs);
@@ -105,8 +107,8 @@ pub(super) fn likely(nats: f64) -> bool {
     nats >= 0.0
 }
 
-/// Independent samples of the mean square of the speed on each of the runs. Noise has many; of a torque that is missing the integral over a
-/// window is one. The variance of the sum of both tells.
+/// Independent samples of the mean square on each of the runs. Noise has many; of what is missing a window of the motion, or as long a stretch
+/// of the currents, is one. The variance of the sum of both tells.
 fn samples(normals: &[Normal]) -> Option<Vec<f64>> {
     let each = excesses(normals)?;
     let count = |(normal, excess): (&Normal, f64)| {
@@ -116,65 +118,78 @@ fn samples(normals: &[Normal]) -> Option<Vec<f64>> {
     Some(normals.iter().zip(each).map(count).collect())
 }
 
-/// The torques that may be there beside a set: any one over the speed, or none, and all over the turn, or none.
+/// The terms that may be there beside a set: any one of the smooth ones, or none; all over the turn, or none; sensors that lag, or none.
 struct Choices {
     parts: Vec<Part>,
+    /// Whether sensors may lag: their columns follow those of the parts.
+    lags: bool,
     /// Columns of each choice, counted from the first one of the parts.
     columns: Vec<Vec<usize>>,
     options: DiagnosisOptions,
 }
 
 impl Choices {
-    fn new(data: &Data, set: &Hypothesis) -> Self {
-        let (speed, turn) = candidates::discrepancies(data, set);
-        let mut at = 0;
-        let mut place = |parts: &Vec<Part>| {
-            let from = at;
-            at += parts.iter().map(Part::count).sum::<usize>();
-            (from..at).collect::<Vec<usize>>()
+    fn new(data: &Data, set: &Hypothesis, side: Side) -> Self {
+        let (smooth, turn) = match side {
+            Side::Mechanical => candidates::lost_torques(data, set),
+            Side::Electrical => candidates::lost_voltages(data, set),
         };
-        let over_speed: Vec<Vec<usize>> = speed.iter().map(&mut place).collect();
-        let over_turn = place(&turn);
-        let mut columns = Vec::new();
-        for speed in std::iter::once(Vec::new()).chain(over_speed) {
-            columns.extend([speed.clone(), [&speed[..], &over_turn].concat()]);
-        }
-        Self { parts: [speed.concat(), turn].concat(), columns, options: data.options }
+        let mut at = 0;
+        let mut place = |count: usize| {
+            at += count;
+            (at - count..at).collect::<Vec<usize>>()
+        };
+        let count = |parts: &Vec<Part>| parts.iter().map(Part::count).sum::<usize>();
+        let each: Vec<Vec<usize>> = smooth.iter().map(|parts| place(count(parts))).collect();
+        let mut columns: Vec<Vec<usize>> = std::iter::once(Vec::new()).chain(each).collect();
+        let lags = side == Side::Electrical && data.has(true) && data.signals.kind != Kind::OperatingPoints;
+        let mut with = |more: Vec<usize>| {
+            let larger: Vec<Vec<usize>> = columns.iter().map(|own| [&own[..], &more].concat()).collect();
+            columns.extend(larger.into_iter().filter(|_| !more.is_empty()));
+        };
+        with(place(count(&turn)));
+        with(place(if lags { LAGS } else { 0 }));
+        Self { parts: [smooth.concat(), turn].concat(), lags, columns, options: data.options }
     }
 
-    /// What a set of so many parameters leaves beside the torque that suits it best, with the price of that torque, nats; and which it is.
+    /// Columns of all terms together.
+    fn count(&self) -> usize {
+        self.parts.iter().map(Part::count).sum::<usize>() + if self.lags { LAGS } else { 0 }
+    }
+
+    /// What a set of so many parameters leaves beside the term that suits it best, with the price of that term, nats; and which it is.
     fn least(&self, normals: &[Normal], parameters: usize, samples: &[f64]) -> Option<(f64, usize)> {
         let cost = |choice: usize| {
             let left = left(&self.beside(normals, parameters, choice), samples)?;
             // Physics that no catalogue holds is as rare as an effect of the catalogue.
-            let prior = if choice == NO_TORQUE { 0.0 } else { self.options.effect_cost };
+            let prior = if choice == NONE { 0.0 } else { self.options.effect_cost };
             let price = price(samples, &self.options) * self.columns[choice].len() as f64;
             Some((left + prior + price, choice))
         };
         (0..self.columns.len()).filter_map(cost).min_by(|a, b| a.0.total_cmp(&b.0))
     }
 
-    /// Mean squares beyond the noise that such a set leaves beside one of the torques, summed over the runs.
+    /// Mean squares beyond the noise that such a set leaves beside one of the terms, summed over the runs.
     fn excess(&self, normals: &[Normal], parameters: usize, choice: usize) -> Option<f64> {
         let each = excesses(&self.beside(normals, parameters, choice))?;
         Some(each.iter().map(|excess| excess.max(0.0)).sum())
     }
 
     fn beside(&self, normals: &[Normal], parameters: usize, choice: usize) -> Vec<Normal> {
-        let torque = self.columns[choice].iter().map(|k| parameters + k);
-        let kept: Vec<usize> = (0..parameters).chain(torque).collect();
+        let terms = self.columns[choice].iter().map(|k| parameters + k);
+        let kept: Vec<usize> = (0..parameters).chain(terms).collect();
         normals.iter().map(|normal| normal.only(&kept)).collect()
     }
 }
 
-/// What a set and the discrepancy together leave of the speed on all runs, nats.
+/// What a set and the discrepancy together leave on all runs, nats.
 fn left(normals: &[Normal], samples: &[f64]) -> Option<f64> {
     // Below the noise nothing is earned.
     let nats = |(excess, samples): (&f64, &f64)| 0.5 * samples * excess.max(0.0).ln_1p();
     Some(excesses(normals)?.iter().zip(samples).map(nats).sum())
 }
 
-/// Mean square of the speed that is left on each run, over the floor's and beyond one.
+/// Mean square that is left on each run, over the floor's and beyond one.
 fn excesses(normals: &[Normal]) -> Option<Vec<f64>> {
     let size = normals[0].along.len();
     let (mut gram, mut along) = (DMatrix::zeros(size, size), DVector::zeros(size));
@@ -205,22 +220,29 @@ struct Normal {
 }
 
 impl Normal {
-    fn new((data, set): Seen, machine: &[usize], parts: &[Part]) -> Self {
+    fn new((data, set): Seen, side: Side, machine: &[usize], choices: &Choices) -> Self {
         let torque = candidates::torque(data, set);
-        let own: Vec<usize> = (set.model.parameter_count()..set.parameters.len()).collect();
-        let view = Linear::new(data, set, Side::Mechanical, &torque);
-        let count = machine.len() + parts.iter().map(Part::count).sum::<usize>();
-        // Of a long recording every so many rows say the same: neighbours of an integral hardly differ.
-        let stride = (data.signals.len() * count).div_ceil(CELLS).max(1);
-        let kept = data.signals.len().div_ceil(stride);
-        let sparse = |block: &DMatrix<f64>| block.rows_with_step(0, kept, stride - 1).into_owned();
+        let open = set.model.parameter_count()..set.parameters.len();
+        let own: Vec<usize> = match side {
+            Side::Mechanical => open.collect(),
+            Side::Electrical => side.parameters(data, set).into_iter().filter(|k| open.contains(k)).collect(),
+        };
+        let view = Linear::new(data, set, side, &torque);
+        let count = machine.len() + choices.count();
+        // Of a long recording every so many rows say the same: neighbours hardly differ.
         let (residual, known) = view.at(&[machine, &own].concat());
+        let stride = (residual.len() * count).div_ceil(CELLS).max(1);
+        let kept = residual.len().div_ceil(stride);
+        let sparse = |block: &DMatrix<f64>| block.rows_with_step(0, kept, stride - 1).into_owned();
         let mut all = DMatrix::zeros(kept, count);
         all.columns_mut(0, machine.len()).copy_from(&sparse(&known).columns(0, machine.len()));
         let mut at = machine.len();
-        for part in parts {
+        for part in &choices.parts {
             all.columns_mut(at, part.count()).copy_from(&sparse(&view.columns(part)));
             at += part.count();
+        }
+        if let Some(lags) = view.lag_columns().filter(|_| choices.lags) {
+            all.columns_mut(at, LAGS).copy_from(&sparse(&lags));
         }
         let mut residual = DVector::from_fn(kept, |k, _| residual[k * stride]);
         let basis = orthonormal(&sparse(&known).columns(machine.len(), own.len()).into_owned());
@@ -229,12 +251,17 @@ impl Normal {
             residual -= &basis * tall::tr_mul_vector(&basis, &residual);
         }
         let (gram, along) = (tall::gram(&all), tall::tr_mul_vector(&all, &residual));
-        let rows = data.counted() as f64 / stride as f64;
-        let windows = data.windows.len() as f64;
-        let channels = data.runs().iter().flat_map(|run| &run.floors).map(|floor| floor.channel);
+        let seen = data.runs().iter().map(|run| run.floors.iter().filter(|f| side.shows(f.channel)).count());
+        let channels = seen.max().unwrap_or(0).max(1) as f64;
+        let rows = data.counted() as f64 * channels / stride as f64;
+        let windows = match data.signals.kind {
+            Kind::OperatingPoints => rows,
+            _ => channels * (data.windows.len() as f64).max(data.signals.context.duration / LASTS).max(1.0),
+        };
+        let shown = data.runs().iter().flat_map(|run| &run.floors).map(|floor| floor.channel);
         let evidence = Evidence::new(data, &[]);
-        let speeds = channels.zip(evidence.samples()).filter(|(channel, _)| *channel == Channel::OmegaE);
-        let noise = speeds.map(|(_, n)| n).sum::<f64>().max(windows);
+        let own = shown.zip(evidence.samples()).filter(|(channel, _)| side.shows(*channel));
+        let noise = own.map(|(_, n)| n).sum::<f64>().max(windows);
         Self { gram, along, square: residual.norm_squared(), rows, noise, windows }
     }
 

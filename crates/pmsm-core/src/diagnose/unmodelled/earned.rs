@@ -1,25 +1,22 @@
-//! Effects beside a map: which of a set explain what a smooth map of the same equation cannot.
+//! Effects beside the discrepancy: which of a set explain what a smooth term of the same equation cannot.
 //!
 //! Where a set has more than noise left, something else is missing, and it may have lent its shape to a name: a curve of friction that no
-//! catalogue holds looks like a sum of those that it holds. So each effect is held against maps of what the set without it has left. One
-//! that a map replaces has not earned its name. Saturation and the like are not asked: their name covers whatever a map of the flux shows.
+//! catalogue holds looks like a sum of those that it holds. So each effect is held against smooth terms. One that such a term replaces has
+//! not earned its name. Saturation and the like are not asked: their name covers whatever a map of the flux shows.
 
 use super::discrepancy::{Seen, beside_discrepancy, cost_beside_discrepancy, likely};
-use super::{Side, laid, sides};
+use super::{Side, sides};
 use crate::diagnose::data::Data;
-use crate::diagnose::evidence::Evidence;
 use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::select::{in_place, reduced, special_cases};
 use crate::diagnose::transfer::transfer;
-use crate::diagnose::verdict::Judged;
 use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
 use crate::experiment::Channel;
 use crate::model::{Model, Slot};
 use crate::monitor::Monitor;
-use rayon::prelude::*;
 
 /// A set of effects, each of which explains what a map cannot.
 pub struct Earned {
@@ -31,64 +28,25 @@ pub struct Earned {
     pub nearest: Option<Hypothesis>,
 }
 
-/// The effects of `best` that explain what a map cannot: those of an equation with nothing but noise left as they are, the others as far as
-/// the recordings say so.
+/// The effects of `best` that explain what a smooth term cannot: those of an equation with nothing but noise left as they are, the others as
+/// far as the recordings say so.
 ///
 /// # Errors
 /// Those of the least-squares fits.
 pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dyn Monitor) -> Result<Earned> {
-    let held_out: Vec<&Data> = judge.into_iter().collect();
-    let with_map = |set: &Hypothesis| -> Result<Judged> {
-        let (fitted, _) = laid(data, judge, set, &[Side::Electrical], monitor)?;
-        let held_out: Result<Vec<Hypothesis>> =
-            held_out.iter().map(|other| transfer(other, &fitted, monitor)).collect();
-        Ok(Judged { fitted, held_out: held_out?, refuted: false })
+    let elsewhere = |set: &Hypothesis| -> Result<Option<(&Data, Hypothesis)>> {
+        judge.map(|judge| Ok((judge, transfer(judge, set, monitor)?))).transpose()
     };
-    let (mut set, mechanical) = beside_a_smooth_torque(data, judge, best.clone(), monitor)?;
+    let set = narrowed(data, best.clone(), &elsewhere, monitor)?;
+    let (set, of_motion) = beside_a_smooth_term(data, set, Side::Mechanical, &elsewhere, monitor)?;
     let nearest = nearest(data, best, &set, monitor)?;
-    loop {
-        let open = sides(data, &set).contains(&Side::Electrical);
-        let doubtful = |e: &EffectId| open && e.info().site != Site::Mechanical && !e.is_general();
-        let asked: Vec<EffectId> = set.effects().into_iter().filter(doubtful).collect();
-        let probability = |effect: EffectId| {
-            let nats = mechanical.iter().find(|(e, _)| *e == effect).map_or(f64::INFINITY, |(_, nats)| *nats);
-            (effect, 1.0 / (1.0 + (-nats).exp()))
-        };
-        if asked.is_empty() {
-            let probabilities = set.effects().into_iter().map(probability).collect();
-            return Ok(Earned { set, probabilities, nearest });
-        }
-        let whole = with_map(&set)?;
-        let without = |effect: &EffectId| -> Result<(EffectId, Hypothesis, Judged)> {
-            let (model, start) = reduced(&set, *effect);
-            let fewer = fitting::fit(data, &model, &start, false, monitor)?;
-            let mapped = with_map(&fewer)?;
-            Ok((*effect, fewer, mapped))
-        };
-        let tried: Result<Vec<(EffectId, Hypothesis, Judged)>> = asked.par_iter().map(without).collect();
-        let tried = tried?;
-        let sets = std::iter::once(&whole).chain(tried.iter().map(|t| &t.2));
-        let evidence = Evidence::new(data, &held_out).limited(sets);
-        let tried: Vec<(EffectId, f64, Hypothesis)> = tried
-            .into_iter()
-            .map(|(effect, fewer, mapped)| (effect, evidence.cost(&mapped) - evidence.cost(&whole), fewer))
-            .collect();
-        // The least needed goes first: what the others are worth may change.
-        let least = tried.iter().min_by(|a, b| a.1.total_cmp(&b.1));
-        match least {
-            Some((_, nats, fewer)) if *nats < data.options.decisive && !monitor.cancelled() => {
-                set = fewer.clone()
-            }
-            _ => {
-                let probability = |effect: EffectId| match tried.iter().find(|(e, ..)| *e == effect) {
-                    Some((_, nats, _)) => (effect, 1.0 / (1.0 + (-nats).exp())),
-                    None => probability(effect),
-                };
-                let probabilities = set.effects().into_iter().map(probability).collect();
-                return Ok(Earned { set, probabilities, nearest });
-            }
-        }
-    }
+    let (set, of_currents) = beside_a_smooth_term(data, set, Side::Electrical, &elsewhere, monitor)?;
+    let probability = |effect: EffectId| {
+        let asked = of_motion.iter().chain(&of_currents).find(|(e, _)| *e == effect);
+        (effect, 1.0 / (1.0 + (-asked.map_or(f64::INFINITY, |(_, nats)| *nats)).exp()))
+    };
+    let probabilities = set.effects().into_iter().map(probability).collect();
+    Ok(Earned { set, probabilities, nearest })
 }
 
 /// A set transferred to the validation run, if there is one.
@@ -128,21 +86,20 @@ fn narrowed<'a>(
     Ok(set)
 }
 
-/// The set without the mechanical effects that a smooth torque replaces, and what each of the others is worth beside one, nats.
-fn beside_a_smooth_torque(
+/// The set without the effects on one side that a smooth term replaces, and what each of the others is worth beside one, nats.
+fn beside_a_smooth_term<'a>(
     data: &Data,
-    judge: Option<&Data>,
     mut set: Hypothesis,
+    side: Side,
+    elsewhere: &Transferred<'a>,
     monitor: &dyn Monitor,
 ) -> Result<(Hypothesis, Vec<(EffectId, f64)>)> {
-    let elsewhere = |set: &Hypothesis| -> Result<Option<(&Data, Hypothesis)>> {
-        judge.map(|judge| Ok((judge, transfer(judge, set, monitor)?))).transpose()
-    };
-    set = narrowed(data, set, &elsewhere, monitor)?;
-    while sides(data, &set).contains(&Side::Mechanical) && !monitor.cancelled() {
+    let asks =
+        |set: &Hypothesis| sides(data, set).contains(&side) && set.effects().iter().any(|e| side.has(*e));
+    while asks(&set) && !monitor.cancelled() {
         let other = elsewhere(&set)?;
         let runs = seen(data, &set, other.as_ref());
-        let worth = beside_discrepancy(&runs);
+        let worth = beside_discrepancy(&runs, side);
         // The least needed goes first: what the others are worth may change.
         let least = worth.iter().min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, nats)| !likely(*nats));
         let Some((effect, _)) = least else { return Ok((set, worth)) };

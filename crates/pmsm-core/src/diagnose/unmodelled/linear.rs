@@ -60,6 +60,17 @@ impl<'a> Linear<'a> {
             Self::FreeRun(run) => run.columns(part),
         }
     }
+
+    /// Derivatives of what is left by how the current sensors lag; none where the currents are not compared over time.
+    pub(super) fn lag_columns(&self) -> Option<DMatrix<f64>> {
+        match self {
+            Self::Integral(_) => None,
+            Self::FreeRun(run) => {
+                let answering = run.answering.as_ref()?;
+                Some(run.experiment(&run.best.model).lag_columns(&run.best.parameters, answering))
+            }
+        }
+    }
 }
 
 impl FreeRun<'_> {

@@ -1,7 +1,7 @@
 //! What each recording's own experiment computes, stacked with that of the others.
 
 use super::Joint;
-use crate::experiment::{Answering, Channel, Course, Experiment, Linearisation, Prediction};
+use crate::experiment::{Answering, Channel, Course, Experiment, LAGS, Linearisation, Prediction};
 use crate::map::Part;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -112,12 +112,28 @@ impl Joint<'_> {
     /// Derivatives with respect to the coefficients of `part`, all of them zero, beside the model whose currents are `answering` like
     /// this at `p`; see [`Experiment::lost_columns`].
     pub fn lost_columns(&self, p: &[f64], answering: &[Answering], part: &Part) -> DMatrix<f64> {
+        self.answered(p, answering, part.count(), &|run, p, answering| run.lost_columns(p, answering, part))
+    }
+
+    /// Derivatives with respect to how the current sensors lag; see [`Experiment::lag_columns`].
+    pub fn lag_columns(&self, p: &[f64], answering: &[Answering]) -> DMatrix<f64> {
+        self.answered(p, answering, LAGS, &|run, p, answering| run.lag_columns(p, answering))
+    }
+
+    /// Some `count` columns of each recording, one below the other.
+    fn answered(
+        &self,
+        p: &[f64],
+        answering: &[Answering],
+        count: usize,
+        own: &dyn Fn(&Experiment, &[f64], &Answering) -> DMatrix<f64>,
+    ) -> DMatrix<f64> {
         if let Some(run) = self.only() {
-            return run.lost_columns(p, &answering[0], part);
+            return own(run, p, &answering[0]);
         }
-        let mut columns = DMatrix::zeros(self.channels.len() * self.samples(), part.count());
+        let mut columns = DMatrix::zeros(self.channels.len() * self.samples(), count);
         for (r, (run, answering)) in self.runs.iter().zip(answering).enumerate() {
-            let own = run.lost_columns(&self.of_run(p, r), answering, part);
+            let own = own(run, &self.of_run(p, r), answering);
             for (own, mut all) in own.column_iter().zip(columns.column_iter_mut()) {
                 self.place(r, own.as_slice(), all.as_mut_slice());
             }
