@@ -16,8 +16,10 @@ from ..units import is_unit
 SAMPLE_LINES = 400
 _SEPARATORS = (",", ";", "\t", "|", " ")
 # No part of these can match the same characters in two ways, so that a long field takes time in proportion.
-_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?$")
-_COMMA_NUMBER = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?$")
+# Data loggers set the sign apart from the digits.
+_NUMBER = re.compile(r"(?:[+-] *)?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?$")
+_SIGN_APART = re.compile(r"(?<!\S)([+-])[ \t]+(?=[\d.,])")
+_COMMA_NUMBER = re.compile(r"(?:[+-] *)?(\d+,\d*|,\d+)([eE][+-]?\d+)?$")
 _NO_NUMBER = frozenset({"", "nan", "inf", "-inf", "+inf", "null", "na", "n/a"})
 
 
@@ -52,10 +54,15 @@ def split(line: str, separator: str) -> list[str]:
     Raises csv.Error on quotes that hold more than a field may.
     """
     if separator == " ":
-        return line.split()
+        return signed(line).split()
     if '"' not in line:
         return [field.strip() for field in line.split(separator)]
     return [field.strip() for field in next(csv.reader([line], delimiter=separator), [])]
+
+
+def signed(text: str) -> str:
+    """`text` with each sign that stands apart from its digits, behind a blank, put before them."""
+    return _SIGN_APART.sub(r"\1", text)
 
 
 def is_number(field: str, comma: bool) -> bool:
