@@ -20,6 +20,12 @@ _SEPARATORS = (",", ";", "\t", "|", " ")
 _NUMBER = re.compile(r"(?:[+-] *)?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?$")
 _SIGN_APART = re.compile(r"(?<!\S)([+-])[ \t]+(?=[\d.,])")
 _COMMA_NUMBER = re.compile(r"(?:[+-] *)?(\d+,\d*|,\d+)([eE][+-]?\d+)?$")
+# Units of what no recording needs.
+_OTHER_UNITS = frozenset(
+    "1 % bool sample samples count counts W kW mW VA J Wh kWh Ah mAh Ohm H mH F kg N kN gf kgf m mm "
+    "m/s km/h m/s^2 m/s2 m/s² rad/s^2 rad/s2 rad/s² bar Pa kPa dB T Wb".split()
+)
+_ENOUGH_UNITS = 3
 _NO_NUMBER = frozenset({"", "nan", "inf", "-inf", "+inf", "null", "na", "n/a"})
 
 
@@ -188,8 +194,8 @@ def _header(
     if above:
         last = above[-1]
         below = fields[last]
-        if _is_units_row(below, numeric) and len(above) > 1:
-            head = fields[above[-2]]
+        head = fields[above[-2]] if len(above) > 1 else []
+        if head and _is_units_row(below, head, numeric):
             if len(head) <= width and not all(is_number(x, comma) for x in head):
                 pad = [""] * (width - len(head))
                 return above[-2], head + pad, (below + [""] * width)[:width]
@@ -231,11 +237,15 @@ def _header(
     )
 
 
-def _is_units_row(fields: list[str], numeric: list[int]) -> bool:
-    stated = [fields[c].strip("[]()") for c in numeric if c < len(fields) and fields[c].strip("[]()-")]
-    return bool(stated) and all(
-        is_unit(x) or x in {"1", "%", "bool", "W", "J", "Ohm", "H", "F", "sample"} for x in stated
-    )
+def _is_units_row(fields: list[str], head: list[str], numeric: list[int]) -> bool:
+    """Whether `fields`, below those of `head`, are units."""
+    stated = [fields[c].strip("[]() ") for c in numeric if c < len(fields) and fields[c].strip("[]()- ")]
+    known = sum(is_unit(x) or x in _OTHER_UNITS for x in stated)
+    if not any(map(is_unit, stated)):
+        return False
+    # Beside units enough, and below a name for every column, what is not known is a unit, too.
+    named = len(head) == len(fields) and all(head) and not any(map(is_unit, head))
+    return known == len(stated) or (named and known >= _ENOUGH_UNITS and 4 * known >= 3 * len(stated))
 
 
 def _columns(header: list[str], below: list[str] | None) -> tuple[Column, ...]:
