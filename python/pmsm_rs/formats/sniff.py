@@ -22,8 +22,9 @@ _SIGN_APART = re.compile(r"(?<!\S)([+-])[ \t]+(?=[\d.,])")
 _COMMA_NUMBER = re.compile(r"(?:[+-] *)?(\d+,\d*|,\d+)([eE][+-]?\d+)?$")
 # Units of what no recording needs.
 _OTHER_UNITS = frozenset(
-    "1 % bool sample samples count counts W kW mW VA J Wh kWh Ah mAh Ohm H mH F kg N kN gf kgf m mm "
-    "m/s km/h m/s^2 m/s2 m/s² rad/s^2 rad/s2 rad/s² bar Pa kPa dB T Wb".split()
+    {"1", "%", "bool", "sample", "samples", "count", "counts", "W", "kW", "mW", "VA", "J", "Wh", "kWh", "Ah"}
+    | {"mAh", "Ohm", "H", "mH", "F", "kg", "N", "kN", "gf", "kgf", "m", "mm", "m/s", "km/h", "m/s^2", "m/s2"}
+    | {"m/s²", "rad/s^2", "rad/s2", "rad/s²", "bar", "Pa", "kPa", "dB", "T", "Wb"}
 )
 _ENOUGH_UNITS = 3
 _NO_NUMBER = frozenset({"", "nan", "inf", "-inf", "+inf", "null", "na", "n/a"})
@@ -195,10 +196,10 @@ def _header(
         last = above[-1]
         below = fields[last]
         head = fields[above[-2]] if len(above) > 1 else []
-        if head and _is_units_row(below, head, numeric):
-            if len(head) <= width and not all(is_number(x, comma) for x in head):
-                pad = [""] * (width - len(head))
-                return above[-2], head + pad, (below + [""] * width)[:width]
+        fits = 0 < len(head) <= width and not all(is_number(x, comma) for x in head)
+        if fits and _is_units_row(below, head, numeric):
+            pad = [""] * (width - len(head))
+            return above[-2], head + pad, (below + [""] * width)[:width]
         trailing = len(below) == width + 1 and not below[-1]
         if len(below) == width or trailing:
             wrong = next((c for c in numeric if is_number(below[c], comma)), None)

@@ -1,0 +1,56 @@
+"""Columns that are held between updates: a sensor that is read less often than rows are written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import shown
+from .formats.remark import Remark
+from .words import listed
+
+_SENSED: Final = frozenset(
+    {"i_a", "i_b", "i_c", "i_d", "i_q", "theta_e", "theta_m", "omega_e", "omega_m", "tau_e", "tau_m"}
+)
+_FEWEST: Final = 32
+"""Updates from which a column is judged."""
+_NEW: Final = 0.5
+"""Share of rows with a new value below which a column is held, or coarse."""
+_COARSE: Final = 2.5
+"""Smallest changes up to which a change is a step of a coarse sensor."""
+_LARGE: Final = 0.25
+"""Share of larger changes from which it is held: a coarse sensor keeps its value, then moves by a step."""
+
+
+def held(columns: Mapping[str, NDArray[np.float64]], headers: Mapping[str, str]) -> Remark | None:
+    """What is to be said of the canonical `columns`, each of shape (samples,), that are held between updates;
+    None where none is. `headers` has their names in the file.
+    """
+    found = {name: each for name in columns if name in _SENSED and (each := _rows_per_update(columns[name]))}
+    if not found:
+        return None
+    names = listed([f"'{shown(headers.get(name, name))}'" for name in found])
+    rows = listed([f"{each:.2g}" for each in found.values()])
+    one = len(found) == 1
+    return Remark(
+        f"{names} {'keeps its value' if one else 'keep their values'} for {rows} rows on average, and "
+        f"{'is' if one else 'are'} held between updates.",
+        "What happens between two updates is not seen, and their jumps may pass for noise or delay.",
+        "Log each sensor at its own rate, or write a row only where there are new values.",
+    )
+
+
+def _rows_per_update(values: NDArray[np.float64]) -> float | None:
+    """Rows per new value from the first change to the last one, None where the column is not held."""
+    steps = np.abs(np.diff(values))
+    changes = np.flatnonzero(steps)
+    if len(changes) < _FEWEST:
+        return None
+    span = int(changes[-1] - changes[0])
+    if len(changes) > _NEW * span:
+        return None
+    sizes = steps[changes]
+    return span / (len(changes) - 1) if np.mean(sizes > _COARSE * sizes.min()) >= _LARGE else None
