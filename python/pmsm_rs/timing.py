@@ -90,26 +90,26 @@ def spread(
             alike &= values[1:] == values[:-1]
     if alike.sum() > _REPEATED * same.sum():
         return stamps, None
+    each = float(starts[-1] - starts[0]) / (len(starts) - 1)
     quantum = float(np.median(steps[starts - 1]))
     rows = np.arange(len(stamps), dtype=np.float64)
     period = np.polyfit(rows[starts], stamps[starts] - stamps[0], 1)[0]
     late = stamps - stamps[0] - period * rows
     if np.ptp(late) <= _EVEN * quantum:
-        return stamps[0] + period * rows, _shared(column, unit, len(stamps), len(starts), period, "")
+        return stamps[0] + period * rows, _shared(column, unit, each, period, "")
     # The first stamp may have begun before the recording, the last one goes on behind it, and a gap is none
     # of the rows before it.
     counts = np.diff(starts, append=len(stamps))
     gaps = np.diff(stamps[starts], append=np.inf)
     usual = float(np.median(quantum / counts))
-    each = np.where(gaps > _LONGEST * quantum, usual, gaps / counts)
-    inner = stamps[starts].repeat(counts) + each.repeat(counts) * (rows[starts[0] :] - starts.repeat(counts))
+    apart = np.where(gaps > _LONGEST * quantum, usual, gaps / counts)
+    inner = stamps[starts].repeat(counts) + apart.repeat(counts) * (rows[starts[0] :] - starts.repeat(counts))
     out = np.concatenate([stamps[starts[0]] - usual * np.arange(starts[0], 0, -1), inner])
     between = " between one stamp and the next"
-    return out, _shared(column, unit, len(stamps), len(starts), float(np.median(np.diff(out))), between)
+    return out, _shared(column, unit, each, float(np.median(np.diff(out))), between)
 
 
-def _shared(column: str, unit: str, rows: int, changes: int, period: float, where: str) -> Remark:
-    each = rows / (changes + 1)
+def _shared(column: str, unit: str, each: float, period: float, where: str) -> Remark:
     return Remark(
         f"{each:.3g} rows share each stamp of '{shown(column)}', and were spaced evenly{where}, "
         f"{period:.6g} {unit} apart.",

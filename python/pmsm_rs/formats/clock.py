@@ -31,6 +31,8 @@ _FRACTIONS: Final = {
 _SECOND: Final = 1_000_000_000
 _DAY: Final = 86_400 * _SECOND
 _HALF: Final = 12 * 3600 * _SECOND
+_MOST: Final = 0.9
+"""Share of the texts of a sample from which a column holds what they say; the others are faults."""
 _FIX: Final = "correct the value or cut the line"
 _ISO: Final = "write dates as 2024-12-31"
 
@@ -55,24 +57,24 @@ def found(layout: Layout, rows: Sequence[Sequence[str]]) -> dict[int, Clock]:
     """The clocks of a table by their column, as its sample `rows` of fields show."""
     width = len(layout.columns)
     samples = [[row[c] for row in rows if len(row) == width] for c in range(width)]
-    times = [c for c in range(width) if _all(_TIME, samples[c])]
-    days = [c for c in range(width) if _all(_DAYS, samples[c])]
+    times = [c for c in range(width) if _most(_TIME, samples[c])]
+    days = [c for c in range(width) if _most(_DAYS, samples[c])]
     out = {}
     for c in times:
         parts = [_TIME.fullmatch(text) for text in samples[c]]
-        has_date = all(part is not None and part["date"] for part in parts)
-        if has_date and not _all(_DAYS, [part["date"] for part in parts if part is not None]):
+        stamps = [part["date"] for part in parts if part is not None and part["date"]]
+        if stamps and not _most(_DAYS, stamps):
             continue
         is_exact = any(part is not None and part[5] for part in parts)
         near = [d for d in (c - 1, c + 1) if d in days] or (days if len(times) == 1 == len(days) else [])
         right = c + 1 + (c + 1 in near[:1])
         unit = None if is_exact or right >= width else _fraction(layout.columns[right].name, samples[right])
-        out[c] = Clock(c, near[0] if near and not has_date else None, right if unit else None, unit or "s")
+        out[c] = Clock(c, near[0] if near and not stamps else None, right if unit else None, unit or "s")
     return out
 
 
-def _all(pattern: re.Pattern[str], texts: Sequence[str]) -> bool:
-    return bool(texts) and all(pattern.fullmatch(text) for text in texts)
+def _most(pattern: re.Pattern[str], texts: Sequence[str]) -> bool:
+    return sum(pattern.fullmatch(text) is not None for text in texts) > _MOST * len(texts)
 
 
 def _fraction(name: str, samples: Sequence[str]) -> str | None:

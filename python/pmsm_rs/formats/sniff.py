@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 from .._core import DataError
@@ -27,6 +28,8 @@ _OTHER_UNITS = frozenset(
     | {"m/s²", "rad/s^2", "rad/s2", "rad/s²", "bar", "Pa", "kPa", "dB", "T", "Wb"}
 )
 _ENOUGH_UNITS = 3
+_DATE = re.compile(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}")
+_TIME = re.compile(r"\d{1,2}:\d{2}:\d{2}")
 _NO_NUMBER = frozenset({"", "nan", "inf", "-inf", "+inf", "null", "na", "n/a"})
 
 
@@ -200,6 +203,9 @@ def _header(
         if fits and _is_units_row(below, head, numeric):
             pad = [""] * (width - len(head))
             return above[-2], head + pad, (below + [""] * width)[:width]
+        if separator == " " and len(below) == width - 1 and (k := _stamp(lines[first])) is not None:
+            # One name over a date and a time of day, which a blank parts.
+            below = [*below[:k], "date", *below[k:]]
         trailing = len(below) == width + 1 and not below[-1]
         if len(below) == width or trailing:
             wrong = next((c for c in numeric if is_number(below[c], comma)), None)
@@ -236,6 +242,12 @@ def _header(
         place=f"line {first + 1}",
         fix="put a line with the names of the columns above the numbers",
     )
+
+
+def _stamp(line: str) -> int | None:
+    """The field of a line parted by blanks that is a date with a time of day behind it, None without one."""
+    pairs = enumerate(pairwise(split(line, " ")))
+    return next((k for k, (day, time) in pairs if _DATE.fullmatch(day) and _TIME.match(time)), None)
 
 
 def _is_units_row(fields: list[str], head: list[str], numeric: list[int]) -> bool:
