@@ -20,9 +20,15 @@ _FEWEST: Final = 32
 _NEW: Final = 0.5
 """Share of rows with a new value below which a column is held, or coarse."""
 _COARSE: Final = 2.5
-"""Smallest changes up to which a change is a step of a coarse sensor."""
+"""Steps of the scale up to which a change is that of a coarse sensor."""
 _LARGE: Final = 0.25
 """Share of larger changes from which it is held: a coarse sensor keeps its value, then moves by a step."""
+_REGULAR: Final = 0.8
+"""Share of updates of one length that are regular: those of a coarse sensor follow the motion."""
+_UNEQUAL: Final = 1.2
+"""Ratio of large to small changes that are no steps of one size."""
+_SAME: Final = 1e-9
+"""Share of the range within which values are the same."""
 
 
 def held(columns: Mapping[str, NDArray[np.float64]], headers: Mapping[str, str]) -> Remark | None:
@@ -53,4 +59,10 @@ def _rows_per_update(values: NDArray[np.float64]) -> float | None:
     if len(changes) > _NEW * span:
         return None
     sizes = steps[changes]
-    return span / (len(changes) - 1) if np.mean(sizes > _COARSE * sizes.min()) >= _LARGE else None
+    between = np.diff(np.unique(values))
+    step = float(np.median(between[between > _SAME * np.ptp(values)]))
+    jumps = np.mean(sizes > _COARSE * step) >= _LARGE
+    lengths = np.diff(changes)
+    regular = np.bincount(lengths).max() >= _REGULAR * len(lengths)
+    small, large = np.quantile(sizes, [0.1, 0.9])
+    return span / len(lengths) if jumps or (regular and large > _UNEQUAL * small) else None
