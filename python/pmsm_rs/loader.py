@@ -22,6 +22,7 @@ from .frames import frame_source
 from .held import held
 from .reading import Account, told
 from .recording import DEFAULT_MAX_BYTES, Recording
+from .wild import told_of, wild_rows
 
 
 def load(
@@ -80,6 +81,13 @@ def _read(
         if fact(error, "row") is None and _is_load_alone(columns):
             raise _nothing_to_ask(columns, account, source) from error
         raise _with_place(error, source, account.first) from error
+    if recording.kind == "operating_points" and (wild := wild_rows(columns)):
+        first = account.first
+        account = replace(
+            account, remarks=(*account.remarks, told_of(wild, lambda row: source.place(first + row)[1]))
+        )
+        columns = {name: np.delete(values, list(wild)) for name, values in columns.items()}
+        recording = Recording(columns, load=kind, load_value=value)
     recording.file, recording.account = source.file, _with_held(columns, account)
     angle_against_speed(columns, known.n_p if known is not None else None, source.file)
     angle_in_radians(columns, source.file)

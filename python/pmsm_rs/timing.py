@@ -79,6 +79,8 @@ def spread(
     stamp and the next. Stamps that run back, of repeated rows, or too few to tell a rate come back as they
     are, with None. `others` are the other columns.
     """
+    if len(stamps) <= _FEWEST:
+        return stamps, None
     steps = np.diff(stamps)
     same = steps == 0.0
     starts = np.flatnonzero(~same) + 1

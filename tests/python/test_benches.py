@@ -1,4 +1,4 @@
-"""Sensors that are read less often than rows are written, and rows of units of a bench."""
+"""Logs of benches: sensors that are read seldom, rows of units, operating points that stand out."""
 
 from __future__ import annotations
 
@@ -76,3 +76,44 @@ def test_rows_of_units_of_a_bench(kind: str, columns: Columns, tmp_path: Path) -
 def test_torques_in_hundredths(columns: Columns, tmp_path: Path) -> None:
     (tmp_path / "r.csv").write_text(csv_text({**columns, "tau_m": columns["i_q"]}, {"tau_m": "tau_m [N·cm]"}))
     np.testing.assert_allclose(pm.load(tmp_path / "r.csv").column("tau_m"), columns["i_q"] * 1e-2)
+
+
+def points(seed: int = 3) -> Columns:
+    """Operating points of a machine with saturation and dead time, and noise."""
+    random = np.random.default_rng(seed)
+    grid = np.meshgrid([-8.0, -4.0, 0.0], [-6.0, -2.0, 2.0, 6.0], [100.0, 200.0, 300.0])
+    i_d, i_q, w = (axis.ravel() for axis in grid)
+    drop = 0.4 * np.sign(i_q)
+    return {
+        "t": np.arange(len(w), dtype=float),
+        "i_d": i_d,
+        "i_q": i_q,
+        "omega_e": w,
+        "v_d": 0.9 * i_d - w * 0.021 * i_q * (1.0 - 0.01 * np.abs(i_q)) + random.normal(size=len(w)) * 0.02,
+        "v_q": 0.9 * i_q + w * (0.0096 * i_d + 0.19) + drop + random.normal(size=len(w)) * 0.02,
+    }
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_operating_points_of_an_odd_motor_are_not_wild(seed: int, tmp_path: Path) -> None:
+    (tmp_path / "r.csv").write_text(csv_text(points(seed)))
+    recording = pm.load(tmp_path / "r.csv")
+    assert (recording.kind, len(recording), recording.account.remarks) == ("operating_points", 36, ())
+
+
+def test_a_wild_row_is_told_by_its_number_and_left_out(tmp_path: Path) -> None:
+    columns = points()
+    columns["v_q"][17] += 12.0
+    (tmp_path / "r.csv").write_text(csv_text(columns))
+    recording = pm.load(tmp_path / "r.csv")
+    assert len(recording) == 35
+    [remark] = recording.account.remarks
+    assert remark.finding.startswith("A wild row was left out: line 19, where v_q is +")
+
+
+def test_a_point_at_the_end_of_the_range_is_never_wild(tmp_path: Path) -> None:
+    columns = {name: np.append(values, values[-1]) for name, values in points().items()}
+    columns["t"][-1] += 1.0
+    columns["i_q"][-1], columns["v_q"][-1] = 30.0, 60.0
+    (tmp_path / "r.csv").write_text(csv_text(columns))
+    assert len(pm.load(tmp_path / "r.csv")) == 37
