@@ -61,7 +61,7 @@ def bases_of(source: Source, plan: Mapping[str, Rule], raw: Columns) -> Bases | 
         _check_lengths(source, plan, raw)
     stamps = {base: _seconds(source, base, raw[source.stamps[base]], len(used) > 1) for base in used}
     period = {base: float(np.median(np.diff(t))) if len(t) > 1 else np.inf for base, t in stamps.items()}
-    lead = every.get("t") or _lead(every, period)
+    lead = every.get("t") or (_lead(every, period) if len(used) > 1 else used[0])
     every["t"] = lead
     found = Bases(stamps, every, lead, period)
     slow = {name for name, base in every.items() if period[base] > _SLOW * period[lead]}
@@ -146,7 +146,7 @@ def _fate(name: str, slow: set[str], plan: Mapping[str, Rule], bases: Bases, sou
     if name in _ELECTRICAL or name in _ANGLES or name == "tau_e":
         raise refuse(
             DataError,
-            f"it is sampled at {rate}, too slow to go with the others at {lead}",
+            f"it is sampled at other times than the others, at {rate}, too slow to go with their {lead}",
             file=source.file,
             column=column,
             fix=f"record them at one rate, or leave it out with {name} = false in [columns]",

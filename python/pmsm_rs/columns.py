@@ -59,12 +59,13 @@ def taken(
         _mend_time(raw, plan["t"], source)
     read: Columns = {}
     for name, rule in plan.items():
+        if rule.source is None:
+            continue
         if bases is not None and rule.source == source.common:
-            read[name] = bases.stamps[bases.lead]
-        elif rule.source is not None:
-            read[name] = _convert(raw[rule.source], name, rule, source)
-            if finite:
-                _finite(read[name], raw[rule.source], name, rule.source, source)
+            raw[rule.source] = bases.stamps[bases.lead]
+        read[name] = _convert(raw[rule.source], name, rule, source)
+        if finite:
+            _finite(read[name], raw[rule.source], name, rule.source, source)
     if bases is not None:
         read, cut = lined_up(read, bases, source, plan)
         account = replace(account, first=cut)

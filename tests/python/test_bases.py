@@ -84,7 +84,7 @@ def test_a_current_that_is_too_slow_is_refused(columns: Columns, tmp_path: Path)
     fast, slow = parted(columns, "i_d", "i_q")
     slow = {name: values[::10] for name, values in slow.items()}
     write_mdf(tmp_path / "r.mf4", [fast, slow], [columns["t"], columns["t"][::10]])
-    with pytest.raises(pm.DataError, match="100 Hz, too slow to go with the others at 1000 Hz") as refused:
+    with pytest.raises(pm.DataError, match="100 Hz, too slow to go with their 1000 Hz") as refused:
         pm.load(tmp_path / "r.mf4")
     assert refused.value.column in {"i_d", "i_q"}
     assert "= false in [columns]" in str(refused.value)
