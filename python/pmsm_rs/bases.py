@@ -246,6 +246,13 @@ def _remark(
             f"Nothing faster than {0.5 / period:.3g} Hz is seen in {'it' if len(names) == 1 else 'them'}.",
             "Record all at one rate if faster changes matter.",
         )
+    if _SLOW * period < bases.period[bases.lead]:
+        own_rate, rate = _rate(period), _rate(bases.period[bases.lead])
+        return Remark(
+            f"{columns} {were} sampled at {own_rate}, and taken at the {rate} of the others.",
+            f"What changes faster than {0.5 / bases.period[bases.lead]:.3g} Hz in it looks slower.",
+            "Record all at one rate if faster changes matter.",
+        )
     away = own[0] - lead[0]
     when = (
         "at the same time as"

@@ -150,6 +150,15 @@ def test_what_is_no_time_of_day_is_refused_with_its_line(columns: Columns, tmp_p
     assert (refused.value.row, refused.value.column) == (301, "Time")
 
 
+def test_stamps_without_a_date_among_others_are_refused(columns: Columns, tmp_path: Path) -> None:
+    text = table(columns, lambda m: [m.isoformat(" ", "microseconds")], ["Time"], ",").splitlines()
+    text[300] = text[300].removeprefix("2024-03-01 ")
+    (tmp_path / "r.csv").write_text("\n".join(text) + "\n")
+    with pytest.raises(pm.DataError, match="there is no date, and other rows have one") as refused:
+        pm.load(tmp_path / "r.csv")
+    assert refused.value.row == 301
+
+
 def test_the_unit_of_a_time_of_day_cannot_be_chosen(
     columns: Columns, tmp_path: Path, machine_file: Path
 ) -> None:

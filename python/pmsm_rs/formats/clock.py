@@ -94,20 +94,24 @@ class Texts:
     the nanoseconds since midnight.
     """
 
-    def __init__(self, column: str) -> None:
-        self.column, self.rows = column, 0
+    def __init__(self, column: str, days_only: bool) -> None:
+        self.column, self.days_only, self.rows = column, days_only, 0
         self.dates: dict[str, int] = {}
         self.days: list[NDArray[np.int64]] = []
         self.times: list[NDArray[np.int64]] = []
 
     def add(self, texts: Sequence[str]) -> None:
-        """Takes the next batch. Raises Refused on the first text that is neither date nor time of day."""
-        days, times = np.zeros(len(texts), dtype=np.int64), np.zeros(len(texts), dtype=np.int64)
+        """Takes the next batch; a date alone is its midnight. Raises Refused on a text that is neither."""
+        days, times = np.full(len(texts), -1, dtype=np.int64), np.zeros(len(texts), dtype=np.int64)
         for k, text in enumerate(texts):
-            part = _TIME.fullmatch(text)
+            if text in self.dates:
+                days[k] = self.dates[text]
+                continue
+            part = None if self.days_only else _TIME.fullmatch(text)
             day = part["date"] if part is not None else text if _DAYS.fullmatch(text) else None
             if part is None and day is None:
-                problem = f"'{shown(text)}' is no date or time of day" if text else "the value is missing"
+                what = "date" if self.days_only else "date or time of day"
+                problem = f"'{shown(text)}' is no {what}" if text else "the value is missing"
                 raise Refused(problem, _FIX, column=self.column, row=self.rows + k)
             if day is not None:
                 days[k] = self.dates.setdefault(day, len(self.dates))
@@ -146,6 +150,9 @@ def seconds(
     remarks = []
     if dated.dates:
         codes = np.concatenate(dated.days)
+        if codes.min() < 0:
+            row = int(np.argmin(codes))
+            raise Refused("there is no date, and other rows have one", _FIX, column=dated.column, row=row)
         times = times + _ordinals(dated, codes, times)[codes] * _DAY
     else:
         back = np.diff(times) < -_HALF

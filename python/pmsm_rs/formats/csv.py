@@ -162,7 +162,7 @@ def _read(
     told = {clock.column for clock in clocks}
     names = {item.index: item.column for item in wanted if item.index not in told}
     names |= {clock.fraction: headed[clock.fraction] for clock in clocks if clock.fraction is not None}
-    texts = {index: Texts(headed[index]) for clock in clocks for index in clock.texts}
+    texts = {index: Texts(headed[index], index != clock.column) for clock in clocks for index in clock.texts}
     columns = _decoded(text, layout, lines, names, texts)
     for clock in clocks:
         fraction = None if clock.fraction is None else columns[clock.fraction]
@@ -223,8 +223,10 @@ def _plain(text: str, layout: Layout) -> str:
     if separator == " ":
         body = signed(re.sub(r"[ \t]+", " ", re.sub(r"(?m)^[ \t]+|(?<![ \t])[ \t]+$", "", body)))
     elif " " in body:
+        body = re.sub(r"(?<=[+-]) +(?=[\d.])", "", body)
+    if separator != " " and " " in body:
         sign = re.escape(separator)
-        body = re.sub(rf"(?m)^ +|(?<! ) +$|(?<! ) +(?={sign})|(?<={sign}) +|(?<=[+-]) +(?=[\d.])", "", body)
+        body = re.sub(rf"(?m)^ +|(?<! ) +$|(?<! ) +(?={sign})|(?<={sign}) +", "", body)
     if "%" in body:
         body = re.sub(rf"(?m)^{_BLANKS}*%.*\n?", "", body)
     return body
