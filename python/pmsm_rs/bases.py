@@ -253,17 +253,16 @@ def _remark(
             f"What changes faster than {0.5 / bases.period[bases.lead]:.3g} Hz in it looks slower.",
             "Record all at one rate if faster changes matter.",
         )
-    away = own[0] - lead[0]
-    when = (
-        "at the same time as"
-        if away == 0.0
-        else f"{abs(away):.6g} s {'later' if away > 0 else 'earlier'} than"
-    )
-    how = "sample by sample" if exact else "by interpolation"
-    start = "starts" if len(names) == 1 else "start"
+    away, cut = own[0] - lead[0], len(lead) - int(keep.sum())
+    start, have = ("starts", "has") if len(names) == 1 else ("start", "have")
+    if away != 0.0:
+        what = f"{start} {abs(away):.6g} s {'later' if away > 0 else 'earlier'} than the others"
+    else:
+        what = f"{have} sample times of {'its' if len(names) == 1 else 'their'} own"
     return Remark(
-        f"{columns} {start} {when} the others, and {were} lined up with them on the common time base, {how}.",
-        f"{len(lead) - int(keep.sum())} of {len(lead)} rows were cut, as not all columns have them.",
+        f"{columns} {what}, and {were} lined up with the others on the common time base, "
+        f"{'sample by sample' if exact else 'by interpolation'}.",
+        f"{cut} of {len(lead)} rows were cut, as not all columns have them." if cut else "No row was cut.",
         "If the start times in the file are wrong, correct them there.",
     )
 
