@@ -19,6 +19,10 @@ _LARGEST_STEP = math.pi / 2
 _LEAST_TURN = 0.05
 # nor does one that moves no more than noise adds up to, per median step of it and root of their number
 _NOISE_WALK = 8.0
+# share of rows with a new angle below which it is held for several rows
+_HELD = 0.5
+# updates of a held angle that a step spans, the first that decide
+_UPDATES = (8, 4, 2, 1)
 # a turn in degrees, rounded up, and jumps by it that are no fault of a few samples
 _TURN = 360.5
 _WRAPS = 2
@@ -129,6 +133,20 @@ def _ratio(t: NDArray[np.float64], angle: NDArray[np.float64], speed: NDArray[np
     if not len(t) == len(angle) == len(speed):
         return None
     expected = 0.5 * (speed[1:] + speed[:-1]) * np.diff(t)
+    fresh = np.flatnonzero(np.diff(angle)) + 1
+    if _FEW < len(fresh) < _HELD * len(angle):
+        # An angle that is held for several rows is compared where it is new, and over several updates, as
+        # the speed may be held, too.
+        for updates in _UPDATES:
+            rows = fresh[::updates]
+            held = _of_steps(np.add.reduceat(expected[: rows[-1]], rows[:-1]), angle[rows])
+            if held is not None:
+                return held
+    return _of_steps(expected, angle)
+
+
+def _of_steps(expected: NDArray[np.float64], angle: NDArray[np.float64]) -> float | None:
+    """Median of the steps of `angle` over those that are `expected`."""
     size = np.abs(expected)
     usable = (size < _LARGEST_STEP) & (size > 0.3 * np.max(size, initial=0.0, where=size < _LARGEST_STEP))
     if usable.sum() < _FEW or np.median(size[usable]) < 1e-4:

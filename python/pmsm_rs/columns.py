@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ._core import DataError
-from .errors import did_you_mean, refuse
+from .bases import bases_of, lined_up, names_to_read
+from .errors import did_you_mean, refuse, shown
+from .formats.remark import Remark
 from .formats.source import Source
 from .planning import planned
 from .quantities import CANONICAL
-from .reading import Account
+from .reading import Account, Unused
 from .rules import Rule, Rules
 from .stated import unit_of
+from .timing import spread, unwrapped
 from .units import UNITS
 
 Columns = dict[str, NDArray[np.float64]]
@@ -28,7 +31,7 @@ def assemble(source: Source, rules: Rules | None = None, *, finite: bool = True,
 
     Raises DataError on a missing, doubtful, empty or unreadable column and on an unknown unit.
     """
-    return taken(source, rules, finite=finite, first=first)[0]
+    return taken(source, rules, finite=finite, first=first, streamed=True)[0]
 
 
 def taken(
@@ -39,16 +42,34 @@ def taken(
     finite: bool = True,
     first: int = 0,
     whole: bool = False,
+    streamed: bool = False,
 ) -> tuple[Columns, Account]:
     """The columns as `assemble` gives them, and the account of what became of the columns of `source`.
 
     `beside` opens another file by its name next to the recording. With `whole` the columns must answer a
-    question by themselves. Raises DataError as `assemble`, and on a file beside with other sample times.
+    question by themselves; where they are `streamed`, the time is taken as it is. Raises DataError as
+    `assemble`, on a file beside with other sample times, and on groups that cannot be brought together.
     """
     plan, account = planned(source, rules or {}, whole=whole)
-    wanted = {rule.source for rule in plan.values() if rule.source is not None}
-    raw = source.read(sorted(wanted))
-    rows = max((len(values) for values in raw.values()), default=0)
+    raw = source.read(names_to_read(source, plan))
+    bases = bases_of(source, plan, raw)
+    if bases is not None and bases.left_out:
+        plan, account = _without(bases.left_out, plan, account, source)
+    if not streamed:
+        _mend_time(raw, plan["t"], source)
+    read: Columns = {}
+    for name, rule in plan.items():
+        if rule.source is None:
+            continue
+        if bases is not None and rule.source == source.common:
+            raw[rule.source] = bases.stamps[bases.lead]
+        read[name] = _convert(raw[rule.source], name, rule, source)
+        if finite:
+            _finite(read[name], raw[rule.source], name, rule.source, source)
+    if bases is not None:
+        read, cut = lined_up(read, bases, source, plan)
+        account = replace(account, first=cut)
+    rows = max((len(values) for values in read.values()), default=0)
     if rows == 0:
         raise refuse(DataError, "there are no rows", file=source.file, fix="record or export it again")
     out: Columns = {}
@@ -59,14 +80,46 @@ def taken(
         elif rule.value is not None:
             out[key] = np.full(rows, _convert(np.array([rule.value]), name, rule, source)[0])
         elif rule.source is not None:
-            out[key] = _convert(raw[rule.source], name, rule, source)
-            if finite:
-                _finite(out[key], raw[rule.source], name, rule.source, source)
+            out[key] = read[name]
     for name, given in (rules or {}).items():
         if given is not None and given.file is not None:
             key = "omega_m" if name == "n" else name
             out[key] = _from_beside(name, given, plan["t"], out["t"], beside, source)
-    return out, account
+    return out, replace(account, remarks=tuple(dict.fromkeys(source.remarks)))
+
+
+def _without(
+    left_out: Mapping[str, str], plan: Mapping[str, Rule], account: Account, source: Source
+) -> tuple[dict[str, Rule], Account]:
+    """Plan and account without columns that go with no others, which is told of each."""
+    headers = {name: source.header(plan[name].source or "") for name in left_out}
+    for name, why in left_out.items():
+        source.remarks.append(
+            Remark(
+                f"'{shown(headers[name])}' was left out: {why}.",
+                "The answer does not rest on it.",
+                "Record it at the rate of the others to have it used.",
+            )
+        )
+    unused = [Unused(headers[name], CANONICAL[name].dimension, why) for name, why in left_out.items()]
+    kept = {name: rule for name, rule in account.columns.items() if name not in left_out}
+    return {name: rule for name, rule in plan.items() if name not in left_out}, replace(
+        account,
+        columns=kept,
+        ignored=(*account.ignored, *headers.values()),
+        unused=(*account.unused, *unused),
+    )
+
+
+def _mend_time(raw: Columns, rule: Rule, source: Source) -> None:
+    """Makes time go on where its counter wraps, and spreads stamps that several rows share."""
+    if rule.source is None or rule.source not in raw:
+        return
+    column, unit = source.header(rule.source), rule.unit or "s"
+    stamps, wrapped = unwrapped(raw[rule.source], column, source.place)
+    others = [values for name, values in raw.items() if name != rule.source]
+    raw[rule.source], shared = spread(stamps, others, column, unit)
+    source.remarks.extend(remark for remark in (wrapped, shared) if remark is not None)
 
 
 def _from_beside(
@@ -89,11 +142,13 @@ def _from_beside(
         )
     other = beside(rule.file)
     column = other.find(rule.source, name)
-    chosen = {column, *({time.source} & set(other.names))} - {None}
-    raw = other.read(sorted(text for text in chosen if text is not None))
+    clock = time.source if time.source in other.names else None
+    if clock is not None and clock == other.common:
+        clock = other.stamps[other.bases[column]] if column in other.bases else None
+    raw = other.read(sorted({column, *([clock] if clock is not None else [])}))
     values = _convert(raw[column], name, replace(rule, source=column), other)
     _finite(values, raw[column], name, column, other)
-    stamps = _convert(raw[time.source], "t", time, other) if time.source in raw else t
+    stamps = t if clock is None else _convert(raw[clock], "t", time, other)
     tolerance = 0.01 * float(np.median(np.diff(t))) if len(t) > 1 else 0.0
     if len(values) != len(t) or not np.allclose(stamps, t, rtol=0.0, atol=tolerance):
         raise refuse(

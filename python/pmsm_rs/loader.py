@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,10 @@ from .errors import NothingToAsk, fact, refuse
 from .formats import Source, open_source
 from .formats.ahead import Opening
 from .frames import frame_source
+from .held import held
 from .reading import Account, told
 from .recording import DEFAULT_MAX_BYTES, Recording
+from .wild import told_of, wild_rows
 
 
 def load(
@@ -77,12 +80,30 @@ def _read(
     except DataError as error:
         if fact(error, "row") is None and _is_load_alone(columns):
             raise _nothing_to_ask(columns, account, source) from error
-        raise _with_place(error, source) from error
-    recording.file, recording.account = source.file, account
+        raise _with_place(error, source, account.first) from error
+    if recording.kind == "operating_points" and (wild := wild_rows(columns)):
+        first = account.first
+        account = replace(
+            account, remarks=(*account.remarks, told_of(wild, lambda row: source.place(first + row)[1]))
+        )
+        columns = {name: np.delete(values, list(wild)) for name, values in columns.items()}
+        recording = Recording(columns, load=kind, load_value=value)
+    recording.file, recording.account = source.file, _with_held(columns, account)
     angle_against_speed(columns, known.n_p if known is not None else None, source.file)
     angle_in_radians(columns, source.file)
     rotor_frame_against_phases(columns, source.file)
     return recording
+
+
+def _with_held(columns: Columns, account: Account) -> Account:
+    """The account with a remark on columns that are held between updates, where there are any."""
+    headers = {
+        "omega_m" if name == "n" else name: rule.source
+        for name, rule in account.columns.items()
+        if rule.source is not None
+    }
+    remark = held(columns, headers)
+    return account if remark is None else replace(account, remarks=(*account.remarks, remark))
 
 
 def _name(data: Any) -> str | None:
@@ -133,8 +154,10 @@ def _nothing_to_ask(columns: Columns, account: Account, source: Source) -> Nothi
     return error
 
 
-def _with_place(error: DataError, source: Source) -> DataError:
-    """The core's refusal with the file and with the row where the user finds it."""
+def _with_place(error: DataError, source: Source, first: int) -> DataError:
+    """The core's refusal with the file and with the row where the user finds it, `first` rows having been cut
+    before the recording.
+    """
     row, column, fix = fact(error, "row"), fact(error, "column"), fact(error, "fix")
     problem = fact(error, "problem")
     if not isinstance(problem, str) or not isinstance(fix, str):
@@ -143,7 +166,7 @@ def _with_place(error: DataError, source: Source) -> DataError:
         )
     if row is None and "missing" in problem:
         fix += f" (the file has {', '.join(source.names[:20])}; map them in [columns])"
-    number, words = source.place(row) if isinstance(row, int) else (None, None)
+    number, words = source.place(first + row) if isinstance(row, int) else (None, None)
     return refuse(
         DataError,
         problem,

@@ -78,6 +78,7 @@ def planned(source: Source, rules: Rules, *, whole: bool) -> tuple[dict[str, Rul
     draft = _Draft(source, rules)
     _given(draft)
     taken = {rule.source for rule in draft.plan.values()}
+    taken |= {part for parts in source.clocks.values() for part in parts}
     _guess(draft, [name for name in dict.fromkeys(source.names) if name not in taken])
     _choose(draft)
     doubts = _settled(draft)
@@ -151,6 +152,9 @@ def _guess(draft: _Draft, columns: Iterable[str]) -> None:
         if key in log:
             name, documented = log[key]
             draft.claim(column, name, documented, _EXACT)
+        elif column in source.clocks and column != "t":
+            # Stamps of the time of day go behind a column that counts time.
+            draft.claim(column, "t", "s", 1)
         elif column in CANONICAL and not beside:
             draft.claim(column, column, unit or CANONICAL[column].unit, _EXACT)
         elif key == "column" and canonical(stated or "", "time") is not None:
@@ -332,6 +336,7 @@ def _how(draft: _Draft, quantities: tuple[str, ...], wanted: str) -> str:
 def _account(draft: _Draft, plan: dict[str, Rule]) -> Account:
     source = draft.source
     used = {rule.source for rule in plan.values()}
+    used |= {part for column in used & {*source.clocks} for part in source.clocks[column or ""]}
     shown = {
         name: rule if rule.source is None else replace(rule, source=source.header(rule.source))
         for name, rule in plan.items()

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import shown
+from .formats.remark import Remark
 from .quantities import CANONICAL
 from .rules import Rule, Rules
 from .words import listed
@@ -43,7 +44,7 @@ class Account:
     `columns` holds the rule behind each canonical column, units resolved. `ignored` are the names of all the
     others, `unused` those of them of which there is something to say, and `missed` the quantities of which
     nothing was read although a column looks like it. `what` they are columns of: a file, or a recording in
-    memory.
+    memory. `remarks` say what was done to the data, and `first` rows were cut before the first one.
     """
 
     columns: Mapping[str, Rule]
@@ -51,6 +52,8 @@ class Account:
     unused: tuple[Unused, ...] = ()
     missed: frozenset[str] = field(default_factory=frozenset)
     what: str = "recording"
+    remarks: tuple[Remark, ...] = ()
+    first: int = 0
 
     @classmethod
     def of_arrays(cls, names: Iterable[str]) -> Account:
@@ -76,8 +79,8 @@ def missed(have: set[str], given: Rules, unused: Sequence[Unused]) -> frozenset[
 
 
 def told(account: Account, stamps: NDArray[np.float64], kind: str | None, load: str | None) -> dict[str, Any]:
-    """`read` of an answer: columns, ignored, rows, period (s) and questions, and `not_used` for the columns
-    of which there is something to say.
+    """`read` of an answer: columns, ignored, rows, period (s) and questions, `not_used` for the columns of
+    which there is something to say, and `done` for what was done to the data.
 
     `stamps` are the sample times (s), shape (samples,); `kind` is that of the recording, None where it
     answers no question.
@@ -100,11 +103,14 @@ def told(account: Account, stamps: NDArray[np.float64], kind: str | None, load: 
             }
             for entry in account.unused
         ],
+        "done": [remark._asdict() for remark in account.remarks],
     }
 
 
 def warnings(read: Mapping[str, Any]) -> list[dict[str, str]]:
-    """Findings on the columns that were not used though nothing else gives what they look like."""
+    """Findings on what was done to the data, and on the columns that were not used though nothing else gives
+    what they look like.
+    """
     missed = [entry for entry in read["not_used"] if entry["missed"]]
     out = [
         {
@@ -118,7 +124,7 @@ def warnings(read: Mapping[str, Any]) -> list[dict[str, str]]:
         rest = [entry["column"] for entry in missed[_SHOWN:]]
         finding = f"{len(rest)} more columns like these were not used: {names(rest)}."
         out.append({**out[-1], "finding": finding, "fix": "Say in [columns] which of them to use."})
-    return out
+    return [*read["done"], *out]
 
 
 def _fix(entry: Mapping[str, Any]) -> str:

@@ -47,6 +47,14 @@ def unit_of(name: str, rule: Rule, source: Source) -> str:
             column=rule.source,
             fix="log the instantaneous value",
         )
+    if rule.source in source.clocks and unit != "s":
+        raise refuse(
+            DataError,
+            "it holds times of day, which are read as seconds",
+            file=source.file,
+            column=rule.source,
+            fix=f'leave its unit "{unit}" out of [columns]',
+        )
     return unit
 
 

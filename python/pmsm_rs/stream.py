@@ -133,9 +133,9 @@ class _Text:
 
     def _number(self, name: str, field: str, number: int) -> float:
         if is_number(field, False):
-            return float(field)
+            return float(field.replace(" ", ""))
         if self.comma and is_number(field, True):
-            return float(field.replace(",", "."))
+            return float(field.replace(" ", "").replace(",", "."))
         if field.lower() in _MISSING:
             return float("nan")
         raise _bad(f"'{field[:40]}' is no number", number, "send a number, or leave the field empty", name)

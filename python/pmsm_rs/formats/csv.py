@@ -6,6 +6,7 @@ import codecs
 import csv
 import io
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -15,9 +16,11 @@ from numpy.typing import NDArray
 from .._core import DataError
 from ..errors import refuse, shown
 from . import scope
+from .clock import Clock, Texts, found, seconds
 from .gate import admit, take, within
 from .member import Member, Refused, Wanted
-from .sniff import SAMPLE_LINES, Layout, is_number, skipped, sniff, split
+from .remark import Remark
+from .sniff import SAMPLE_LINES, Layout, is_number, signed, skipped, sniff, split
 from .source import MISSING_FIX, Source
 
 _NUMBER_BYTES: Final = 8
@@ -25,6 +28,10 @@ _NUMBER_BYTES: Final = 8
 _BATCH_FIELDS: Final = 1 << 20
 # What the description of a column takes: 3.6 kB as measured with 400 000 columns.
 _COLUMN_BYTES: Final = 4096
+# What a clock takes besides its column: dates, times and the fraction of a second, and their sums.
+_CLOCK_COLUMNS: Final = 8
+# The end of a text, in which some last rows are.
+_TAIL_CHARACTERS: Final = 1 << 14
 # The sample from which the layout is found: whole lines, as many as fit, and these few however long they are.
 _SAMPLE_CHARACTERS: Final = 1 << 20
 _FEWEST_LINES: Final = 8
@@ -48,14 +55,14 @@ def open_file(file: Path, max_bytes: int) -> Source:
     if counted is not None:
         layout = scope.timed(layout)
     lines = text.count("\n") + 1
-    members = [
-        Member(column.name, unit=column.unit, header=column.header if column.header != column.name else None)
-        for column in layout.columns
-    ]
+    clocks = found(layout, _rows(text, layout))
+    members = [_member(index, layout, clocks) for index in range(len(layout.columns))]
+    remarks: list[Remark] = []
 
     def fetch(wanted: list[Wanted]) -> list[NDArray[np.float64]]:
-        within(lines * _NUMBER_BYTES * len(wanted), max_bytes)
-        columns = _read(text, layout, lines, wanted)
+        used = [clocks[item.index] for item in wanted if item.index in clocks]
+        within(lines * _NUMBER_BYTES * (len(wanted) + _CLOCK_COLUMNS * len(used)), max_bytes)
+        columns = _read(text, layout, lines, wanted, used, remarks)
         if axis is not None and counted in columns:
             start, step = axis
             columns[counted] = start + step * columns[counted]
@@ -65,7 +72,35 @@ def open_file(file: Path, max_bytes: int) -> Source:
         line = _line_of(text, layout, row)
         return line, f"line {line}"
 
-    return admit(name, members, fetch, max_bytes, place=place)
+    return admit(name, members, fetch, max_bytes, place=place, remarks=remarks)
+
+
+def _member(index: int, layout: Layout, clocks: dict[int, Clock]) -> Member:
+    """A column as the header declares it; a clock is in s, and its dates are no column by themselves."""
+    column, names = layout.columns[index], [column.name for column in layout.columns]
+    header = column.header if column.header != column.name else None
+    if index in clocks:
+        own = (clocks[index].dates, clocks[index].fraction)
+        return Member(
+            column.name, unit="s", header=header, takes_in=tuple(names[k] for k in own if k is not None)
+        )
+    main = next((names[clock.column] for clock in clocks.values() if clock.dates == index), None)
+    why = None if main is None else f"it holds dates, which the sample time '{shown(main)}' takes in"
+    fix = None if main is None else f'give t = "{shown(main)}" in [columns]'
+    return Member(column.name, unit=column.unit, header=header, why=why, fix=fix)
+
+
+def _rows(text: str, layout: Layout) -> list[list[str]]:
+    """The fields of the first rows and of the last ones."""
+    at = _offset(text, layout.first_line)
+    head = text[at : at + _SAMPLE_CHARACTERS].split("\n", SAMPLE_LINES)[:-1]
+    tail = text[max(at, len(text) - _TAIL_CHARACTERS) :].split("\n")[1:]
+    rows = []
+    for line in [*head, *tail]:
+        if not skipped(line):
+            with suppress(csv.Error):
+                rows.append(split(line, layout.separator))
+    return rows
 
 
 def _sample(text: str) -> list[str]:
@@ -112,18 +147,42 @@ def _text(data: bytes, file: str) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def _read(text: str, layout: Layout, lines: int, wanted: list[Wanted]) -> dict[int, NDArray[np.float64]]:
-    """The columns wanted by their index. Raises Refused naming the first row that cannot be read."""
+def _read(
+    text: str,
+    layout: Layout,
+    lines: int,
+    wanted: list[Wanted],
+    clocks: list[Clock],
+    remarks: list[Remark],
+) -> dict[int, NDArray[np.float64]]:
+    """The columns wanted by their index, those of `clocks` in s. Raises Refused naming the first row that
+    cannot be read.
+    """
+    headed = [column.name for column in layout.columns]
+    told = {clock.column for clock in clocks}
+    names = {item.index: item.column for item in wanted if item.index not in told}
+    names |= {clock.fraction: headed[clock.fraction] for clock in clocks if clock.fraction is not None}
+    texts = {index: Texts(headed[index], index != clock.column) for clock in clocks for index in clock.texts}
+    columns = _decoded(text, layout, lines, names, texts)
+    for clock in clocks:
+        fraction = None if clock.fraction is None else columns[clock.fraction]
+        columns[clock.column], notes = seconds(clock, texts, fraction, headed)
+        remarks += notes
+    return columns
+
+
+def _decoded(
+    text: str, layout: Layout, lines: int, names: dict[int, str], texts: dict[int, Texts]
+) -> dict[int, NDArray[np.float64]]:
+    """The columns `names` by their index; those of `texts` are collected there."""
     import arro3.core as arrow
     import arro3.io
 
     width = len(layout.columns)
-    names = {item.index: item.column for item in wanted}
     # Fields of the type null are passed over, whatever they hold, and take no room.
-    number, ignored = arrow.DataType.float64(), arrow.DataType.null()
-    schema = arrow.Schema(
-        [arrow.Field(f"c{i}", number if i in names else ignored, nullable=True) for i in range(width)]
-    )
+    number, words, ignored = arrow.DataType.float64(), arrow.DataType.utf8(), arrow.DataType.null()
+    kinds = [number if i in names else words if i in texts else ignored for i in range(width)]
+    schema = arrow.Schema([arrow.Field(f"c{i}", kind, nullable=True) for i, kind in enumerate(kinds)])
     parts: dict[int, list[NDArray[np.float64]]] = {i: [] for i in names}
     rows = 0
     try:
@@ -141,6 +200,8 @@ def _read(text: str, layout: Layout, lines: int, wanted: list[Wanted]) -> dict[i
                     gap = next(r for r, value in enumerate(iter(column)) if value.as_py() is None)
                     raise Refused("the value is missing", MISSING_FIX, column=name, row=rows + gap)
                 parts[i].append(np.asarray(column.to_numpy(), dtype=np.float64))
+            for i, collected in texts.items():
+                collected.add([str(text or "") for text in batch.column(i).to_pylist()])
             rows += batch.num_rows
     except Refused:
         raise
@@ -160,8 +221,10 @@ def _plain(text: str, layout: Layout) -> str:
     if layout.comma:
         body = body.replace(",", ".")
     if separator == " ":
-        body = re.sub(r"[ \t]+", " ", re.sub(r"(?m)^[ \t]+|(?<![ \t])[ \t]+$", "", body))
+        body = signed(re.sub(r"[ \t]+", " ", re.sub(r"(?m)^[ \t]+|(?<![ \t])[ \t]+$", "", body)))
     elif " " in body:
+        body = re.sub(r"(?<=[+-]) +(?=[\d.])", "", body)
+    if separator != " " and " " in body:
         sign = re.escape(separator)
         body = re.sub(rf"(?m)^ +|(?<! ) +$|(?<! ) +(?={sign})|(?<={sign}) +", "", body)
     if "%" in body:

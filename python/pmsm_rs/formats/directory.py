@@ -25,7 +25,9 @@ class Directory:
         ends = Counter(name for _, name in places)
         # Columns without a group go by their own name, also where a group has another one of that name.
         self.names = [
-            member.path if member.group and ends[member.name] + member.is_note > 1 else member.name
+            member.path
+            if member.group and (member.stamps or ends[member.name] + member.is_note > 1)
+            else member.name
             for member in members
         ]
         self._by_name: dict[str, list[int]] = {}

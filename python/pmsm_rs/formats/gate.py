@@ -35,6 +35,7 @@ from .member import (
     Wanted,
     kind_of,
 )
+from .remark import Remark
 from .source import PLAIN_FIX, Source, row_from_zero
 
 _NO_NUMBERS: Final = {
@@ -105,8 +106,10 @@ def admit(
     max_bytes: int,
     *,
     place: Callable[[int], tuple[int, str]] = row_from_zero,
+    remarks: list[Remark] | None = None,
 ) -> Source:
-    """The recording whose `members` a reader has found and of which `fetch` gives the values.
+    """The recording whose `members` a reader has found and of which `fetch` gives the values and adds to
+    `remarks` what it did to them.
 
     A member goes by its own name where no other has it, else by GROUP/NAME. Raises DataError where there is
     no member; reading raises it on whatever the rules of this module exclude.
@@ -114,6 +117,7 @@ def admit(
     if not any(not member.is_note for member in members):
         raise refuse(DataError, "it holds no columns of numbers", file=file, fix=PLAIN_FIX)
     directory = Directory(members)
+    named = list(zip(directory.names, members, strict=True))
 
     def resolve(column: str) -> str | None:
         try:
@@ -149,6 +153,11 @@ def admit(
         resolve,
         directory.headers,
         frozenset(name for name in directory.listed if not directory.is_settled(name)),
+        {name: member.base for name, member in named if member.base is not None and not member.stamps},
+        {member.base: name for name, member in named if member.base is not None and member.stamps},
+        next((name for name, member in named if member.stamps and member.base is None), None),
+        {name: member.takes_in for name, member in named if member.takes_in is not None},
+        [] if remarks is None else remarks,
     )
 
 

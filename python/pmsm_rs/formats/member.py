@@ -49,8 +49,10 @@ class Member:
     `group` is the path of the group that it is in. `shape` is None where the number of rows is not known.
     `header` is the name as the file spells it, where that is more than `name`. `why` says what keeps it from
     being used, `fix` what to do then. `memory` is what unpacking takes in bytes, where that is more than the
-    numbers. `held` says that its values are in memory as they are wanted. Raises Refused on a group whose
-    name is far too long.
+    numbers. `held` says that its values are in memory as they are wanted. `base` names the time base that it
+    was sampled on, where the file has several; with `stamps` it holds the sample times of that base.
+    `takes_in` are the columns that a clock, made of dates and times of day, takes in; None for what is no
+    clock. Raises Refused on a group whose name is far too long.
     """
 
     name: str
@@ -63,6 +65,9 @@ class Member:
     fix: str | None = None
     memory: int = 0
     held: bool = False
+    base: str | None = None
+    stamps: bool = False
+    takes_in: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         """Checks the length of the group's name."""
@@ -79,7 +84,11 @@ class Member:
 
     @property
     def is_note(self) -> bool:
-        """Whether it is a single remark, such as a string, and no column: found only by its name."""
+        """Whether it is a single remark, such as a string, or sample times, and no column: found only by its
+        name.
+        """
+        if self.stamps:
+            return self.base is not None
         barred = self.why is not None or self.kind not in (NUMBER, COMPLEX, UNKNOWN)
         return barred and self.shape is not None and math.prod(self.shape) <= 1
 

@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 from .._core import DataError
@@ -16,8 +17,19 @@ from ..units import is_unit
 SAMPLE_LINES = 400
 _SEPARATORS = (",", ";", "\t", "|", " ")
 # No part of these can match the same characters in two ways, so that a long field takes time in proportion.
-_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?$")
-_COMMA_NUMBER = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?$")
+# Data loggers set the sign apart from the digits.
+_NUMBER = re.compile(r"(?:[+-] *)?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?$")
+_SIGN_APART = re.compile(r"(?<!\S)([+-])[ \t]+(?=[\d.,])")
+_COMMA_NUMBER = re.compile(r"(?:[+-] *)?(\d+,\d*|,\d+)([eE][+-]?\d+)?$")
+# Units of what no recording needs.
+_OTHER_UNITS = frozenset(
+    {"1", "%", "bool", "sample", "samples", "count", "counts", "W", "kW", "mW", "VA", "J", "Wh", "kWh", "Ah"}
+    | {"mAh", "Ohm", "H", "mH", "F", "kg", "N", "kN", "gf", "kgf", "m", "mm", "m/s", "km/h", "m/s^2", "m/s2"}
+    | {"m/s²", "rad/s^2", "rad/s2", "rad/s²", "bar", "Pa", "kPa", "dB", "T", "Wb"}
+)
+_ENOUGH_UNITS = 3
+_DATE = re.compile(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}")
+_TIME = re.compile(r"\d{1,2}:\d{2}:\d{2}")
 _NO_NUMBER = frozenset({"", "nan", "inf", "-inf", "+inf", "null", "na", "n/a"})
 
 
@@ -52,10 +64,15 @@ def split(line: str, separator: str) -> list[str]:
     Raises csv.Error on quotes that hold more than a field may.
     """
     if separator == " ":
-        return line.split()
+        return signed(line).split()
     if '"' not in line:
         return [field.strip() for field in line.split(separator)]
     return [field.strip() for field in next(csv.reader([line], delimiter=separator), [])]
+
+
+def signed(text: str) -> str:
+    """`text` with each sign that stands apart from its digits, behind a blank, put before them."""
+    return _SIGN_APART.sub(r"\1", text)
 
 
 def is_number(field: str, comma: bool) -> bool:
@@ -181,11 +198,14 @@ def _header(
     if above:
         last = above[-1]
         below = fields[last]
-        if _is_units_row(below, numeric) and len(above) > 1:
-            head = fields[above[-2]]
-            if len(head) <= width and not all(is_number(x, comma) for x in head):
-                pad = [""] * (width - len(head))
-                return above[-2], head + pad, (below + [""] * width)[:width]
+        head = fields[above[-2]] if len(above) > 1 else []
+        fits = 0 < len(head) <= width and not all(is_number(x, comma) for x in head)
+        if fits and _is_units_row(below, head, numeric):
+            pad = [""] * (width - len(head))
+            return above[-2], head + pad, (below + [""] * width)[:width]
+        if separator == " " and len(below) == width - 1 and (k := _stamp(lines[first])) is not None:
+            # One name over a date and a time of day, which a blank parts.
+            below = [*below[:k], "date", *below[k:]]
         trailing = len(below) == width + 1 and not below[-1]
         if len(below) == width or trailing:
             wrong = next((c for c in numeric if is_number(below[c], comma)), None)
@@ -224,11 +244,21 @@ def _header(
     )
 
 
-def _is_units_row(fields: list[str], numeric: list[int]) -> bool:
-    stated = [fields[c].strip("[]()") for c in numeric if c < len(fields) and fields[c].strip("[]()-")]
-    return bool(stated) and all(
-        is_unit(x) or x in {"1", "%", "bool", "W", "J", "Ohm", "H", "F", "sample"} for x in stated
-    )
+def _stamp(line: str) -> int | None:
+    """The field of a line parted by blanks that is a date with a time of day behind it, None without one."""
+    pairs = enumerate(pairwise(split(line, " ")))
+    return next((k for k, (day, time) in pairs if _DATE.fullmatch(day) and _TIME.match(time)), None)
+
+
+def _is_units_row(fields: list[str], head: list[str], numeric: list[int]) -> bool:
+    """Whether `fields`, below those of `head`, are units."""
+    stated = [fields[c].strip("[]() ") for c in numeric if c < len(fields) and fields[c].strip("[]()- ")]
+    known = sum(is_unit(x) or x in _OTHER_UNITS for x in stated)
+    if not any(map(is_unit, stated)):
+        return False
+    # Beside units enough, and below a name for every column, what is not known is a unit, too.
+    named = len(head) == len(fields) and all(head) and not any(map(is_unit, head))
+    return known == len(stated) or (named and known >= _ENOUGH_UNITS and 4 * known >= 3 * len(stated))
 
 
 def _columns(header: list[str], below: list[str] | None) -> tuple[Column, ...]:

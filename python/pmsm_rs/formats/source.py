@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from .._core import DataError
 from ..errors import did_you_mean, refuse
 from ..units import is_unit
+from .remark import Remark
 from .selection import Selection
 from .sniff import name_and_unit
 
@@ -32,7 +33,10 @@ class Source:
     (from 0) into the number and the words under which the user finds it. `resolve(text)` gives the name for
     whatever else means a column: its path, its header to the letter, a part of an array. `headers` holds
     the headers to the letter where a name is only a part of them, `twice` the names that several columns
-    have.
+    have. `bases` names the time base of each column where the file has several, and `stamps` the sample times
+    (s) of each base, by a name that `read` takes. `common` stands for those of whichever base is used.
+    `clocks` are the columns made of dates and times of day, in s, with the columns that each takes in.
+    Reading adds to `remarks` what was done to the data.
     """
 
     file: str | None
@@ -43,6 +47,11 @@ class Source:
     resolve: Callable[[str], str | None] = lambda _name: None
     headers: Mapping[str, str] = field(default_factory=dict)
     twice: frozenset[str] = frozenset()
+    bases: Mapping[str, str] = field(default_factory=dict)
+    stamps: Mapping[str, str] = field(default_factory=dict)
+    common: str | None = None
+    clocks: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    remarks: list[Remark] = field(default_factory=list)
 
     def header(self, column: str) -> str:
         """The header of `column` to the letter."""

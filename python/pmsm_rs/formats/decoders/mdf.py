@@ -1,19 +1,21 @@
-"""ASAM MDF by asammdf: named channels only, each group with its own time base, never united by guesswork."""
+"""ASAM MDF by asammdf: named channels only, each group with the sample times of its master channel."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import shown
 from ..gate import take, within
 from ..member import BOOLEAN, NUMBER, NUMBER_BYTES, OBJECT, TEXT, Member, Refused, Wanted
 from ..source import MISSING_FIX
 from . import Parts
 
 TIME: Final = "time"
+_NO_TIME: Final = "no channel with a time base is wanted"
+_NO_TIME_FIX: Final = "map at least one channel"
 _CUT_FIX: Final = "export it again; it may be cut short or damaged"
 _MASTER, _VIRTUAL_MASTER = 2, 3
 # Signed, unsigned and floating-point numbers in either byte order.
@@ -22,7 +24,7 @@ _STRINGS: Final = range(6, 10)
 
 
 class Table:
-    """The channels of a file as GROUP/CHANNEL, groups counted from 0, and the time of the group in use."""
+    """The channels of a file as GROUP/CHANNEL, groups counted from 0, and the time of each group."""
 
     def __init__(self, file: str, max_bytes: int) -> None:
         """Reads the metadata, not the values."""
@@ -30,43 +32,46 @@ class Table:
 
         self.max_bytes = max_bytes
         self.file: Any = MDF(file, raise_on_multiple_occurrences=False)
-        self.places: list[tuple[int, int]] = []
+        self.places: list[tuple[int, int | None]] = []
         self.members: list[Member] = []
-        timed = False
         for g, group in enumerate(cast("list[Any]", self.file.groups)):
             rows = int(group.channel_group.cycles_nr)
+            if not rows:
+                continue
+            timed = False
             for c, channel in enumerate(group.channels):
                 kind = getattr(channel, "channel_type", 0)
                 if kind in (_MASTER, _VIRTUAL_MASTER) or c == self.file.masters_db.get(g):
-                    timed = timed or rows > 0
-                    continue
-                if not rows:
+                    timed = True
                     continue
                 unit = getattr(channel, "unit", None) or getattr(channel.conversion, "unit", None)
-                self.places.append((g, c))
-                self.members.append(
-                    Member(channel.name, str(g), kind=_kind(channel), shape=(rows,), unit=_text(unit))
-                )
-        if timed and not any(member.name == TIME for member in self.members):
-            self.members.append(Member(TIME, unit="s"))
+                self._add(g, c, Member(channel.name, kind=_kind(channel), shape=(rows,), unit=_text(unit)))
+            if timed:
+                self._add(g, None, Member(TIME, unit="s", shape=(rows,), stamps=True))
+        if any(member.stamps for member in self.members) and not any(
+            member.name == TIME and not member.stamps for member in self.members
+        ):
+            self.members.append(Member(TIME, unit="s", stamps=True, why=_NO_TIME, fix=_NO_TIME_FIX))
 
     def read(self, wanted: list[Wanted]) -> Parts:
-        """The channels wanted, after a check of their declared sizes; refuses time bases that differ."""
-        channels = [item for item in wanted if item.index < len(self.places)]
-        rows = {g: int(self.file.groups[g].channel_group.cycles_nr) for g in map(self._group, channels)}
-        total = NUMBER_BYTES * (sum(rows[self._group(item)] for item in channels) + sum(rows.values()))
+        """The channels and times wanted, after a check of their declared sizes."""
+        rows = {g: int(self.file.groups[g].channel_group.cycles_nr) for g in map(self._group, wanted)}
+        total = NUMBER_BYTES * (sum(rows[self._group(item)] for item in wanted) + sum(rows.values()))
         records = (n * int(self.file.groups[g].channel_group.samples_byte_nr) for g, n in rows.items())
         within(max(total, max(records, default=0)), self.max_bytes)
-        time = self._common_time(channels)
-        if time is None:
-            raise Refused("no channel with a time base is wanted", "map at least one channel", column=TIME)
-        return [[take(self._values(item) if item in channels else time, item)] for item in wanted]
+        return [[take(self._values(item), item)] for item in wanted]
+
+    def _add(self, group: int, channel: int | None, member: Member) -> None:
+        self.places.append((group, channel))
+        self.members.append(replace(member, group=str(group), base=str(group)))
 
     def _group(self, item: Wanted) -> int:
         return self.places[item.index][0]
 
     def _values(self, item: Wanted) -> NDArray[Any]:
         group, index = self.places[item.index]
+        if index is None:
+            return self._time(group, item)
         signal = self.file.get(group=group, index=index, ignore_invalidation_bits=True)
         if len(signal.samples) != self.file.groups[group].channel_group.cycles_nr:
             raise Refused("it holds fewer values than it declares", _CUT_FIX, column=item.column)
@@ -77,28 +82,11 @@ class Table:
         values: NDArray[Any] = signal.samples
         return values
 
-    def _common_time(self, channels: list[Wanted]) -> NDArray[Any] | None:
-        first: tuple[str, NDArray[Any]] | None = None
-        seen: set[int] = set()
-        for item in channels:
-            group, name = self._group(item), self.members[item.index].name
-            if group in seen:
-                continue
-            seen.add(group)
-            master = np.asarray(self.file.get_master(group))
-            if len(master) != self.file.groups[group].channel_group.cycles_nr:
-                raise Refused(
-                    "its time base holds fewer values than it declares", _CUT_FIX, column=item.column
-                )
-            if first is None:
-                first = (name, master)
-            elif not np.array_equal(first[1], master):
-                raise Refused(
-                    f"it is sampled at other times than '{shown(first[0])}'",
-                    "export them on one time base, for instance by MDF.resample of asammdf",
-                    column=item.column,
-                )
-        return None if first is None else first[1]
+    def _time(self, group: int, item: Wanted) -> NDArray[Any]:
+        master = np.asarray(self.file.get_master(group))
+        if len(master) != self.file.groups[group].channel_group.cycles_nr:
+            raise Refused("it holds fewer values than it declares", _CUT_FIX, column=item.column)
+        return master
 
 
 def _kind(channel: Any) -> str:

@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 import os
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from ...units import canonical
 from ..gate import take, within
 from ..member import NUMBER, NUMBER_BYTES, Member, Refused, Wanted, kind_of
 from . import Parts
 
-_CUT_FIX = "export it again; it may be cut short or damaged"
+_AXIS: Final = "sample times"
+_TIMES: Final = frozenset({"t", "time"})
+_NO_TIME: Final = "no channel with a time base is wanted"
+_NO_TIME_FIX: Final = "map at least one channel"
+_CUT_FIX: Final = "export it again; it may be cut short or damaged"
+
+
+class Axis(NamedTuple):
+    """The time axis of a waveform: start (s) behind the earliest one, step (s) and length."""
+
+    start: float
+    step: float
+    rows: int
 
 
 class Table:
-    """The channels of a file."""
+    """The channels of a file, and the sample times of each of their time axes."""
 
     def __init__(self, file: str, max_bytes: int) -> None:
         """Reads the metadata, not the values."""
@@ -34,20 +47,29 @@ class Table:
             for channel in group.channels()
             if len(channel)
         ]
+        self.axes, of = _axes([channel for _, channel in self.channels])
+        clocks = _clocks(self.channels)
+        alone = not clocks and any(channel.name.lower() in _TIMES for _, channel in self.channels)
+        if clocks or alone:
+            self.axes = []
         self.members = [
             Member(
                 channel.name,
                 group,
                 kind=kind_of(channel.dtype),
                 shape=(len(channel),),
-                unit=_text(channel.properties.get("unit_string"))
-                or _text(channel.properties.get("NI_UnitDescription")),
+                unit=_unit(channel) or ("s" if clocks.get(group) == k else None),
+                base=group if group in clocks else str(of[k]) if self.axes and of[k] is not None else None,
+                stamps=clocks.get(group) == k,
             )
-            for group, channel in self.channels
+            for k, (group, channel) in enumerate(self.channels)
         ]
-        self.axis = self._axis()
-        if self.axis is not None:
-            self.members.append(Member("t", unit="s", shape=(self.axis[2],)))
+        self.members += [
+            Member(_AXIS, str(k), unit="s", shape=(axis.rows,), base=str(k), stamps=True)
+            for k, axis in enumerate(self.axes)
+        ]
+        if self.axes or clocks:
+            self.members.append(Member("t", unit="s", stamps=True, why=_NO_TIME, fix=_NO_TIME_FIX))
 
     def read(self, wanted: list[Wanted]) -> Parts:
         """The channels wanted, after their declared lengths have been checked against the file."""
@@ -62,32 +84,53 @@ class Table:
         return [[take(self._values(item), item)] for item in wanted]
 
     def _values(self, item: Wanted) -> Any:
-        if item.index == len(self.channels):
-            assert self.axis is not None, "t is listed only where there is a time axis"
-            start, step, rows = self.axis
-            return start + step * np.arange(rows, dtype=np.float64)
+        if item.index >= len(self.channels):
+            axis = self.axes[item.index - len(self.channels)]
+            return axis.start + axis.step * np.arange(axis.rows, dtype=np.float64)
         channel = self.channels[item.index][1]
         values = channel[:]
         if len(values) != len(channel):
             raise Refused("it holds fewer values than it declares", _CUT_FIX, column=item.column)
         return values
 
-    def _axis(self) -> tuple[float, float, int] | None:
-        """Start (s), step (s) and length of the time axis that all waveforms share, None without one."""
-        found = set()
-        for _, channel in self.channels:
-            if channel.name.lower() in {"t", "time"}:
-                return None
-            step = channel.properties.get("wf_increment")
-            if kind_of(channel.dtype) == NUMBER and isinstance(step, int | float) and step > 0:
-                start = channel.properties.get("wf_start_offset", 0.0)
-                began = str(channel.properties.get("wf_start_time"))
-                found.add((float(start), float(step), len(channel), began))
-        if len(found) != 1:
-            return None
-        start, step, rows, _ = found.pop()
-        return start, step, rows
+
+def _axes(channels: list[Any]) -> tuple[list[Axis], list[int | None]]:
+    """The different time axes of the waveforms, from the earliest start on, and which of them each channel
+    has; none where only some of the waveforms say when they began.
+    """
+    found: list[tuple[Any, float, float, int] | None] = []
+    for channel in channels:
+        step = channel.properties.get("wf_increment")
+        if kind_of(channel.dtype) != NUMBER or not isinstance(step, int | float) or step <= 0:
+            found.append(None)
+            continue
+        began = channel.properties.get("wf_start_time")
+        start = float(channel.properties.get("wf_start_offset", 0.0))
+        known = began if isinstance(began, np.datetime64) and not np.isnat(began) else None
+        found.append((known, start, float(step), len(channel)))
+    each = list(dict.fromkeys(axis for axis in found if axis is not None))
+    starts = [began for began, *_ in each if began is not None]
+    if starts and len(starts) < len(each):
+        return [], [None] * len(channels)
+    axes = [
+        Axis((began - min(starts)) / np.timedelta64(1, "s") + start if starts else start, step, rows)
+        for began, start, step, rows in each
+    ]
+    return axes, [None if axis is None else each.index(axis) for axis in found]
 
 
-def _text(value: Any) -> str | None:
-    return value if isinstance(value, str) and value.strip() else None
+def _clocks(channels: list[tuple[str, Any]]) -> dict[str, int]:
+    """The channel that holds the sample times, per group, where several groups have one in a known unit."""
+    out: dict[str, int] = {}
+    for k, (group, channel) in enumerate(channels):
+        if channel.name.lower() in _TIMES and kind_of(channel.dtype) == NUMBER:
+            known = canonical(_unit(channel) or ("s" if channel.name == "t" else ""), "time")
+            if group in out or known is None:
+                return {}
+            out[group] = k
+    return out if len(out) > 1 else {}
+
+
+def _unit(channel: Any) -> str | None:
+    texts = (channel.properties.get(key) for key in ("unit_string", "NI_UnitDescription"))
+    return next((text for text in texts if isinstance(text, str) and text.strip()), None)
