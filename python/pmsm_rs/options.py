@@ -27,12 +27,13 @@ class DiagnosisOptions:
     is kept for physics outside the catalogue; a set holds at most `most_effects`.
 
     From where on a verdict speaks: a set counts as better from a gain of `decisive`; an effect is named
-    beside something else from the probability `named`. A channel is mismatched from an excess mean square of
-    `mismatch` times the noise's, on another recording of `mismatch_held_out`, and explained below
-    `explained`. A model is refuted where another recording leaves more than `refuted_times` what the bare
-    machine leaves plus `refuted_by`. Something remains from `remaining_times` times the noise, if chance does
-    that more rarely than `remaining_chance`. No name is likelier than `ceiling_unknown` where none is given,
-    and than `ceiling_doubtful` where something else remains.
+    beside something else from the probability `named`, if it explains `beside_remainder` times what remains.
+    A channel is mismatched from an excess mean square of `mismatch` times the noise's, on another recording
+    of `mismatch_held_out`, and explained below `explained`. A model is refuted where another recording leaves
+    more than `refuted_times` what the bare machine leaves plus `refuted_by`. Something remains from
+    `remaining_times` times the noise, if chance does that more rarely than `remaining_chance`. No name is
+    likelier than `ceiling_unknown` where none is given, and than `ceiling_doubtful` where something else
+    remains.
 
     What is known beforehand: a nameplate value by `nameplate_spread`, a stated friction by `friction_spread`,
     an inertia by the time `run_up` in which the torque brings the rotor to its speed, by `run_up_spread`
@@ -51,6 +52,7 @@ class DiagnosisOptions:
     decisive: float = _CORE["decisive"]
     unknown: float = _CORE["unknown"]
     named: float = _CORE["named"]
+    beside_remainder: float = _CORE["beside_remainder"]
     most_effects: int = _CORE["most_effects"]
     mismatch: float = _CORE["mismatch"]
     mismatch_held_out: float = _CORE["mismatch_held_out"]

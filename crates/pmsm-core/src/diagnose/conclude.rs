@@ -139,8 +139,18 @@ pub fn conclude(
         && !monitor.cancelled()
         && unmodelled::rival(data, judge, &outcome.best.fitted, monitor)?.is_some()
     {
-        verdict = Verdict::Unknown;
-        decide::doubt(&mut ranked, data.options.ceiling_unknown);
+        // Of the motion nothing is named; what acts in the voltage equations stays.
+        let set = unmodelled::without_motion(data, &outcome.best.fitted, monitor)?;
+        let known = |c: &&Ranked| set.effects().contains(&c.effect);
+        let share = 1.0 - data.options.unknown;
+        let probabilities =
+            ranked.iter().filter(known).map(|c| (c.effect, (c.probability / share).min(1.0))).collect();
+        verdict = beside_a_map(&mut outcome, &mut ranked, Earned { set, probabilities, nearest: None });
+        if verdict != Verdict::Unknown {
+            after = on_judge(&outcome.best.fitted)?;
+            let foreseen = after.as_ref().map(|(judge, found)| (*judge, found));
+            remaining = remaining::beside(data, &outcome.best.fitted, foreseen);
+        }
     }
     let located = fault::located(data, judge, &outcome, verdict);
     if verdict == Verdict::Unknown {

@@ -28,6 +28,8 @@ pub struct DiagnosisOptions {
     pub unknown: f64,
     /// Posterior probability from which an effect is named beside something else.
     pub named: f64,
+    /// Excess mean square that an effect must explain to be named beside something else, over the one that remains beside the discrepancy.
+    pub beside_remainder: f64,
     /// Most effects in one set.
     pub most_effects: usize,
     /// Excess mean square, over the floor's, from which a channel is called mismatched; below it nothing is looked for.
@@ -74,6 +76,7 @@ impl Default for DiagnosisOptions {
             decisive: 2.3,
             unknown: 0.02,
             named: 0.9,
+            beside_remainder: 1.0,
             most_effects: 10,
             mismatch: 0.3,
             mismatch_held_out: 1.0,

@@ -44,9 +44,12 @@ pub fn narrow() -> Manoeuvre {
 /// The simulated recording made ready, with its floors settled on the bare machine.
 pub fn data(setup: &Setup) -> (Data, Hypothesis) {
     let recording = simulate(setup, &Silent).unwrap().recording;
-    let mut data =
-        Data::new(Signals::new(&recording, &setup.nameplate).unwrap(), &setup.nameplate, &Default::default())
-            .unwrap();
+    let signals = Signals::new(&recording, &setup.nameplate).unwrap();
+    settled(Data::new(signals, &setup.nameplate, &Default::default()).unwrap())
+}
+
+/// A recording made ready with its floors settled on the bare machine, and that machine.
+pub fn settled(mut data: Data) -> (Data, Hypothesis) {
     let model = Model::new(data.signals.context, &[]);
     let rough = fitting::fit(&data, &model, &data.start, false, &Silent).unwrap();
     data.settle_floors(&rough);

@@ -329,6 +329,27 @@ mod tests {
     }
 
     #[test]
+    fn a_lag_shows_as_far_as_a_current_changes_and_its_frame_turns() {
+        let signals = reversing(1e-4, &(0.31..0.32));
+        let windows = mechanical::windows(&signals);
+        let model = Model::new(signals.context, &[]);
+        let p = vec![0.5, 6e-3, 9e-3, 0.1, 2e-3, 1e-3];
+        let experiment = of_currents(&model, &signals, &windows);
+        let answering = experiment.answering(&p).unwrap();
+        let columns = experiment.lag_columns(&p, &answering);
+        let at = answering.steps.len() / 3;
+        let [last, here] = [&answering.steps[at - 1], &answering.steps[at]];
+        let (n, weight) = (signals.len(), [1.0 / 0.05, 1.0 / 0.02]);
+        for axis in 0..2 {
+            let row = axis * n + here.sample;
+            let change = (here.i[axis] - last.i[axis]) * weight[axis];
+            let turned = here.env.omega_e * signals.period * [-here.i[1], here.i[0]][axis] * weight[axis];
+            assert!((columns[(row, 0)] - change).abs() < 1e-9 * change.abs().max(1e-9), "axis {axis}");
+            assert!((columns[(row, 2)] - turned).abs() < 1e-9 * turned.abs().max(1e-9), "axis {axis}");
+        }
+    }
+
+    #[test]
     fn more_states_than_can_be_followed_are_left_to_a_run() {
         let signals = reversing(1e-3, &(0.0..0.0));
         let windows = mechanical::windows(&signals);

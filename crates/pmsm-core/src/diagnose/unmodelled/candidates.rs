@@ -15,8 +15,9 @@ use std::f64::consts::{PI, TAU};
 const CURVE: (usize, usize) = (3, 4);
 /// And of a torque, since friction may have a hump at one speed.
 const FINE: [(usize, usize); 2] = [(3, 12), (3, 28)];
-/// Pieces of a smooth torque over the speed in each direction, the smoothest first.
-const SMOOTHNESS: [usize; 3] = [3, 9, 28];
+/// Pieces of a smooth torque over the speed in each direction, the smoothest first, and the half-width about standstill within which they are
+/// narrow, share of the largest speed: forms of friction differ there.
+const SMOOTHNESS: [(usize, f64); 6] = [(3, 0.0), (3, DENSE), (9, 0.0), (9, DENSE), (28, 0.0), (28, DENSE)];
 /// Half-width about standstill within which a curve over the speed may bend most, share of the largest speed: forms of friction differ there.
 const DENSE: f64 = 0.1;
 /// Splines in each direction of a map over two variables.
@@ -123,8 +124,8 @@ pub fn lost_voltages(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Par
 
 /// Smooth torques over the speed, of which one may be there, the smoothest first; and the torques over the turn, which may be there together.
 ///
-/// Each direction of rotation has its own curve, whose pieces are equally long: what turns over at standstill within less than the shortest
-/// of them is dry friction by any name. There is none over the motor's torque: in steady motion it is what it balances, whatever that is.
+/// Each direction of rotation has its own curve: what turns over at standstill within less than the shortest of its pieces is dry friction by
+/// any name. There is none over the motor's torque: in steady motion it is what it balances, whatever that is.
 pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part>) {
     let part = |first| Part { equations: vec![Equation::Mechanical], first, second: None };
     let speed = variables(data, best, Side::Mechanical).into_iter().find(|x| x.0 == Variable::OmegaE);
@@ -133,10 +134,11 @@ pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part
         Some((_, low, high)) => vec![(low, high)],
         None => Vec::new(),
     };
-    let curve = |pieces: usize| {
+    let curve = |(pieces, dense): (usize, f64)| {
         let spline = |(low, high): &(f64, f64)| {
             let (variable, low, high) = (Variable::OmegaE, *low, *high);
-            part(Factor::Spline(Spline { variable, low, high, degree: 3, pieces, warp: 0.0 }))
+            let warp = dense * data.signals.context.omega_e_max;
+            part(Factor::Spline(Spline { variable, low, high, degree: 3, pieces, warp }))
         };
         ranges.iter().map(spline).collect()
     };
@@ -145,7 +147,7 @@ pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part
         waves(data, Side::Mechanical, &[]).into_iter().map(part).collect()
     } else {
         // A rotor that does not turn round is held by springs, or by friction that has not broken loose yet.
-        let [_, pieces, _] = SMOOTHNESS;
+        let (pieces, _) = SMOOTHNESS[2];
         let place =
             Factor::Spline(Spline { variable: Variable::ThetaM, low, high, degree: 3, pieces, warp: 0.0 });
         let direction = Factor::Direction { width: DIRECTION * data.signals.context.omega_e_max };

@@ -65,8 +65,8 @@ pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f6
         let without: Vec<Normal> = normals.iter().map(|normal| normal.moved(&back)).collect();
         let (fewer, _) = choices.least(&without, machine.len() - own.len(), samples)?;
         let lost = choices.excess(&without, machine.len() - own.len(), NONE)?;
-        if lost - alone < *remains {
-            // It is no larger than what remains of unknown cause, which may well be that of this part, too.
+        if lost - alone < data.options.beside_remainder * remains {
+            // What remains is of unknown cause, which may well be that of this part, too.
             return Some(f64::NEG_INFINITY);
         }
         // Of the forms that were tried one is there.

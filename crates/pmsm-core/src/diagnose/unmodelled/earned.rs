@@ -49,6 +49,19 @@ pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dy
     Ok(Earned { set, probabilities, nearest })
 }
 
+/// The set without its effects of the motion, fitted anew.
+///
+/// # Errors
+/// Those of the least-squares fits.
+pub fn without_motion(data: &Data, best: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
+    let moving = best.effects().into_iter().filter(|e| e.info().site == Site::Mechanical);
+    let set = moving.fold(best.clone(), |set, effect| {
+        let (model, start) = reduced(&set, effect);
+        Hypothesis::bare(model, start)
+    });
+    fitting::refit(data, &set, monitor)
+}
+
 /// A set transferred to the validation run, if there is one.
 type Transferred<'a> = dyn Fn(&Hypothesis) -> Result<Option<(&'a Data, Hypothesis)>> + 'a;
 
@@ -131,9 +144,11 @@ fn nearest(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
-    use crate::drive::Choice;
+    use crate::diagnose::testing::{choice, data, fitted, settled, setup, speeds};
+    use crate::drive::{Choice, Schedule, Shape, simulate};
     use crate::monitor::Silent;
+    use crate::recording::Recording;
+    use crate::signals::Signals;
 
     /// The effects of a set that holds `named` alone which a map cannot replace.
     fn kept(present: Vec<Choice>, named: EffectId) -> Vec<(EffectId, f64)> {
@@ -154,6 +169,41 @@ mod tests {
         let kept = kept(both, EffectId::CoulombFriction);
         assert_eq!(kept.len(), 1, "{kept:?}");
         assert!(kept[0].0 == EffectId::CoulombFriction && kept[0].1 > 0.9, "{kept:?}");
+    }
+
+    /// The effects of a set that holds `named` alone of a recording whose current sensors lag two thirds of a row behind.
+    fn kept_of_lagging(present: Vec<Choice>, named: EffectId) -> Vec<(EffectId, f64)> {
+        let path: Vec<(f64, f64)> =
+            (0..10).map(|k| (0.05 + 0.2 * f64::from(k), [90.0, -70.0, 40.0][k as usize % 3])).collect();
+        let mut manoeuvre = speeds(2.0, &path);
+        let steps = [0.0, -4.0, 2.0, -3.0, 0.0].iter().enumerate();
+        let steps = steps.map(|(k, i)| (0.4 * k as f64, *i)).collect();
+        manoeuvre.i_d = Some(Schedule::new(steps, Shape::Steps).unwrap());
+        let setup = setup(manoeuvre, present);
+        let whole = simulate(&setup, &Silent).unwrap().recording;
+        let lagged = |name: &str| -> Vec<f64> {
+            let mut shown = f64::NAN;
+            let of = |x: &f64| {
+                shown =
+                    if shown.is_nan() || !name.starts_with("i_") { *x } else { shown + 0.6 * (x - shown) };
+                shown
+            };
+            whole.column(name).unwrap().iter().map(of).collect()
+        };
+        let columns = whole.names().into_iter().map(|name| (name.to_string(), lagged(name)));
+        let recording = Recording::new(columns.collect(), None).unwrap();
+        let signals = Signals::new(&recording, &setup.nameplate).unwrap();
+        let (data, base) = settled(Data::new(signals, &setup.nameplate, &Default::default()).unwrap());
+        let set = fitted(&data, &base, named);
+        earned(&data, None, &set, &Silent).unwrap().probabilities
+    }
+
+    #[test]
+    fn a_delay_of_the_voltage_is_no_name_for_current_sensors_that_lag_and_dead_time_is_one_beside_them() {
+        assert_eq!(kept_of_lagging(Vec::new(), EffectId::VoltageDelay), []);
+        let dead_time = vec![choice("dead_time", "v_err", 8.0)];
+        let kept = kept_of_lagging(dead_time, EffectId::DeadTime);
+        assert!(kept.len() == 1 && kept[0].1 > 0.9, "{kept:?}");
     }
 
     #[test]
