@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from ._core import Machine, MachineError, PmsmError
+from .datasheet import Converted, settled
 from .errors import did_you_mean, opened, refuse, shown
 from .quantities import CANONICAL
 from .rules import Rule, Rules
@@ -87,13 +88,17 @@ _TABLES: dict[str, type[Table]] = {"machine": _Machine, "drive": Ratings, "load"
 
 @dataclass(frozen=True)
 class MachineFile:
-    """A machine file: the nameplate, what is known of the load, and how a recording's columns are called."""
+    """A machine file: the nameplate, what is known of the load, and how a recording's columns are called.
+
+    `converted` are the entries of the nameplate that were not given as parameters of the model in SI units.
+    """
 
     path: str
     machine: Machine
     load: str | None
     load_value: float | None
     columns: Rules
+    converted: tuple[Converted, ...] = ()
 
 
 def read_machine(path: str | os.PathLike[str]) -> MachineFile:
@@ -104,19 +109,26 @@ def read_machine(path: str | os.PathLike[str]) -> MachineFile:
     name = str(path)
     content = read_toml(name)
     errors = [f"{table}: unknown table ({hint})" for table, hint in _misspelt(content)]
-    parts = {table: validated(model, table, content.get(table), errors) for table, model in _TABLES.items()}
+    table = content.get("machine")
+    sheet = settled(table if isinstance(table, dict) else {}, errors)
+    given = content | ({"machine": sheet.values} if isinstance(table, dict) else {})
+    parts = {name: validated(model, name, given.get(name), errors) for name, model in _TABLES.items()}
     columns = _columns(content.get("columns", {}), errors)
+    plate, drive, load = parts["machine"], parts["drive"], parts["load"]
+    if sheet.i_rated is not None and isinstance(drive, Ratings) and drive.i_rated is not None:
+        errors.append("machine.i_rated: [drive] has it as well; give it once")
     if errors:
         raise refuse(MachineError, "; ".join(errors), file=name, fix="correct the machine file")
-    plate, drive, load = parts["machine"], parts["drive"], parts["load"]
     assert isinstance(plate, _Machine)
     assert isinstance(drive, Ratings)
     assert isinstance(load, _Load)
+    ratings = drive.model_dump()
+    ratings["i_rated"] = drive.i_rated if sheet.i_rated is None else sheet.i_rated
     try:
-        machine = Machine(**plate.model_dump(), **drive.model_dump())
+        machine = Machine(**plate.model_dump(), **ratings)
     except MachineError as error:
         raise refuse(MachineError, f"[machine] {error}", file=name, fix="correct the machine file") from error
-    return MachineFile(name, machine, load.kind, load.value, columns)
+    return MachineFile(name, machine, load.kind, load.value, columns, tuple(sheet.converted))
 
 
 def read_toml(name: str, role: str = "machine file", kind: type[PmsmError] = MachineError) -> dict[str, Any]:
