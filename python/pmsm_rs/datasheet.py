@@ -119,8 +119,8 @@ def settled(table: Mapping[str, object], errors: list[str]) -> Settled:
     out = Settled({key: value for key, value in table.items() if key in CANONICAL})
     known = (*CANONICAL, *QUANTITIES, "poles")
     for key in table:
-        if key == "gear":
-            errors.append(f"machine.gear: {_GEAR}")
+        if key in ("gear", "gear_ratio"):
+            errors.append(f"machine.{key}: {_GEAR}")
         elif key not in known:
             errors.append(f"machine.{key}: unknown key ({did_you_mean(key, known)})")
     if "tau_rated" in table and "i_rated" not in table:

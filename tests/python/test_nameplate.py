@@ -144,6 +144,7 @@ REFUSED = {
     "broken poles": ("poles = 14.0", ["machine.poles"]),
     "poles as pairs": ("poles = 14\nn_p = 14", ["machine.poles", "7 pairs", "n_p = 14"]),
     "gear": ("n_p = 4\ngear = 9", ["machine.gear", "scale = 9.0", "tau_m by the inverse"]),
+    "gear ratio": ("n_p = 4\ngear_ratio = 9", ["machine.gear_ratio", "tau_m by the inverse"]),
     "k_t against k_e": (
         'n_p = 4\nk_t = { value = 1.629, unit = "N·m/A rms" }\n'
         'k_e = { value = 1.33, unit = "V s/rad line-to-line rms" }',
