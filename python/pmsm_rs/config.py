@@ -6,27 +6,22 @@ import os
 import re
 import tomllib
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from ._core import Machine, MachineError, PmsmError
+from .datasheet import Converted, settled
 from .errors import did_you_mean, opened, refuse, shown
 from .quantities import CANONICAL
 from .rules import Rule, Rules
+from .schema import NotNegative, Number, Positive, Table, validated
 from .units import canonical, suggest
 
 _LARGEST_FILE = 1 << 20
 # A whole number beyond 64 bits has at least as many digits, be they hexadecimal.
 _LONG_NUMBER = re.compile(r"[0-9A-Fa-f_]{16,}")
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 LoadKind = Literal["none", "known_constant", "measured", "unknown_constant", "unknown_piecewise", "locked"]
-
-
-class Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 class Plate(Table):
@@ -93,13 +88,17 @@ _TABLES: dict[str, type[Table]] = {"machine": _Machine, "drive": Ratings, "load"
 
 @dataclass(frozen=True)
 class MachineFile:
-    """A machine file: the nameplate, what is known of the load, and how a recording's columns are called."""
+    """A machine file: the nameplate, what is known of the load, and how a recording's columns are called.
+
+    `converted` are the entries of the nameplate that were not given as parameters of the model in SI units.
+    """
 
     path: str
     machine: Machine
     load: str | None
     load_value: float | None
     columns: Rules
+    converted: tuple[Converted, ...] = ()
 
 
 def read_machine(path: str | os.PathLike[str]) -> MachineFile:
@@ -110,19 +109,26 @@ def read_machine(path: str | os.PathLike[str]) -> MachineFile:
     name = str(path)
     content = read_toml(name)
     errors = [f"{table}: unknown table ({hint})" for table, hint in _misspelt(content)]
-    parts = {table: validated(model, table, content.get(table), errors) for table, model in _TABLES.items()}
+    table = content.get("machine")
+    sheet = settled(table if isinstance(table, dict) else {}, errors)
+    given = content | ({"machine": sheet.values} if isinstance(table, dict) else {})
+    parts = {name: validated(model, name, given.get(name), errors) for name, model in _TABLES.items()}
     columns = _columns(content.get("columns", {}), errors)
+    plate, drive, load = parts["machine"], parts["drive"], parts["load"]
+    if sheet.i_rated is not None and isinstance(drive, Ratings) and drive.i_rated is not None:
+        errors.append("machine.i_rated: [drive] has it as well; give it once")
     if errors:
         raise refuse(MachineError, "; ".join(errors), file=name, fix="correct the machine file")
-    plate, drive, load = parts["machine"], parts["drive"], parts["load"]
     assert isinstance(plate, _Machine)
     assert isinstance(drive, Ratings)
     assert isinstance(load, _Load)
+    ratings = drive.model_dump()
+    ratings["i_rated"] = drive.i_rated if sheet.i_rated is None else sheet.i_rated
     try:
-        machine = Machine(**plate.model_dump(), **drive.model_dump())
+        machine = Machine(**plate.model_dump(), **ratings)
     except MachineError as error:
         raise refuse(MachineError, f"[machine] {error}", file=name, fix="correct the machine file") from error
-    return MachineFile(name, machine, load.kind, load.value, columns)
+    return MachineFile(name, machine, load.kind, load.value, columns, tuple(sheet.converted))
 
 
 def read_toml(name: str, role: str = "machine file", kind: type[PmsmError] = MachineError) -> dict[str, Any]:
@@ -195,53 +201,6 @@ def _close(name: str, known: list[str]) -> bool:
     import difflib
 
     return bool(difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.8))
-
-
-_Model = TypeVar("_Model", bound=BaseModel)
-
-
-def validated(model: type[_Model], name: str, content: object, errors: list[str]) -> _Model | None:
-    """The table `name` as a `model`; None, with clauses added to `errors`, where it is none."""
-    if content is None:
-        if name == "machine":
-            errors.append("machine: this table is missing; at least n_p is needed")
-            return None
-        content = {}
-    if not isinstance(content, dict):
-        errors.append(f"{name}: write it as a table [{name}]")
-        return None
-    try:
-        # TOML tells 4 from 4.0; for a physical value both are the same number.
-        return model.model_validate({key: number(key, value) for key, value in content.items()})
-    except ValidationError as error:
-        errors.extend(words(name, model, error))
-        return None
-
-
-def number(key: str, value: object) -> object:
-    """A whole number of TOML as the physical value it stands for."""
-    return float(value) if isinstance(value, int) and not isinstance(value, bool) and key != "n_p" else value
-
-
-def words(name: str, model: type[BaseModel], error: ValidationError) -> list[str]:
-    """One clause per wrong entry of the table `name`, with the nearest right one."""
-    out = []
-    for item in error.errors(include_url=False):
-        path = ".".join([name, *(str(part) for part in item["loc"])])
-        if item["type"] == "extra_forbidden":
-            known = [field.alias or key for key, field in model.model_fields.items()]
-            text = f"unknown key ({did_you_mean(str(item['loc'][-1]), known)})"
-        elif item["type"] == "missing":
-            text = "is missing"
-        elif item["type"] == "literal_error":
-            choices = re.findall("'([^']*)'", item["ctx"]["expected"])
-            text = f"'{item['input']}' is not known ({did_you_mean(str(item['input']), choices)})"
-        elif item["type"] == "value_error":
-            text = str(item["ctx"]["error"])
-        else:
-            text = f"{item['msg'][0].lower()}{item['msg'][1:]}, not {item['input']!r}"
-        out.append(f"{path}: {text}")
-    return out
 
 
 def _columns(content: object, errors: list[str]) -> dict[str, Rule | None]:

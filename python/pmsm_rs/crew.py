@@ -76,7 +76,7 @@ class Task:
 def _plain(machine: MachineFile | Machine) -> object:
     if isinstance(machine, MachineFile):
         rules = sorted((name, repr(rule)) for name, rule in machine.columns.items())
-        return _plain(machine.machine), machine.load, machine.load_value, rules
+        return _plain(machine.machine), machine.load, machine.load_value, rules, machine.converted
     return sorted(machine.__getnewargs_ex__()[1].items())
 
 
@@ -117,8 +117,9 @@ def work(task: Task) -> Told:
     try:
         recording = _opened(task.recording, task)
         validation = None if task.validation is None else _opened(task.validation, task)
-        machine = task.machine.machine if isinstance(task.machine, MachineFile) else task.machine
-        answer = diagnose(recording, machine, validation, seed=task.seed, threads=task.threads, progress=look)
+        answer = diagnose(
+            recording, task.machine, validation, seed=task.seed, threads=task.threads, progress=look
+        )
     except _Stopped:
         return "failure", INTERRUPTED, ""
     except NothingToAsk as error:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from .errors import shown
 from .quantities import CANONICAL
-from .words import number
+from .words import number, unit
 
 _NAMED: Final = 12
 """Ignored columns that are named; files of thousands of columns exist."""
@@ -39,6 +39,25 @@ def origins(read: Mapping[str, Any]) -> list[str]:
         plain = given == name and entry["unit"] == CANONICAL[name].unit
         mark = "" if entry.get("period") is not None else f" ({entry['unit']})"
         out.append(f"{name}{mark}" if plain else f"{name} from {given}{mark}")
+    return out
+
+
+def converted(nameplate: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A clause for each entry of a nameplate that was converted: `psi_m = 0.192 V·s from k_t = 1.629 N·m/A
+    rms`, or why it was not taken.
+    """
+    out = []
+    for entry in nameplate:
+        given = f"{entry['value']:g} {shown(entry['unit'])}".rstrip()
+        gives = [
+            f"{name} = {of['value']:.4g} {unit(of['unit'])}".rstrip() for name, of in entry["gives"].items()
+        ]
+        named = given if [*entry["gives"]] == [entry["from"]] else f"{entry['from']} = {given}"
+        if entry["taken"]:
+            out.append(f"{' and '.join(gives)} from {named}")
+        else:
+            comes = f" ({', '.join(gives)})" if gives else ""
+            out.append(f"{named}{comes} not taken: {entry['why']}")
     return out
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from . import budget, figures, plot, words
 from .headline import headline, is_whole
 from .quantities import CANONICAL
-from .readout import extent, ignored, origin, reasons
+from .readout import converted, extent, ignored, origin, reasons
 from .registry import effects
 from .results import Candidate, DiagnosisValues, Estimate, Location
 from .summary import recording_name
@@ -82,6 +82,7 @@ def render(answer: DiagnosisValues, title: str | None = None) -> str:
             (recording_name(entry, count), _origins(read), extent(read), ignored(read), reasons(read))
             for count, (read, entry) in enumerate(_each_read(answer), 1)
         ],
+        nameplate=converted(answer.nameplate),
         candidates=[(c, words.title(c.effect), rows(c)) for c in answer.ranking[:8]],
         unlisted=max(0.0, 1.0 - sum(c.probability for c in answer.ranking)),
         effects=[

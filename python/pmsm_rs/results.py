@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
@@ -100,8 +100,18 @@ class IdentificationValues(Fit):
     @classmethod
     def from_json(cls, text: str) -> Self:
         """From what `to_json` writes."""
-        data = json.loads(text)
+        return cls.of(json.loads(text))
+
+    @classmethod
+    def of(cls, data: Mapping[str, Any]) -> Self:
+        """From the JSON object of an answer."""
         return cls._of(data, seed=data["seed"], version=data["version"])
+
+    @property
+    def nameplate(self) -> Sequence[Mapping[str, Any]]:
+        """What was converted of the nameplate in a machine file, one JSON object for each entry."""
+        entries: Sequence[Mapping[str, Any]] = self.data.get("nameplate", ())
+        return entries
 
 
 @dataclass(frozen=True)
@@ -265,6 +275,12 @@ class DiagnosisValues:
         """
         model: Mapping[str, Any] = self.data["model"]
         return model
+
+    @property
+    def nameplate(self) -> Sequence[Mapping[str, Any]]:
+        """What was converted of the nameplate in a machine file, one JSON object for each entry."""
+        entries: Sequence[Mapping[str, Any]] = self.data.get("nameplate", ())
+        return entries
 
     @property
     def unmodelled(self) -> Unmodelled | None:

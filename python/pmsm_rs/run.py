@@ -107,16 +107,18 @@ _SWARM_NAMES = {
 ORDINARY = Swarm()
 
 
-def nameplate(machine: Described) -> Machine:
-    """The machine of a machine file, or the machine itself.
+def _nameplate(machine: Described) -> tuple[Machine, dict[str, Any]]:
+    """The machine of a machine file, or the machine itself, and what an answer adds on conversions.
 
     Raises UsageError where there is no such file, and MachineError naming every wrong entry.
     """
     if isinstance(machine, Machine):
-        return machine
+        return machine, {}
     from .config import MachineFile, read_machine
 
-    return machine.machine if isinstance(machine, MachineFile) else read_machine(machine).machine
+    described = machine if isinstance(machine, MachineFile) else read_machine(machine)
+    converted = [entry.entry() for entry in described.converted]
+    return described.machine, {"nameplate": converted} if converted else {}
 
 
 def identify(
@@ -149,9 +151,10 @@ def identify(
     if method not in METHODS:
         raise refuse(UsageError, f"there is no method '{method}'", fix=did_you_mean(method, METHODS))
     expect_whole(seed=seed, threads=threads)
+    known, converted = _nameplate(machine)
     answer = _core.identify(
         recording,
-        nameplate(machine),
+        known,
         fit=fit_bounds(fit),
         method=method,
         swarm=(swarm or ORDINARY).settings,
@@ -160,7 +163,7 @@ def identify(
         threads=threads,
         progress=progress,
     )
-    return Identification.from_json(answer)
+    return Identification.of(json.loads(answer) | converted)
 
 
 def diagnose(
@@ -192,7 +195,7 @@ def diagnose(
         raise refuse(UsageError, "no recording was given", fix="give at least one")
     _expect_recordings(*recordings, *([] if validation is None else [validation]))
     expect_whole(seed=seed, threads=threads)
-    known = nameplate(machine)
+    known, converted = _nameplate(machine)
     try:
         answer, traces = _core.diagnose(
             recordings,
@@ -205,7 +208,7 @@ def diagnose(
         )
     except (DataError, NotIdentifiableError) as error:
         raise _in_file(error, recordings) from error
-    return Diagnosis.of(_complete(json.loads(answer), recordings, validation), traces)
+    return Diagnosis.of(_complete(json.loads(answer), recordings, validation) | converted, traces)
 
 
 def _expect_recordings(*given: object) -> None:

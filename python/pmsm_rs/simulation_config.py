@@ -38,9 +38,10 @@ from typing import Any, TypeVar
 
 from . import simulation_tables as tables
 from ._core import Machine, MachineError, UsageError
-from .config import Plate, Ratings, Table, read_machine, read_toml, validated
+from .config import Plate, Ratings, read_machine, read_toml
 from .errors import did_you_mean, refuse
 from .registry import effects
+from .schema import Table, validated
 
 _SHIPPED = Path(__file__).parent / "machines"
 _PLATE = (*Plate.model_fields, *Ratings.model_fields)

@@ -8,8 +8,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from .config import LoadKind, NotNegative, Number, Plate, Positive, Ratings, Table
+from .config import LoadKind, Plate, Ratings
 from .errors import did_you_mean
+from .schema import NotNegative, Number, Positive, Table
 
 Whole = Annotated[float, Field(ge=0, multiple_of=1, allow_inf_nan=False)]
 

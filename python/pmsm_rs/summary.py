@@ -9,7 +9,7 @@ from typing import Any
 
 from .budget import judged, sentence
 from .headline import headline
-from .readout import extent, ignored, origins, reasons
+from .readout import converted, extent, ignored, origins, reasons
 from .results import DiagnosisValues, Estimate, IdentificationValues, json_text
 from .words import channel, estimate, listed, lower_first, number, percent
 
@@ -83,7 +83,14 @@ def _read(answer: DiagnosisValues) -> list[str]:
         if read["ignored"]:
             lines.append(hung("  ", f"ignored: {ignored(read)}"))
             lines += [hung("    ", reason) for reason in reasons(read)]
+    lines += _converted(answer)
     return ["", "Read", *lines] if lines else []
+
+
+def _converted(answer: DiagnosisValues | IdentificationValues) -> list[str]:
+    """What was converted of the nameplate, one line."""
+    clauses = converted(answer.nameplate)
+    return [hung("  ", f"nameplate: {'; '.join(clauses)}")] if clauses else []
 
 
 def _by_reason(answer: DiagnosisValues) -> list[tuple[str, list[str]]]:
@@ -156,6 +163,7 @@ def identification(answer: IdentificationValues) -> str:
         else "not converged"
     )
     lines = [f"{answer.method}: {state} after {answer.evaluations} evaluations, cost {answer.cost:.6g}"]
+    lines += _converted(answer)
     lines += _parameters(list(answer.parameters.items()))
     if answer.rms:
         lines += ["", "Measured minus model, rms"]

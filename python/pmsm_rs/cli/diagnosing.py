@@ -131,7 +131,7 @@ def diagnose(
     try:
         answer = run(
             runs,
-            machine.machine,
+            machine,
             other,
             options=settings,
             seed=seed,

@@ -40,7 +40,7 @@ def identify(
     machine = read_machine(machine_file)
     answer = run(
         load(recording, machine),
-        machine.machine,
+        machine,
         fit=fit,
         method=method,
         swarm=None if swarm is None else Swarm.parse(swarm),
