@@ -77,14 +77,13 @@ def open_file(file: Path, max_bytes: int) -> Source:
 
 def _member(index: int, layout: Layout, clocks: dict[int, Clock]) -> Member:
     """A column as the header declares it; a clock is in s, and its dates are no column by themselves."""
-    column, names = layout.columns[index], [column.name for column in layout.columns]
+    column = layout.columns[index]
     header = column.header if column.header != column.name else None
     if index in clocks:
         own = (clocks[index].dates, clocks[index].fraction)
-        return Member(
-            column.name, unit="s", header=header, takes_in=tuple(names[k] for k in own if k is not None)
-        )
-    main = next((names[clock.column] for clock in clocks.values() if clock.dates == index), None)
+        takes_in = tuple(layout.columns[k].name for k in own if k is not None)
+        return Member(column.name, unit="s", header=header, takes_in=takes_in)
+    main = next((layout.columns[c.column].name for c in clocks.values() if c.dates == index), None)
     why = None if main is None else f"it holds dates, which the sample time '{shown(main)}' takes in"
     fix = None if main is None else f'give t = "{shown(main)}" in [columns]'
     return Member(column.name, unit=column.unit, header=header, why=why, fix=fix)

@@ -102,15 +102,13 @@ pub fn lost_voltages(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Par
     };
     let variables = variables(data, best, Side::Electrical);
     let curves: Vec<Part> = variables.iter().map(|x| part(spline(x, CURVE), None)).collect();
-    let mut surfaces = Vec::new();
-    for (k, x) in variables.iter().enumerate() {
-        let others = variables[k + 1..].iter();
-        surfaces.extend(others.map(|y| part(spline(x, SURFACE), Some(spline(y, SURFACE)))));
-    }
-    let mut smooth = vec![curves];
-    if !surfaces.is_empty() {
-        smooth.push(surfaces);
-    }
+    let surfaces = |size: (usize, usize)| -> Vec<Part> {
+        let others = |k: usize| variables[k + 1..].iter();
+        let pairs = variables.iter().enumerate().flat_map(|(k, x)| others(k).map(move |y| (x, y)));
+        pairs.map(|(x, y)| part(spline(x, size), Some(spline(y, size)))).collect()
+    };
+    let smooth = [surfaces(LINE), curves, surfaces(SURFACE)];
+    let smooth = smooth.into_iter().filter(|parts| !parts.is_empty()).collect();
     let mut over_turn = Vec::new();
     for wave in waves(data, Side::Electrical, &[]) {
         over_turn.push(part(wave, None));
