@@ -5,7 +5,7 @@ Everything that is missing or unclear is collected, and refused at once.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -43,14 +43,34 @@ _EXACT: Final = 9
 """Rank of a column that has the canonical name to the letter, above all of `_RANKS`."""
 
 
+CANONICAL_NAME, OWN_NAME, COLUMNS = "canonical name", "its name", "[columns]"
+CLOCK, UNIT_ALONE = "date and time", "its unit"
+"""What a column was recognised by; a documented log is told by its own name."""
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What a file or frame holds before it is known whether that will do.
+
+    `plan` has the rule of every canonical column that can be had, in the order of `CANONICAL`, and `how` what
+    it was recognised by. `problems` are all that is missing, in doubt or of the wrong unit.
+    """
+
+    plan: Mapping[str, Rule]
+    account: Account
+    problems: tuple[Problem, ...]
+    how: Mapping[str, str]
+
+
 @dataclass(frozen=True)
 class _Claim:
-    """A column that could become a canonical one."""
+    """A column that could become a canonical one, and what it was recognised by."""
 
     column: str
     name: str
     unit: str | None
     rank: int
+    how: str = OWN_NAME
 
 
 @dataclass
@@ -64,16 +84,25 @@ class _Draft:
     doubts: dict[str, Meaning] = field(default_factory=dict)
     unused: dict[str, Unused] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
+    how: dict[str, str] = field(default_factory=dict)
 
-    def claim(self, column: str, name: str, unit: str | None, rank: int) -> None:
-        self.claims.setdefault(_slot(name), []).append(_Claim(column, name, unit, rank))
+    def claim(self, column: str, name: str, unit: str | None, rank: int, how: str = OWN_NAME) -> None:
+        self.claims.setdefault(_slot(name), []).append(_Claim(column, name, unit, rank, how))
 
 
 def planned(source: Source, rules: Rules, *, whole: bool) -> tuple[dict[str, Rule], Account]:
-    """The rule of every column that can be had, in the order of `CANONICAL`, and the account of all columns.
+    """The plan and the account of `surveyed`. Raises one DataError for all the problems that there are."""
+    survey = surveyed(source, rules, whole=whole)
+    if survey.problems:
+        raise refuse_all(DataError, survey.problems, source.file)
+    return dict(survey.plan), survey.account
+
+
+def surveyed(source: Source, rules: Rules, *, whole: bool) -> Survey:
+    """What can be had of the columns of `source`, and everything that is missing or unclear.
 
     With `whole` the columns must answer a question by themselves, as those of a file must; a batch of a
-    stream need not. Raises one DataError for all that is missing, in doubt or of the wrong unit.
+    stream need not.
     """
     draft = _Draft(source, rules)
     _given(draft)
@@ -89,10 +118,9 @@ def planned(source: Source, rules: Rules, *, whole: bool) -> tuple[dict[str, Rul
         draft.problems.append(_no_time(source))
     if whole:
         _ask(draft)
-    if draft.problems:
-        raise refuse_all(DataError, draft.problems, source.file)
     plan = {name: draft.plan[name] for name in CANONICAL if name in draft.plan}
-    return plan, _account(draft, plan)
+    how = {name: draft.how.get(name, COLUMNS) for name in plan}
+    return Survey(plan, _account(draft, plan), tuple(draft.problems), how)
 
 
 def _slot(name: str) -> str:
@@ -141,7 +169,7 @@ def _guess(draft: _Draft, columns: Iterable[str]) -> None:
     """What the names of the columns say, each by itself."""
     source = draft.source
     plain = {normal(name) for name in source.names}
-    log = next((table for marks, table in LOGS.values() if marks <= plain), {})
+    tool, log = next(((tool, table) for tool, (marks, table) in LOGS.items() if marks <= plain), ("", {}))
     meanings = {column: meaning(column, source.unit(column)) for column in columns}
     pair = "i_q" in draft.given or any(
         found is not None and found.sure and found.columns == ("i_q",) for found in meanings.values()
@@ -151,15 +179,15 @@ def _guess(draft: _Draft, columns: Iterable[str]) -> None:
         unit, beside = unit_and_words(stated)
         if key in log:
             name, documented = log[key]
-            draft.claim(column, name, documented, _EXACT)
+            draft.claim(column, name, documented, _EXACT, f"{tool} log")
         elif column in source.clocks and column != "t":
             # Stamps of the time of day go behind a column that counts time.
-            draft.claim(column, "t", "s", 1)
+            draft.claim(column, "t", "s", 1, CLOCK)
         elif column in CANONICAL and not beside:
-            draft.claim(column, column, unit or CANONICAL[column].unit, _EXACT)
+            draft.claim(column, column, unit or CANONICAL[column].unit, _EXACT, CANONICAL_NAME)
         elif key == "column" and canonical(stated or "", "time") is not None:
             # A header that is a unit alone, as in `in s`.
-            draft.claim(column, "t", stated, _EXACT)
+            draft.claim(column, "t", stated, _EXACT, UNIT_ALONE)
         elif key in TEMPERATURES:
             _temperature(draft, column, TEMPERATURES[key], stated)
         elif found is not None:
@@ -227,6 +255,7 @@ def _choose(draft: _Draft) -> None:
         rule = Rule(claim.column, claim.unit)
         try:
             draft.plan[claim.name] = replace(rule, unit=unit_of(claim.name, rule, draft.source))
+            draft.how[claim.name] = claim.how
         except DataError as error:
             draft.problems.append(_of(error))
         for other in claims:
@@ -246,7 +275,10 @@ def _rivals(source: Source, claims: list[_Claim], slot: str) -> Problem:
         for claim in claims
     ]
     return Problem(
-        f"{both} could be {slot}", f"say which in [columns]: {' or '.join(lines)}", claims[0].column
+        f"{both} could be {slot}",
+        f"say which in [columns]: {' or '.join(lines)}",
+        claims[0].column,
+        tuple(lines),
     )
 
 
@@ -284,13 +316,15 @@ def _doubt(draft: _Draft, column: str, found: Meaning) -> None:
         fix = f"say which in [columns]: {' or '.join(lines)}"
     else:
         problem = f"its unit is not stated, so it cannot be taken as {found.columns[0]}"
-        lines = [f"{found.columns[0]} = {{ from = {name}, unit = {units} }}"]
-        fix = f"say it in [columns]: {lines[0]}"
+        fix = f"say it in [columns]: {found.columns[0]} = {{ from = {name}, unit = {units} }}"
+        lines = [
+            f'{found.columns[0]} = {{ from = {name}, unit = "{unit}" }}' for unit in [*UNITS[dimension]][:3]
+        ]
     if draft.given and found.quantity != "time":
         use = line_for(draft.source, column, found, found.columns[0])
         draft.unused[column] = Unused(column, found.quantity, problem, use)
     else:
-        draft.problems.append(Problem(problem, fix, column))
+        draft.problems.append(Problem(problem, fix, column, tuple(lines)))
 
 
 def _no_time(source: Source) -> Problem:

@@ -166,16 +166,27 @@ def _questions(kind: str | None, load: str | None, account: Account) -> dict[str
     """Whether the electrical and the mechanical equations could be asked about, and in `why_not` a sentence
     for each that could not and for the rotor angle, None where all could.
     """
-    electrical, mechanical = kind not in {"mechanical", None}, kind in {"full", "mechanical"}
-    angle = not {"theta_e", "theta_m"}.isdisjoint(account.columns)
-    sentences = []
-    if not electrical:
-        sentences.append(f"Nothing was asked of the voltages: {_no_voltages(account)}.")
-    if not mechanical:
-        sentences.append(f"Nothing was asked of the motion: {_no_motion(kind, load, account)}.")
-    elif not angle:
-        sentences.append(f"Nothing was asked of the rotor angle: {_none('angle', account, 'none')}.")
-    return {"electrical": electrical, "mechanical": mechanical, "why_not": " ".join(sentences) or None}
+    why = why_not(kind, load, account)
+    sentences = [f"Nothing was asked of the {what}: {reason}." for what, reason in why.items()]
+    return {
+        "electrical": "voltages" not in why,
+        "mechanical": "motion" not in why,
+        "why_not": " ".join(sentences) or None,
+    }
+
+
+def why_not(kind: str | None, load: str | None, account: Account) -> dict[str, str]:
+    """Why nothing can be asked of the voltages, the motion or the rotor angle, by these words; those of which
+    something can be asked are left out. `kind` and `load` are those of the recording, as in `told`.
+    """
+    why = {}
+    if kind in {"mechanical", None}:
+        why["voltages"] = _no_voltages(account)
+    if kind not in {"full", "mechanical"}:
+        why["motion"] = _no_motion(kind, load, account)
+    elif {"theta_e", "theta_m"}.isdisjoint(account.columns):
+        why["rotor angle"] = _none("angle", account, "none")
+    return why
 
 
 def _no_motion(kind: str | None, load: str | None, account: Account) -> str:
