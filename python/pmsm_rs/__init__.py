@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     )
     from .answers import Diagnosis, Identification
     from .fleet import Failure, Fleet, diagnose_many
+    from .inspecting import Inspection, inspect
     from .loader import load
     from .options import DiagnosisOptions
     from .recording import Recording
@@ -48,6 +49,7 @@ _HOME = {
     "Fitness": "_core",
     "Fleet": "fleet",
     "Identification": "answers",
+    "Inspection": "inspecting",
     "InternalError": "_core",
     "Machine": "_core",
     "MachineError": "_core",
@@ -66,6 +68,7 @@ _HOME = {
     "effects": "registry",
     "identify": "run",
     "identify_system": "systems",
+    "inspect": "inspecting",
     "load": "loader",
     "simulate": "simulation",
     "track": "tracking",
@@ -79,6 +82,7 @@ __all__ = [
     "Fitness",
     "Fleet",
     "Identification",
+    "Inspection",
     "InternalError",
     "Machine",
     "MachineError",
@@ -97,6 +101,7 @@ __all__ = [
     "effects",
     "identify",
     "identify_system",
+    "inspect",
     "load",
     "simulate",
     "track",

@@ -61,14 +61,16 @@ def refuse(
 
 
 class Problem(NamedTuple):
-    """One of several things that are wrong with a file: its column, what it is, the way out, and the lines of
-    [columns] of which one would settle it.
+    """One of several things that are wrong with a file: its column, what it is, and the way out. `lines` are
+    those of [columns] of which one would settle it, and `brief` is the way out for who sees them and the
+    columns of the file beside it; empty where it is `fix`.
     """
 
     problem: str
     fix: str
     column: str | None = None
     lines: tuple[str, ...] = ()
+    brief: str = ""
 
 
 def refuse_all(kind: type[Refusal], problems: Sequence[Problem], file: str | None) -> Refusal:

@@ -44,13 +44,18 @@ def load(
     Raises UsageError where there is no such file, MachineError for a bad machine file, and DataError, which
     names file, row, column and fix, for data that cannot be used.
     """
-    described = (
-        machine
-        if isinstance(machine, MachineFile) or machine is None or isinstance(machine, Machine)
-        else read_machine(machine)
-    )
+    described = described_by(machine)
     with enough_memory(data):
         return recorded(source_of(data, max_bytes), described, max_bytes)
+
+
+def described_by(
+    machine: str | os.PathLike[str] | MachineFile | Machine | None,
+) -> MachineFile | Machine | None:
+    """What is known of the machine, its file read where `machine` names one. Raises as `read_machine`."""
+    if machine is None or isinstance(machine, MachineFile | Machine):
+        return machine
+    return read_machine(machine)
 
 
 @contextmanager

@@ -39,6 +39,7 @@ _RANKS: Final[dict[str, dict[str | None, int]]] = {
 }
 """Of several columns for one quantity the highest rank is taken, by what was done to the signal; a role that
 is not here is never taken."""
+_KEEP: Final = "keep the right line in [columns] of the machine file"
 _EXACT: Final = 9
 """Rank of a column that has the canonical name to the letter, above all of `_RANKS`."""
 
@@ -279,6 +280,7 @@ def _rivals(source: Source, claims: list[_Claim], slot: str) -> Problem:
         f"say which in [columns]: {' or '.join(lines)}",
         claims[0].column,
         tuple(lines),
+        _KEEP,
     )
 
 
@@ -312,27 +314,32 @@ def _doubt(draft: _Draft, column: str, found: Meaning) -> None:
     if len(found.columns) > 1:
         problem = "it may be electrical or mechanical"
         given = f'"{found.unit}"' if found.unit else units
-        lines = [f"{entry} = {{ from = {name}, unit = {given} }}" for entry in found.columns]
-        fix = f"say which in [columns]: {' or '.join(lines)}"
+        ways = [f"{entry} = {{ from = {name}, unit = {given} }}" for entry in found.columns]
+        fix = f"say which in [columns]: {' or '.join(ways)}"
+        unit = found.unit or next(iter(UNITS[dimension]))
+        lines = [f'{entry} = {{ from = {name}, unit = "{unit}" }}' for entry in found.columns]
+        brief = _KEEP if found.unit else f"{_KEEP}, with its unit, which may be {units}"
     else:
         problem = f"its unit is not stated, so it cannot be taken as {found.columns[0]}"
         fix = f"say it in [columns]: {found.columns[0]} = {{ from = {name}, unit = {units} }}"
         lines = [
             f'{found.columns[0]} = {{ from = {name}, unit = "{unit}" }}' for unit in [*UNITS[dimension]][:3]
         ]
+        brief = _KEEP
     if draft.given and found.quantity != "time":
         use = line_for(draft.source, column, found, found.columns[0])
         draft.unused[column] = Unused(column, found.quantity, problem, use)
     else:
-        draft.problems.append(Problem(problem, fix, column, tuple(lines)))
+        draft.problems.append(Problem(problem, fix, column, tuple(lines), brief))
 
 
 def _no_time(source: Source) -> Problem:
+    fix = 'add t = { from = "...", unit = "s" } or t = { period = ... } (in s) to [columns]'
     return Problem(
         "there is no time column",
-        'add t = { from = "...", unit = "s" } or t = { period = ... } (in s) to [columns]; '
-        + f"the file has {listed_names(source.names)}",
+        f"{fix}; the file has {listed_names(source.names)}",
         "t",
+        brief=fix,
     )
 
 
@@ -345,17 +352,21 @@ def _ask(draft: _Draft) -> None:
     have |= claimed
     lacks = "is missing, so that neither the electrical nor the mechanical equation can be tested"
     if not have & {"omega_e", "omega_m", "n", "theta_e", "theta_m"} and not doubtful & {"angle", "speed"}:
-        fix = _how(draft, ("speed", "angle"), "omega_e (or omega_m, theta_e, theta_m)")
-        draft.problems.append(Problem(lacks, fix, "omega_e"))
+        wanted = "omega_e (or omega_m, theta_e, theta_m)"
+        fix = _how(draft, ("speed", "angle"), wanted)
+        draft.problems.append(Problem(lacks, fix, "omega_e", brief=f"give {wanted}"))
     currents = {"i_d", "i_q"} <= have or len({"i_a", "i_b", "i_c"} & have) > 1
     if not currents and not have & {"tau_e", "tau_m"} and not {"v_a", "v_b", "v_c"} <= have:
         wanted = "the currents i_d, i_q or i_a, i_b, i_c with theta_e, or the motor torque tau_e"
         axes = {"i_d": "i_q", "i_q": "i_d"}
         lone = next((axis for axis in axes if axis in have), None)
         lost = axes[lone] if lone is not None else "i_q"
+        zero = f'{lost} = {{ value = 0.0, unit = "A" }}'
         if lone is not None:
-            wanted = f'{lost} (or {lost} = {{ value = 0.0, unit = "A" }} if it was held at zero)'
-        draft.problems.append(Problem(lacks, _how(draft, ("current",), wanted), lost))
+            wanted = f"{lost} (or {zero} if it was held at zero)"
+        lines = () if lone is None else (zero,)
+        how = _how(draft, ("current",), wanted)
+        draft.problems.append(Problem(lacks, how, lost, lines, f"give {wanted}"))
 
 
 def _how(draft: _Draft, quantities: tuple[str, ...], wanted: str) -> str:

@@ -81,7 +81,7 @@ def take(values: object, wanted: Wanted) -> NDArray[np.float64]:
     if isinstance(picked, np.ma.MaskedArray):
         masked = np.flatnonzero(np.ma.getmaskarray(picked))
         if masked.size and wanted.gaps:
-            picked = picked.astype(np.float64).filled(np.nan)
+            picked = np.ma.filled(picked.astype(np.float64), np.nan)
         elif masked.size:
             raise Refused("the value is masked", "cut the row out", column=column, row=int(masked[0]))
     # Arrays out of network buffers and packed records need not lie where a float64 must.

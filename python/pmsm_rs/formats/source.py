@@ -29,7 +29,7 @@ class Reads(Protocol):
     """Reads columns by their names."""
 
     def __call__(self, columns: Iterable[str], gaps: bool = False) -> dict[str, NDArray[np.float64]]:
-        """One array of shape (rows,) per name; with `gaps`, formats that can tell give NaN for missing values.
+        """One array of shape (rows,) per name; with `gaps` NaN for missing values in formats that can tell.
 
         Raises DataError as `Source` says.
         """
