@@ -9,17 +9,21 @@ from typing import Final
 from .errors import printable, shown
 from .inspection import InspectionValues, Task
 from .quantities import CANONICAL
+from .reading import there as quantities
 from .signals import Signal
 from .sparkline import ASCII, BLOCKS, sparkline
 from .summary import hung
 from .words import listed, lower_first
 
-_LONGEST: Final = 30
+_LONGEST: Final = 25
 """Signs of a name in a table."""
 _MOST: Final = 40
 """Columns in a table: a file may have thousands."""
 _NAMED: Final = 8
 """Columns that one reason names."""
+_NAMELESS: Final = "(no name)"
+_CLOSE: Final = 0.005
+"""Share of its ends that a range is small to."""
 _ASCII: Final = {
     **{
         "·": ".",
@@ -66,6 +70,8 @@ def _subject(task: Task) -> str:
     """The column of a task as the sentence begins with it."""
     if task.column is None or (task.column == "t" and task.problem.startswith("there ")):
         return ""
+    if task.problem.startswith(f"{task.column} "):
+        return ""
     plain = task.column in CANONICAL and task.problem.startswith(("is ", "has "))
     return f"{task.column} " if plain else f"'{shown(task.column)}': "
 
@@ -82,7 +88,8 @@ def _head(found: InspectionValues) -> list[str]:
         rows = max((signal.rows for signal in found.columns), default=0)
         lines.append(f"  {rows} rows, without sample times")
     for entry in found.sampling:
-        group = "" if entry.group is None else f"group '{shown(entry.group)}': "
+        own = [each.column for each in found.columns if each.base == entry.group is not None]
+        group = "" if entry.group is None else f"{_columns(own)} of group '{shown(entry.group)}': "
         lines.append(hung("  ", group + entry.sentence()))
     gaps = {each.column: each.missing for each in found.columns if each.missing and not each.is_empty}
     if gaps:
@@ -98,20 +105,13 @@ def _head(found: InspectionValues) -> list[str]:
 def _so_far(found: InspectionValues) -> str:
     """Which quantities are there, and how much is to be settled."""
     have = {*found.made} | {name for signal in found.columns for name in signal.names}
-    two = len({"i_a", "i_b", "i_c"} & have) > 1
-    parts = {
-        "sample times": "t" in have,
-        "voltages": {"v_d", "v_q"} <= have or {"v_a", "v_b", "v_c"} <= have,
-        "currents": {"i_d", "i_q"} <= have or two,
-        "motion": bool({"theta_e", "theta_m", "omega_e", "omega_m", "n"} & have),
-    }
-    there = [part for part, is_there in parts.items() if is_there]
+    parts = {"sample time": "t" in have, **quantities(have)}
+    known = [part for part, is_there in parts.items() if is_there]
     lost = [part for part, is_there in parts.items() if not is_there]
     count = "one thing is" if len(found.tasks) == 1 else f"{len(found.tasks)} things are"
-    clauses = [f"{listed(there)} are recognised"] if there else []
-    clauses += [f"{listed(lost)} are not"] if there and lost else []
-    told = ", ".join(clauses) or f"no {listed(lost, 'or')} are recognised"
-    return f"{count} to be settled. So far {told}."
+    told = f"Recognised: {listed(known)}. " if known else ""
+    left = f"Not recognised: {listed(lost)}." if lost else ""
+    return f"{count} to be settled. {told}{left}".rstrip()
 
 
 def _columns(names: Iterable[str]) -> str:
@@ -149,16 +149,23 @@ def _unused(found: InspectionValues, blocks: bool) -> list[str]:
 
 
 def _cells(signal: Signal, blocks: bool) -> tuple[str, ...]:
-    span = "" if signal.low is None or signal.high is None else f"{signal.low:.4g} … {signal.high:.4g}"
-    if signal.low is not None and signal.low == signal.high:
-        span = f"{signal.low:.4g}"
+    span = _span(signal.low, signal.high)
     levels = BLOCKS if blocks else ASCII
     line = "" if signal.names == ("t",) else sparkline(signal.course, signal.low, signal.high, levels)
-    name = shown(signal.column)
+    name = shown(signal.column) or _NAMELESS
     if len(name) > _LONGEST:
         name = f"{name[: _LONGEST - 10]}…{name[-9:]}"
     gaps = str(signal.missing) if signal.missing and not signal.is_empty else ""
     return name, span, signal.unit or "", gaps, "empty" if signal.is_empty else line
+
+
+def _span(low: float | None, high: float | None) -> str:
+    """The range, with more digits where its ends are close together."""
+    if low is None or high is None:
+        return ""
+    close = high / 2.0 - low / 2.0 <= _CLOSE * max(abs(low), abs(high))
+    first, last = (f"{value:.{7 if close else 4}g}" for value in (low, high))
+    return first if low == high else f"{first} … {last}"
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
@@ -177,7 +184,7 @@ def _reasons(signals: Sequence[Signal]) -> list[str]:
     grouped: dict[str, list[str]] = {}
     for signal in signals:
         if signal.why is not None:
-            grouped.setdefault(signal.why, []).append(shown(signal.column))
+            grouped.setdefault(signal.why, []).append(shown(signal.column) or _NAMELESS)
     if len(grouped) == 1 and len(signals) > _NAMED:
         [why] = grouped
         return [hung("    ", f"all of them: {why}")]

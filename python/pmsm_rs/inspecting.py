@@ -20,7 +20,7 @@ from .inspection import InspectionValues, Task
 from .loader import described_by, enough_memory, recorded, source_of
 from .planning import Survey, surveyed
 from .poles import PolePairs, pole_pairs
-from .reading import told, warnings, why_not
+from .reading import there, told, warnings, why_not
 from .readout import origin
 from .recording import DEFAULT_MAX_BYTES, Recording
 from .rules import Rule
@@ -106,10 +106,14 @@ def _inspected(source: Source, described: MachineFile | Machine | None, max_byte
         kind, load, reasons = None, None, {}
         findings = [remark._asdict() for remark in dict.fromkeys(source.remarks)]
     waveform = sampling[0].period if sampling and (sampling[0].period or np.inf) <= _POINTS else None
+    made = _made(survey, described)
+    have = there({*survey.plan} | {*made})
+    motion = have["angle"] or have["speed"]
+    incomplete = "t" not in columns or not (have["voltage"] and have["current"] and motion)
     return Inspection(
         source.file,
         tuple(found),
-        _made(survey, described),
+        made,
         tuple(sampling),
         kind,
         load,
@@ -125,7 +129,7 @@ def _inspected(source: Source, described: MachineFile | Machine | None, max_byte
             period=waveform,
             still=still,
             open_lines=survey.problems,
-            incomplete=recording is None or "voltages" in reasons,
+            incomplete=incomplete and (recording is None or not rules),
         ),
     )
 
@@ -152,13 +156,13 @@ def _sampling(recording: Recording | None, columns: Columns, source: Source) -> 
     """The sampling of the recording, and of each group of the file where there are several."""
     out = [Sampling.of(columns["t"])] if "t" in columns else []
     if len(source.stamps) > 1 or not out:
+        try:
+            stamps = source.read(source.stamps.values())
+        except DataError:
+            # What is wrong with them stands with their columns.
+            return out
         for base, name in source.stamps.items():
-            try:
-                stamps = converted(source.read([name])[name], "t", Rule(name), source)
-            except DataError:
-                # What is wrong with it stands with its column.
-                continue
-            out.append(Sampling.of(stamps, base))
+            out.append(Sampling.of(converted(stamps[name], "t", Rule(name), source), base))
     return out
 
 

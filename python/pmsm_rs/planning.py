@@ -226,7 +226,8 @@ def _take(draft: _Draft, column: str, found: Meaning) -> None:
         draft.unused[column] = never_taken(draft.source, column, found)
     elif found.quantity == "torque" and len(found.columns) > 1:
         why = "it may be the torque of the load or of the motor"
-        draft.unused[column] = Unused(column, "torque", why, line_for(draft.source, column, found, "tau_m"))
+        use = line_for(draft.source, column, found, found.columns[0])
+        draft.unused[column] = Unused(column, "torque", why, use, found.columns)
     elif len(found.columns) > 1 and len(normal(column)) == 1:
         # A single letter names all sorts of things: no file is refused for it.
         why = f"a single letter does not say that it is a {found.quantity}"

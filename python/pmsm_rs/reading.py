@@ -67,15 +67,20 @@ def missed(have: set[str], given: Rules, unused: Sequence[Unused]) -> frozenset[
     """
     voltage, current = {"v_d", "v_q", "v_a", "v_b", "v_c"}, {"i_d", "i_q", "i_a", "i_b", "i_c", "tau_e"}
     motion = {"theta_e", "theta_m", "omega_e", "omega_m", "n"}
-    full = {
+    full = there(have)
+    groups = {"voltage": voltage, "current": current, "angle": motion, "speed": motion}
+    like = {entry.quantity for entry in unused}
+    return frozenset(q for q in full if not full[q] and not groups[q] & {*given} and q in like)
+
+
+def there(have: set[str]) -> dict[str, bool]:
+    """Of voltage, current (or motor torque), angle and speed, which the canonical columns `have` give."""
+    return {
         "voltage": {"v_d", "v_q"} <= have or {"v_a", "v_b", "v_c"} <= have,
         "current": {"i_d", "i_q"} <= have or len({"i_a", "i_b", "i_c"} & have) > 1 or "tau_e" in have,
         "angle": bool({"theta_e", "theta_m"} & have),
         "speed": bool({"omega_e", "omega_m", "n"} & have),
     }
-    groups = {"voltage": voltage, "current": current, "angle": motion, "speed": motion}
-    like = {entry.quantity for entry in unused}
-    return frozenset(q for q in full if not full[q] and not groups[q] & {*given} and q in like)
 
 
 def told(account: Account, stamps: NDArray[np.float64], kind: str | None, load: str | None) -> dict[str, Any]:

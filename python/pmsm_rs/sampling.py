@@ -72,7 +72,7 @@ class Sampling:
         even = max(self.longest - self.period, self.period - self.shortest) <= _EVEN * self.period
         if self.gaps:
             what = "1 gap" if self.gaps == 1 else f"{self.gaps} gaps, the longest"
-            parts.append(f"{what} of {_seconds(self.longest)} at t = {self.longest_at:.6g} s")
+            parts.append(f"{what} of {_seconds(self.longest)} at t = {self.longest_at:.10g} s")
         elif even:
             parts.append("no gaps")
         else:
@@ -83,10 +83,12 @@ class Sampling:
 
 
 def _seconds(value: float) -> str:
+    value = float(f"{value:.4g}")
     factor, unit = (1.0, "s") if value >= 1.0 else (1e3, "ms") if value >= 1e-4 else (1e6, "µs")
     return f"{value * factor:.4g} {unit}"
 
 
 def _hertz(value: float) -> str:
+    value = float(f"{value:.5g}")
     factor, unit = (1e-6, "MHz") if value >= 1e6 else (1e-3, "kHz") if value >= 1e4 else (1.0, "Hz")
     return f"{value * factor:.5g} {unit}"

@@ -17,7 +17,7 @@ from .naming import meaning
 from .planning import Survey
 from .units import canonical, dimension_of
 
-STRETCHES: Final = 24
+STRETCHES: Final = 20
 """Parts of a column whose highest values show its course."""
 _TOGETHER: Final = 64
 """Columns that are read at a time: a file may have thousands."""
@@ -34,7 +34,8 @@ class Signal:
     all of them are over the values that are finite. `course` has the highest value of each of at most
     STRETCHES parts, NaN for a part without one. `missing` of `rows` values are not there, the first of them
     at `first_missing`, in words. `why` says why it is not used or cannot be read, `use` are the lines of
-    [columns] of which one would use it. `base` is the time base of a column in a file that has several.
+    [columns] of which one would use it, and `could_be` the canonical columns that it could be where there are
+    several. `base` is the time base of a column in a file that has several.
     """
 
     column: str
@@ -49,6 +50,7 @@ class Signal:
     course: tuple[float, ...]
     why: str | None
     use: tuple[str, ...]
+    could_be: tuple[str, ...]
     base: str | None
 
     @property
@@ -68,7 +70,10 @@ def signals(source: Source, survey: Survey) -> tuple[list[Signal], dict[str, NDA
     columns = _columns(source, taken)
     raw: dict[str, NDArray[np.float64]] = {}
     found: dict[str, Signal] = {}
-    for column, values in _values(source, sorted(columns, key=lambda column: column not in taken)):
+    # The times that stand for those of any group have no values of their own.
+    read = sorted({*columns} - {source.common}, key=lambda column: column not in taken)
+    nothing: NDArray[np.float64] = np.empty(0)
+    for column, values in [*_values(source, read), *((column, nothing) for column in {*columns} - {*read})]:
         found[column] = _signal(column, values, taken.get(column, []), source, survey)
         if column in taken and not isinstance(values, DataError):
             raw[column] = values
@@ -137,6 +142,7 @@ def _signal(
         course(values),
         why,
         use,
+        next((each.could_be for each in survey.account.unused if each.column == header), ()),
         source.bases.get(column) if len(source.stamps) > 1 else None,
     )
 

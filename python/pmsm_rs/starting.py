@@ -17,6 +17,8 @@ from .notes import quoted
 from .poles import PolePairs
 from .rules import Rule
 from .signals import UNNAMED, Signal
+from .units import dimension_of
+from .words import listed
 
 _WIDTH: Final = 100
 _PLATE: Final = {
@@ -140,21 +142,25 @@ def _columns(
     doubtful = [signal for signal in signals if not signal.names and signal.use]
     for signal in doubtful:
         choice = "; keep the right line" if len(signal.use) > 1 else ""
+        others = [name for name in signal.could_be if not signal.use[0].startswith(f"{name} =")]
+        if others and len(signal.use) == 1:
+            choice = f"; it could also be {listed(others, 'or')}"
         lines += _comment(f"'{shown(signal.column)}': {signal.why or ''}{choice}")
         lines += [f"#{line}" for line in signal.use]
     if not has_time and not any(line.startswith("t =") for signal in doubtful for line in signal.use):
         lines.append("#t = { period =  }  # s from row to row, where the file has no time")
-    columns = {signal.column for signal in signals}
-    absent = (line for each in open_lines if each.column not in columns for line in each.lines)
+    offered = {line for signal in doubtful for line in signal.use}
+    absent = (line for each in open_lines for line in each.lines if line not in offered)
     lines += [f"#{line}  # where it was held at this value" for line in absent]
-    silent = [signal for signal in signals if signal.why == UNNAMED and signal.low != signal.high]
+    silent = [each for each in signals if each.why == UNNAMED and each.low != each.high]
+    silent = [each for each in silent if each.unit is None or dimension_of(each.unit) is not None]
     if incomplete and silent:
         lines += _comment(
             "Columns whose names say nothing. For each signal of the motor write its canonical name "
             f"in place of NAME, which is one of {_CHOICES}."
         )
         lines += [
-            f"#NAME = {{ from = {quoted(signal.column)}, unit = {quoted(signal.unit or '')} }}"
+            f"#NAME = {{ from = {quoted(signal.column)}, unit = {quoted(signal.unit or '...')} }}"
             for signal in silent[:_MOST]
         ]
         if len(silent) > _MOST:
