@@ -5,6 +5,7 @@ amplitudes, and a positive i_q drives with positive speed::
 
     import pmsm_rs as pm
 
+    print(pm.inspect("run.csv"))
     recording = pm.load("run.csv", machine="machine.toml")
     other = pm.load("other.csv", machine="machine.toml")
     answer = pm.diagnose(recording, pm.Machine(n_p=3, r_s=0.9), validation=other)

@@ -47,8 +47,10 @@ KINDS: Final = {
 }
 
 
-def text(found: InspectionValues, *, blocks: bool = True) -> str:
-    """The inspection as lines; without `blocks` in plain ASCII, for terminals that show no other signs."""
+def text(found: InspectionValues, *, blocks: bool = True, machine_file: bool = True) -> str:
+    """The inspection as lines; without `blocks` in plain ASCII, for terminals that show no other signs, and
+    without the `machine_file` where it stands elsewhere.
+    """
     lines = [*_head(found), *_used(found, blocks), *_unused(found, blocks), *_questions(found)]
     if found.tasks:
         lines += ["", "To settle before a diagnosis"]
@@ -60,8 +62,9 @@ def text(found: InspectionValues, *, blocks: bool = True) -> str:
             consequence = lower_first(item["consequence"]).rstrip(".")
             told = f"{item['finding'].rstrip('.')}: {consequence}; {lower_first(item['fix'])}"
             lines.append(hung("  ! ", told))
-    lines += ["", "Machine file to start from"]
-    lines += [f"  {line}".rstrip() for line in found.machine_file.splitlines()]
+    if machine_file:
+        lines += ["", "Machine file to start from"]
+        lines += [f"  {line}".rstrip() for line in found.machine_file.splitlines()]
     whole = printable("\n".join(lines))
     return whole if blocks else plain(whole)
 

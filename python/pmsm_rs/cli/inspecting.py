@@ -48,7 +48,7 @@ def inspect(
         found.write_machine(written, force=force)
     blocks = _shows_blocks()
     steps = next_steps(found, machine_file, written)
-    click.echo(text(found, blocks=blocks))
+    click.echo(text(found, blocks=blocks, machine_file=written is None))
     click.echo("\n" + (steps if blocks else plain(steps)))
     return 0
 
