@@ -18,8 +18,9 @@ from .errors import fact, refuse
 from .formats.source import MISSING_FIX, Source
 from .inspection import InspectionValues, Task
 from .loader import described_by, enough_memory, recorded, source_of
+from .motion import of_motion, settled, stands
 from .planning import Survey, surveyed
-from .poles import PolePairs, pole_pairs
+from .poles import pole_pairs
 from .reading import there, told, warnings, why_not
 from .readout import origin
 from .recording import DEFAULT_MAX_BYTES, Recording
@@ -30,8 +31,6 @@ from .starting import machine_file
 
 Columns = Mapping[str, NDArray[np.float64]]
 
-_STILL: Final = 0.05
-"""rad within which a rotor stands."""
 _POINTS: Final = 0.05
 """Sample time, s, from which rows are operating points, as the core has it."""
 
@@ -97,7 +96,7 @@ def _inspected(source: Source, described: MachineFile | Machine | None, max_byte
         refusal = error
     columns = _canonical(recording, source, survey, raw)
     sampling = _sampling(recording, columns, source)
-    pairs, still = pole_pairs(columns), _stands(columns)
+    pairs, still = pole_pairs(columns), stands(columns)
     if recording is not None:
         kind, load, account = recording.kind, recording.load, recording.account
         findings = warnings(told(account, columns["t"], kind, load))
@@ -119,7 +118,11 @@ def _inspected(source: Source, described: MachineFile | Machine | None, max_byte
         load,
         reasons,
         tuple(_tasks(survey, found, refusal)),
-        (*findings, *_seen(columns, described, pairs, load, still=still)),
+        (
+            *findings,
+            *settled(found, source, raw, columns),
+            *of_motion(described, pairs, load, still=still),
+        ),
         machine_file(
             source.file,
             columns,
@@ -166,20 +169,6 @@ def _sampling(recording: Recording | None, columns: Columns, source: Source) -> 
     return out
 
 
-def _stands(columns: Columns) -> bool:
-    """Whether the rotor stands, as far as angle or speed tell."""
-    for name in ("theta_m", "theta_e"):
-        values = columns.get(name, np.empty(0))
-        values = values[np.isfinite(values)]
-        if values.size:
-            return bool(np.ptp(np.unwrap(values)) < _STILL)
-    for name in ("omega_m", "omega_e"):
-        if name in columns and len(columns[name]) == len(columns.get("t", ())) > 1:
-            speed = np.nan_to_num(columns[name])
-            return bool(np.ptp(np.cumsum(speed[:-1] * np.diff(columns["t"]))) < _STILL)
-    return False
-
-
 def _made(survey: Survey, described: MachineFile | Machine | None) -> dict[str, str]:
     """The canonical columns that no column of the file gives, and where they come from."""
     rules = described.columns if isinstance(described, MachineFile) else {}
@@ -218,34 +207,3 @@ def _faulty(signal: Signal) -> Task:
         f"correct it, or leave it out with {signal.names[0]} = false in [columns]",
         signal.column,
     )
-
-
-def _seen(
-    columns: Columns,
-    described: MachineFile | Machine | None,
-    pairs: PolePairs | None,
-    load: str | None,
-    *,
-    still: bool,
-) -> list[dict[str, str]]:
-    """Findings on the motion: a rotor that stands, and pole pairs that are not those of the machine file."""
-    out = []
-    known = described.machine if isinstance(described, MachineFile) else described
-    if still and load != "locked":
-        out.append(
-            {
-                "finding": f"The rotor turns by less than {_STILL:g} rad in all.",
-                "consequence": "No question about the motion can be answered.",
-                "fix": 'If the rotor was held, write kind = "locked" in [load].',
-            }
-        )
-    if known is not None and pairs is not None and pairs.n_p != known.n_p:
-        out.append(
-            {
-                "finding": f"{pairs.electrical} turns {pairs.ratio:.4g} times as fast as {pairs.mechanical}, "
-                f"and the machine file says n_p = {known.n_p}.",
-                "consequence": "Every electrical quantity would be wrong by that factor.",
-                "fix": f"Write n_p = {pairs.n_p}, or correct the unit of one of the two.",
-            }
-        )
-    return out

@@ -24,6 +24,12 @@ _WHOLE: Final = 0.03
 _MOST: Final = 200
 
 
+_ELECTRICAL: Final = ("theta_e", "omega_e")
+_MECHANICAL: Final = ("theta_m", "omega_m")
+_DOUBTFUL: Final = "doubtful"
+"""Name of a column of which it is to be found what it is."""
+
+
 class PolePairs(NamedTuple):
     """How many times as fast `electrical` turns as `mechanical`, and the whole number that this is."""
 
@@ -39,22 +45,64 @@ def pole_pairs(columns: Mapping[str, NDArray[np.float64]]) -> PolePairs | None:
     """
     for electrical, mechanical in _PAIRS:
         if {electrical, mechanical, "t"} <= {*columns}:
-            given = (columns[electrical], columns[mechanical], columns["t"])
-            if len({len(values) for values in given}) > 1 or len(given[0]) < 2:
-                continue
-            known = np.logical_and.reduce([np.isfinite(values) for values in given])
-            t = given[2][known]
-            ratio = _ratio(_turn(electrical, given[0][known], t), _turn(mechanical, given[1][known], t))
-            if ratio is not None and 1 <= round(ratio) <= _MOST:
-                n_p = round(ratio)
-                if abs(ratio - n_p) <= min(_WHOLE * n_p, 0.25):
-                    return PolePairs(electrical, mechanical, ratio, n_p)
+            found = _compared(columns, electrical, mechanical)
+            if found is not None:
+                return found
     return None
 
 
-def _turn(name: str, values: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The angle turned, rad, of an angle or a speed."""
-    if name.startswith("theta"):
+class Frame(NamedTuple):
+    """What a doubtful column is: the canonical name, the motion that tells, how many times as fast the
+    electrical one of the two turns, and the pole pairs, None where both are of one kind.
+    """
+
+    name: str
+    beside: str
+    ratio: float
+    n_p: int | None
+
+
+def frame_of(
+    values: NDArray[np.float64], quantity: str, columns: Mapping[str, NDArray[np.float64]]
+) -> Frame | None:
+    """Whether a `quantity`, angle or speed, of SI `values`, shape (samples,), is electrical or mechanical, by
+    the motion in the canonical SI `columns`. None where they do not tell.
+    """
+    stem = "theta" if quantity == "angle" else "omega"
+    for beside in (name for name in (*_ELECTRICAL, *_MECHANICAL) if {name, "t"} <= {*columns}):
+        own, other = ("e", "m") if beside in _ELECTRICAL else ("m", "e")
+        pair = (beside, _DOUBTFUL) if own == "e" else (_DOUBTFUL, beside)
+        found = _compared({**columns, _DOUBTFUL: values}, *pair, angle=quantity == "angle")
+        if found is not None:
+            same = found.n_p == 1
+            return Frame(f"{stem}_{own if same else other}", beside, found.ratio, None if same else found.n_p)
+    return None
+
+
+def _compared(
+    columns: Mapping[str, NDArray[np.float64]], electrical: str, mechanical: str, *, angle: bool = False
+) -> PolePairs | None:
+    """The pole pairs by two columns; `angle` says whether a doubtful one is an angle."""
+    given = (columns[electrical], columns[mechanical], columns["t"])
+    if len({len(values) for values in given}) > 1 or len(given[0]) < 2:
+        return None
+    known = np.logical_and.reduce([np.isfinite(values) for values in given])
+    t = given[2][known]
+    turns = [
+        _turn(values[known], t, angle=angle if name == _DOUBTFUL else name.startswith("theta"))
+        for name, values in zip((electrical, mechanical), given, strict=False)
+    ]
+    ratio = _ratio(*turns)
+    if ratio is None or not 1 <= round(ratio) <= _MOST:
+        return None
+    n_p = round(ratio)
+    close = abs(ratio - n_p) <= min(_WHOLE * n_p, 0.25)
+    return PolePairs(electrical, mechanical, ratio, n_p) if close else None
+
+
+def _turn(values: NDArray[np.float64], t: NDArray[np.float64], *, angle: bool) -> NDArray[np.float64]:
+    """The angle turned, rad, of an angle or else of a speed."""
+    if angle:
         return np.unwrap(values)
     steps = 0.5 * (values[1:] + values[:-1]) * np.diff(t)
     return np.concatenate([[0.0], np.cumsum(steps)])

@@ -60,8 +60,8 @@ class Signal:
 
 
 def signals(source: Source, survey: Survey) -> tuple[list[Signal], dict[str, NDArray[np.float64]]]:
-    """Every column of `source` in its order, and the raw values of those of the plan by their names there,
-    each of shape (rows,).
+    """Every column of `source` in its order, and the raw values of those that are taken or could be, by
+    their names there, each of shape (rows,).
     """
     taken: dict[str, list[str]] = {}
     for name, rule in survey.plan.items():
@@ -75,7 +75,8 @@ def signals(source: Source, survey: Survey) -> tuple[list[Signal], dict[str, NDA
     nothing: NDArray[np.float64] = np.empty(0)
     for column, values in [*_values(source, read), *((column, nothing) for column in {*columns} - {*read})]:
         found[column] = _signal(column, values, taken.get(column, []), source, survey)
-        if column in taken and not isinstance(values, DataError):
+        wanted = column in taken or found[column].use
+        if wanted and not isinstance(values, DataError):
             raw[column] = values
     return [found[column] for column in columns], raw
 

@@ -185,6 +185,33 @@ def test_no_pole_pairs_are_made_up(columns: Columns) -> None:
     assert pole_pairs({"t": t, "omega_e": columns["omega_e"]}) is None
 
 
+@pytest.mark.parametrize(
+    ("n_p", "name", "what"),
+    [(4.0, "omega_m", "mechanical, with 4 pole pairs"), (1.0, "omega_e", "electrical")],
+)
+def test_the_motion_tells_what_a_doubtful_column_is(
+    n_p: float, name: str, what: str, columns: Columns, tmp_path: Path
+) -> None:
+    log = {**columns, "omega_e": columns["omega_e"] / n_p}
+    found = pm.inspect(written(log, tmp_path, {"omega_e": "speed [rad/s]"}))
+    assert not found.is_ready
+    [finding] = found.findings
+    assert what in finding["consequence"]
+    assert f'{name} = {{ from = "speed [rad/s]", unit = "rad/s" }}' in finding["fix"]
+    (tmp_path / "m.toml").write_text(opened(found, name).replace("#n_p =", "n_p = 4"), encoding="utf-8")
+    assert pm.inspect(tmp_path / "r.csv", tmp_path / "m.toml").is_ready
+
+
+def test_a_mechanical_angle_tells_what_a_speed_is(columns: Columns, tmp_path: Path) -> None:
+    log = {**columns, "theta_m": np.unwrap(columns["theta_e"]) / 4.0}
+    del log["theta_e"]
+    found = pm.inspect(written(log, tmp_path, {"omega_e": "speed [rad/s]"}))
+    [finding] = found.findings
+    assert "electrical, with 4 pole pairs" in finding["consequence"]
+    log["omega_e"] = columns["i_d"]
+    assert not pm.inspect(written(log, tmp_path, {"omega_e": "speed [rad/s]"})).findings
+
+
 def test_pole_pairs_that_are_not_those_of_the_machine_file_are_a_finding(columns: Columns) -> None:
     log = {**columns, "theta_m": np.unwrap(columns["theta_e"]) / 4.0}
     found = pm.inspect(log, pm.Machine(n_p=3))
