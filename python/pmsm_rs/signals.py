@@ -70,14 +70,19 @@ def signals(source: Source, survey: Survey) -> tuple[list[Signal], dict[str, NDA
     columns = _columns(source, taken)
     raw: dict[str, NDArray[np.float64]] = {}
     found: dict[str, Signal] = {}
-    # The times that stand for those of any group have no values of their own.
-    read = sorted({*columns} - {source.common}, key=lambda column: column not in taken)
-    nothing: NDArray[np.float64] = np.empty(0)
-    for column, values in [*_values(source, read), *((column, nothing) for column in {*columns} - {*read})]:
-        found[column] = _signal(column, values, taken.get(column, []), source, survey)
-        wanted = column in taken or found[column].use
-        if wanted and not isinstance(values, DataError):
-            raw[column] = values
+    # What is used is read by itself, so that it can be read where all columns together take too much memory.
+    rest = [column for column in columns if column not in taken and column != source.common]
+    groups = [rest[start : start + _TOGETHER] for start in range(0, len(rest), _TOGETHER)]
+    for group in [[column for column in columns if column in taken and column != source.common], *groups]:
+        for column, own in _values(source, group):
+            found[column] = _signal(column, own, taken.get(column, []), source, survey)
+            wanted = column in taken or found[column].use
+            if wanted and not isinstance(own, DataError):
+                raw[column] = own
+    if source.common in columns:
+        # The times that stand for those of any group have no values of their own.
+        nothing: NDArray[np.float64] = np.empty(0)
+        found[source.common] = _signal(source.common, nothing, taken.get(source.common, []), source, survey)
     return [found[column] for column in columns], raw
 
 
@@ -94,20 +99,19 @@ def _columns(source: Source, taken: Iterable[str]) -> list[str]:
 
 def _values(source: Source, columns: Sequence[str]) -> Iterator[tuple[str, NDArray[np.float64] | DataError]]:
     """The values of each column, or why they cannot be read."""
-    for start in range(0, len(columns), _TOGETHER):
-        left = list(columns[start : start + _TOGETHER])
-        while left:
-            try:
-                yield from source.read(left, gaps=True).items()
-                break
-            except DataError as error:
-                faulty = fact(error, "column")
-                if faulty not in left:
-                    # The fault is that of the table, and of each of its columns.
-                    yield from ((column, error) for column in left)
-                    break
-                left.remove(str(faulty))
-                yield str(faulty), error
+    left = list(columns)
+    while left:
+        try:
+            yield from source.read(left, gaps=True).items()
+            return
+        except DataError as error:
+            faulty = fact(error, "column")
+            if faulty not in left:
+                # The fault is that of the table, and of each of its columns.
+                yield from ((column, error) for column in left)
+                return
+            left.remove(str(faulty))
+            yield str(faulty), error
 
 
 def _signal(

@@ -12,7 +12,7 @@ import pmsm_rs as pm
 import pyarrow
 import pyarrow.parquet
 import pytest
-from conftest import Columns, Ran, csv_text
+from conftest import Columns, Ran, csv_text, plausible
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pmsm_rs.config import read_machine
@@ -387,3 +387,13 @@ def test_anything_is_inspected_or_refused(table: dict[str, list[object]]) -> Non
     assert str(found)
     json.loads(found.to_json())
     tomllib.loads(found.machine_file)
+
+
+def test_what_is_used_is_read_where_all_columns_take_too_much_memory(tmp_path: Path) -> None:
+    columns = plausible(4000)
+    log = {**columns, **{f"signal {k}": np.zeros(4000) for k in range(60)}}
+    pyarrow.parquet.write_table(pyarrow.table(log), tmp_path / "r.parquet")
+    found = pm.inspect(tmp_path / "r.parquet", max_bytes=600_000)
+    assert found.is_ready
+    assert signal(found, "i_q").rows == 4000
+    assert "more than the 600000 allowed" in str(signal(found, "signal 7").why)
