@@ -96,7 +96,8 @@ def _head(found: InspectionValues) -> list[str]:
         lines.append(hung("  ", group + entry.sentence()))
     gaps = {each.column: each.missing for each in found.columns if each.missing and not each.is_empty}
     if gaps:
-        lines.append(hung("  ", f"{sum(gaps.values())} missing values in {_columns(gaps)}"))
+        count = sum(gaps.values())
+        lines.append(hung("  ", f"{count} missing value{'s' if count > 1 else ''} in {_columns(gaps)}"))
     if found.kind is not None:
         held = found.load == "locked" and found.kind != "electrical"
         lines.append(f"  {KINDS[found.kind]}" + (" The rotor is held." if held else ""))
@@ -159,7 +160,8 @@ def _cells(signal: Signal, blocks: bool) -> tuple[str, ...]:
     if len(name) > _LONGEST:
         name = f"{name[: _LONGEST - 10]}…{name[-9:]}"
     gaps = str(signal.missing) if signal.missing and not signal.is_empty else ""
-    return name, span, signal.unit or "", gaps, "empty" if signal.is_empty else line
+    cells = (name, span, signal.unit or "", gaps, "empty" if signal.is_empty else line)
+    return cells if blocks else tuple(map(plain, cells))
 
 
 def _span(low: float | None, high: float | None) -> str:

@@ -18,7 +18,7 @@ from .errors import fact, refuse
 from .formats.source import MISSING_FIX, Source
 from .inspection import InspectionValues, Task
 from .loader import described_by, enough_memory, recorded, source_of
-from .motion import of_motion, settled, stands
+from .motion import of_frames, of_motion, settled, stands
 from .planning import Survey, surveyed
 from .poles import pole_pairs
 from .reading import there, told, warnings, why_not
@@ -105,6 +105,7 @@ def _inspected(source: Source, described: MachineFile | Machine | None, max_byte
         kind, load, reasons = None, None, {}
         findings = [remark._asdict() for remark in dict.fromkeys(source.remarks)]
     waveform = sampling[0].period if sampling and (sampling[0].period or np.inf) <= _POINTS else None
+    frames = settled(found, source, raw, columns)
     made = _made(survey, described)
     have = there({*survey.plan} | {*made})
     motion = have["angle"] or have["speed"]
@@ -120,7 +121,7 @@ def _inspected(source: Source, described: MachineFile | Machine | None, max_byte
         tuple(_tasks(survey, found, refusal)),
         (
             *findings,
-            *settled(found, source, raw, columns),
+            *of_frames(frames),
             *of_motion(described, pairs, load, still=still),
         ),
         machine_file(
@@ -129,6 +130,7 @@ def _inspected(source: Source, described: MachineFile | Machine | None, max_byte
             found,
             described,
             pairs=pairs,
+            frames=frames,
             period=waveform,
             still=still,
             open_lines=survey.problems,
@@ -201,7 +203,8 @@ def _faulty(signal: Signal) -> Task:
     if signal.missing:
         what = "1 value is" if signal.missing == 1 else f"{signal.missing} values are"
         which = "" if signal.missing == 1 else ", the first"
-        return Task(f"{what} missing{which} at {signal.first_missing}", MISSING_FIX, signal.column)
+        fix = MISSING_FIX.replace("NAME", signal.names[0])
+        return Task(f"{what} missing{which} at {signal.first_missing}", fix, signal.column)
     return Task(
         str(signal.why),
         f"correct it, or leave it out with {signal.names[0]} = false in [columns]",

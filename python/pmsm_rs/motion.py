@@ -12,7 +12,7 @@ from ._core import Machine
 from .config import MachineFile
 from .errors import shown
 from .formats.source import Source
-from .poles import PolePairs, frame_of
+from .poles import Frame, PolePairs, frame_of
 from .signals import Signal
 from .units import UNITS
 
@@ -20,6 +20,11 @@ Columns = Mapping[str, NDArray[np.float64]]
 
 _STILL: Final = 0.05
 """rad within which a rotor stands."""
+_DOUBTS: Final = {
+    frozenset({"theta_e", "theta_m"}): "angle",
+    frozenset({"omega_e", "omega_m"}): "speed",
+}
+"""What a column is that may be one of two."""
 
 
 def stands(columns: Columns) -> bool:
@@ -36,36 +41,44 @@ def stands(columns: Columns) -> bool:
     return False
 
 
-def settled(found: Iterable[Signal], source: Source, raw: Columns, columns: Columns) -> list[dict[str, str]]:
-    """Findings on columns that may be electrical or mechanical, where another motion tells which.
+def settled(found: Iterable[Signal], source: Source, raw: Columns, columns: Columns) -> dict[str, Frame]:
+    """What columns of the file are that may be electrical or mechanical, by their names, where another motion
+    tells.
 
     `raw` has the values of the file by the names in `source`, `columns` the canonical SI columns; all are of
     shape (rows,).
     """
-    out = []
+    out = {}
     names = {source.header(column): column for column in raw}
     for signal in found:
-        for quantity, stem in (("angle", "theta"), ("speed", "omega")):
-            lines = {line.partition(" =")[0]: line for line in signal.use}
-            unit = UNITS[quantity].get(signal.unit or "")
-            if {*lines} != {f"{stem}_e", f"{stem}_m"} or unit is None or signal.column not in names:
-                continue
-            told = frame_of(raw[names[signal.column]] * unit.factor, quantity, columns)
-            if told is None:
-                continue
-            column, fast = f"'{shown(signal.column)}'", f"{told.ratio:.4g} times as fast as"
-            slower = told.name.endswith("_m")
-            one, other = (told.beside, column) if slower else (column, told.beside)
-            pairs = "" if told.n_p is None else f", with {told.n_p} pole pairs"
-            out.append(
-                {
-                    "finding": f"{one} turns {fast} {other}."
-                    if told.n_p is not None
-                    else f"{column} turns as fast as {told.beside}.",
-                    "consequence": f"{column} is {'mechanical' if slower else 'electrical'}{pairs}.",
-                    "fix": f"Take this line in [columns]: {lines[told.name]}",
-                }
-            )
+        quantity = _DOUBTS.get(frozenset(line.partition(" =")[0] for line in signal.use))
+        if quantity is None or signal.column not in names:
+            continue
+        unit = UNITS[quantity].get(signal.unit or "")
+        if unit is not None:
+            frame = frame_of(raw[names[signal.column]] * unit.factor, quantity, columns)
+            if frame is not None:
+                out[signal.column] = frame
+    return out
+
+
+def of_frames(frames: Mapping[str, Frame]) -> list[dict[str, str]]:
+    """Findings on the columns that are `settled`."""
+    out = []
+    for name, frame in frames.items():
+        column, is_slower = f"'{shown(name)}'", frame.name.endswith("_m")
+        one, other = (frame.beside, column) if is_slower else (column, frame.beside)
+        fast = f"{frame.ratio:.4g} times as fast as"
+        pairs = "" if frame.n_p is None else f", with {frame.n_p} pole pairs"
+        out.append(
+            {
+                "finding": f"{column} turns as fast as {frame.beside}."
+                if frame.n_p is None
+                else f"{one} turns {fast} {other}.",
+                "consequence": f"{column} is {'mechanical' if is_slower else 'electrical'}{pairs}.",
+                "fix": f"Take its line {frame.name} in [columns] of the machine file.",
+            }
+        )
     return out
 
 

@@ -14,7 +14,7 @@ from ._core import Machine
 from .config import MachineFile
 from .errors import Problem, printable, shown
 from .notes import quoted
-from .poles import PolePairs
+from .poles import Frame, PolePairs
 from .rules import Rule
 from .signals import UNNAMED, Signal
 from .units import dimension_of
@@ -49,6 +49,7 @@ def machine_file(
     described: MachineFile | Machine | None,
     *,
     pairs: PolePairs | None,
+    frames: Mapping[str, Frame],
     period: float | None,
     still: bool,
     open_lines: Iterable[Problem],
@@ -56,11 +57,11 @@ def machine_file(
 ) -> str:
     """The text of a machine file for the recording `file`.
 
-    `columns` are its canonical SI columns of shape (samples,), `signals` the columns of the file, `described`
-    what is known already, `pairs` the pole pairs that the motion shows, `period` the sample time (s) of a
-    waveform, and `still` whether the rotor stands. `open_lines` are the problems that a line of [columns]
-    would settle, and `incomplete` says that quantities are missing, so that columns whose names say nothing
-    are offered, too.
+    `columns` are its canonical SI columns of shape (samples,), `signals` the columns of the file, and
+    `described` what is known already. `pairs` are the pole pairs that the motion shows, `frames` what it shows
+    of doubtful columns, `period` is the sample time (s) of a waveform, and `still` says that the rotor stands.
+    `open_lines` are the problems that a line of [columns] would settle. `incomplete` says that quantities are
+    missing, so that columns whose names say nothing are offered, too.
     """
     known = described.machine if isinstance(described, MachineFile) else described
     name = "a recording" if file is None else shown(PurePath(file).name)
@@ -70,21 +71,25 @@ def machine_file(
         "# What stays open is estimated from the recording, or the diagnosis says that it cannot.",
     ]
     tables = [
-        _plate(known, pairs),
+        _plate(known, pairs, frames),
         _drive(known, columns, period),
         _load(described, columns, still),
-        _columns(described, [*signals], open_lines, "t" in columns, incomplete),
+        _columns(described, [*signals], frames, open_lines, "t" in columns, incomplete),
     ]
     return "\n".join("\n".join(lines) + "\n" for lines in [head, *tables])
 
 
-def _plate(known: Machine | None, pairs: PolePairs | None) -> list[str]:
+def _plate(known: Machine | None, pairs: PolePairs | None, frames: Mapping[str, Frame]) -> list[str]:
+    told = [(frame.n_p, f"'{shown(column)}'", frame) for column, frame in frames.items() if frame.n_p]
     lines = ["[machine]"]
     for name, comment in _PLATE.items():
         value = None if known is None else getattr(known, name)
         if name == "n_p" and value is None and pairs is not None:
             seen = f"{pairs.electrical} turns {pairs.ratio:.4g} times as fast as {pairs.mechanical}"
             lines.append(_line(name, pairs.n_p, f"{comment}; {seen}"))
+        elif name == "n_p" and value is None and told:
+            n_p, column, frame = told[0]
+            lines.append(_line(name, n_p, f"{comment}; by {frame.beside} beside {column}"))
         else:
             needed = ", needed" if name == "n_p" and value is None else ""
             lines.append(_line(name, value, comment + needed))
@@ -133,6 +138,7 @@ def _load(
 def _columns(
     described: MachineFile | Machine | None,
     signals: Sequence[Signal],
+    frames: Mapping[str, Frame],
     open_lines: Iterable[Problem],
     has_time: bool,
     incomplete: bool,
@@ -141,6 +147,10 @@ def _columns(
     lines = ["[columns]"] + [f"{name} = {_rule(rule)}" for name, rule in given.items()]
     doubtful = [signal for signal in signals if not signal.names and signal.use]
     for signal in doubtful:
+        if (frame := frames.get(signal.column)) is not None:
+            lines += _comment(f"'{shown(signal.column)}': {frame.name}, as {frame.beside} shows")
+            lines += [line for line in signal.use if line.startswith(f"{frame.name} =")]
+            continue
         choice = "; keep the right line" if len(signal.use) > 1 else ""
         others = [name for name in signal.could_be if not signal.use[0].startswith(f"{name} =")]
         if others and len(signal.use) == 1:

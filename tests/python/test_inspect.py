@@ -197,8 +197,12 @@ def test_the_motion_tells_what_a_doubtful_column_is(
     assert not found.is_ready
     [finding] = found.findings
     assert what in finding["consequence"]
-    assert f'{name} = {{ from = "speed [rad/s]", unit = "rad/s" }}' in finding["fix"]
-    (tmp_path / "m.toml").write_text(opened(found, name).replace("#n_p =", "n_p = 4"), encoding="utf-8")
+    assert name in finding["fix"]
+    content = tomllib.loads(found.machine_file)
+    assert content["columns"] == {name: {"from": "speed [rad/s]", "unit": "rad/s"}}
+    assert content["machine"] == ({"n_p": 4} if n_p > 1.0 else {})
+    settled = found.machine_file.replace("#n_p =", "n_p = 4")
+    (tmp_path / "m.toml").write_text(settled, encoding="utf-8")
     assert pm.inspect(tmp_path / "r.csv", tmp_path / "m.toml").is_ready
 
 
