@@ -58,8 +58,8 @@ def machine_file(
     """The text of a machine file for the recording `file`.
 
     `columns` are its canonical SI columns of shape (samples,), `signals` the columns of the file, and
-    `described` what is known already. `pairs` are the pole pairs that the motion shows, `frames` what it shows
-    of doubtful columns, `period` is the sample time (s) of a waveform, and `still` says that the rotor stands.
+    `described` what is known already. `pairs` are the pole pairs that the motion shows, and `frames` what it
+    shows of doubtful columns. `period` is the sample time (s) of a waveform; `still` is a rotor that stands.
     `open_lines` are the problems that a line of [columns] would settle. `incomplete` says that quantities are
     missing, so that columns whose names say nothing are offered, too.
     """
