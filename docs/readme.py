@@ -18,6 +18,7 @@ import tempfile
 from pathlib import Path
 from shutil import copyfile
 
+import numpy as np
 from matplotlib.figure import Figure
 from pmsm_rs import Diagnosis, diagnose, load, plot
 from pmsm_rs.config import read_machine
@@ -50,11 +51,31 @@ def outputs(text: str, folder: Path) -> dict[str, str]:
     """What each block of the README must hold."""
     for source, name in zip(recording_files(), ("run.parquet", "other.parquet", "machine.toml"), strict=True):
         copyfile(source, folder / name)
+    own = folder / "own"
+    own.mkdir()
+    log(own / "run.csv")
     return {
         "demo": command(folder, "demo"),
+        "inspect": command(own, "inspect", "run.csv", "--write", "machine.toml"),
         "effects": command(folder, "effects"),
         "python": printed(folder, sys.executable, "-c", python_example(text)),
     }
+
+
+def log(path: Path) -> None:
+    """Writes the demo recording as a drive would log it, under names and units of its own."""
+    machine = read_machine(recording_files()[2]).machine
+    run = load(recording_files()[0])
+    columns = {
+        "time_s": run.column("t"),
+        **{f"I{phase}": run.column(f"i_{phase}") for phase in "abc"},
+        **{f"V{axis}_ref": run.column(f"v_{axis}") for axis in "dq"},
+        "theta_el_rad": run.column("theta_e"),
+        "speed_rpm": run.column("omega_e") / machine.n_p * 30.0 / np.pi,
+        "status": np.ones(len(run)),
+    }
+    values = np.column_stack([*columns.values()])
+    np.savetxt(path, values, fmt="%.8g", delimiter=",", header=",".join(columns), comments="")
 
 
 def fill(text: str, blocks: dict[str, str]) -> str:

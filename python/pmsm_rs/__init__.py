@@ -5,6 +5,7 @@ amplitudes, and a positive i_q drives with positive speed::
 
     import pmsm_rs as pm
 
+    print(pm.inspect("run.csv"))
     recording = pm.load("run.csv", machine="machine.toml")
     other = pm.load("other.csv", machine="machine.toml")
     answer = pm.diagnose(recording, pm.Machine(n_p=3, r_s=0.9), validation=other)
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     )
     from .answers import Diagnosis, Identification
     from .fleet import Failure, Fleet, diagnose_many
+    from .inspecting import Inspection, inspect
     from .loader import load
     from .options import DiagnosisOptions
     from .recording import Recording
@@ -48,6 +50,7 @@ _HOME = {
     "Fitness": "_core",
     "Fleet": "fleet",
     "Identification": "answers",
+    "Inspection": "inspecting",
     "InternalError": "_core",
     "Machine": "_core",
     "MachineError": "_core",
@@ -66,6 +69,7 @@ _HOME = {
     "effects": "registry",
     "identify": "run",
     "identify_system": "systems",
+    "inspect": "inspecting",
     "load": "loader",
     "simulate": "simulation",
     "track": "tracking",
@@ -79,6 +83,7 @@ __all__ = [
     "Fitness",
     "Fleet",
     "Identification",
+    "Inspection",
     "InternalError",
     "Machine",
     "MachineError",
@@ -97,6 +102,7 @@ __all__ = [
     "effects",
     "identify",
     "identify_system",
+    "inspect",
     "load",
     "simulate",
     "track",

@@ -63,7 +63,7 @@ def taken(
             continue
         if bases is not None and rule.source == source.common:
             raw[rule.source] = bases.stamps[bases.lead]
-        read[name] = _convert(raw[rule.source], name, rule, source)
+        read[name] = converted(raw[rule.source], name, rule, source)
         if finite:
             _finite(read[name], raw[rule.source], name, rule.source, source)
     if bases is not None:
@@ -78,7 +78,7 @@ def taken(
         if rule.period is not None:
             out[key] = np.arange(first, first + rows, dtype=np.float64) * rule.period
         elif rule.value is not None:
-            out[key] = np.full(rows, _convert(np.array([rule.value]), name, rule, source)[0])
+            out[key] = np.full(rows, converted(np.array([rule.value]), name, rule, source)[0])
         elif rule.source is not None:
             out[key] = read[name]
     for name, given in (rules or {}).items():
@@ -146,9 +146,9 @@ def _from_beside(
     if clock is not None and clock == other.common:
         clock = other.stamps[other.bases[column]] if column in other.bases else None
     raw = other.read(sorted({column, *([clock] if clock is not None else [])}))
-    values = _convert(raw[column], name, replace(rule, source=column), other)
+    values = converted(raw[column], name, replace(rule, source=column), other)
     _finite(values, raw[column], name, column, other)
-    stamps = t if clock is None else _convert(raw[clock], "t", time, other)
+    stamps = t if clock is None else converted(raw[clock], "t", time, other)
     tolerance = 0.01 * float(np.median(np.diff(t))) if len(t) > 1 else 0.0
     if len(values) != len(t) or not np.allclose(stamps, t, rtol=0.0, atol=tolerance):
         raise refuse(
@@ -161,7 +161,10 @@ def _from_beside(
     return values
 
 
-def _convert(raw: NDArray[np.float64], name: str, rule: Rule, source: Source) -> NDArray[np.float64]:
+def converted(raw: NDArray[np.float64], name: str, rule: Rule, source: Source) -> NDArray[np.float64]:
+    """The values of a file, shape (rows,), as those of the canonical column `name` in SI units. Raises
+    DataError on an unknown unit.
+    """
     quantity = CANONICAL[name]
     factor, offset = UNITS[quantity.dimension][unit_of(name, rule, source)]
     if factor == 1.0 and offset == 0.0 and rule.scale == 1.0 and rule.offset == 0.0:

@@ -51,21 +51,26 @@ def refuse(
     """An error of `kind` whose message reads "file, place, column: problem; fix".
 
     `row` is the line of the file (from 1) for text formats and the row (from 0) otherwise; `place` says which
-    of the two, in words. The same facts are attributes of the error: `file`, `row`, `column`, `problem`,
-    `fix`.
+    of the two, in words. The same facts are attributes of the error: `file`, `row`, `place`, `column`,
+    `problem`, `fix`.
     """
     where = [part for part in (file, place, f"column '{shown(column)}'" if column else None) if part]
     message = f"{', '.join(where)}: {problem}; {fix}" if where else f"{problem}; {fix}"
     error = kind(printable(" ".join(message.split())))
-    return _annotate(error, file=file, row=row, column=column, problem=problem, fix=fix)
+    return _annotate(error, file=file, row=row, place=place, column=column, problem=problem, fix=fix)
 
 
 class Problem(NamedTuple):
-    """One of several things that are wrong with a file: its column, what it is, and the way out."""
+    """One of several things that are wrong with a file: its column, what it is, and the way out. `lines` are
+    those of [columns] of which one would settle it, and `brief` is the way out for who sees them and the
+    columns of the file beside it; empty where it is `fix`.
+    """
 
     problem: str
     fix: str
     column: str | None = None
+    lines: tuple[str, ...] = ()
+    brief: str = ""
 
 
 def refuse_all(kind: type[Refusal], problems: Sequence[Problem], file: str | None) -> Refusal:

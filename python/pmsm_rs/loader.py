@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -43,14 +44,25 @@ def load(
     Raises UsageError where there is no such file, MachineError for a bad machine file, and DataError, which
     names file, row, column and fix, for data that cannot be used.
     """
-    described = (
-        machine
-        if isinstance(machine, MachineFile) or machine is None or isinstance(machine, Machine)
-        else read_machine(machine)
-    )
-    known = described.machine if isinstance(described, MachineFile) else described
+    described = described_by(machine)
+    with enough_memory(data):
+        return recorded(source_of(data, max_bytes), described, max_bytes)
+
+
+def described_by(
+    machine: str | os.PathLike[str] | MachineFile | Machine | None,
+) -> MachineFile | Machine | None:
+    """What is known of the machine, its file read where `machine` names one. Raises as `read_machine`."""
+    if machine is None or isinstance(machine, MachineFile | Machine):
+        return machine
+    return read_machine(machine)
+
+
+@contextmanager
+def enough_memory(data: Any) -> Iterator[None]:
+    """Raises DataError where there is not enough memory to read `data`."""
     try:
-        return _read(data, described, known, max_bytes)
+        yield
     except MemoryError as error:
         raise refuse(
             DataError,
@@ -60,20 +72,23 @@ def load(
         ) from error
 
 
-def _read(
-    data: Any, described: MachineFile | Machine | None, known: Machine | None, max_bytes: int
-) -> Recording:
-    file = _name(data)
+def source_of(data: Any, max_bytes: int) -> Source:
+    """The columns of what `load` takes, none of them read yet. Raises as `load`."""
     if isinstance(data, Opening):
-        source = data.source()
-    else:
-        source = frame_source(data, max_bytes) if file is None else open_source(file, max_bytes)
+        return data.source()
+    file = _name(data)
+    return frame_source(data, max_bytes) if file is None else open_source(file, max_bytes)
+
+
+def recorded(source: Source, described: MachineFile | Machine | None, max_bytes: int) -> Recording:
+    """The recording that `source` holds, as `load` gives it. Raises DataError as `load`."""
+    known = described.machine if isinstance(described, MachineFile) else described
     rules, kind, value = (
         (described.columns, described.load, described.load_value)
         if isinstance(described, MachineFile)
         else (None, None, None)
     )
-    beside = None if file is None else _beside(file, max_bytes)
+    beside = None if source.file is None else _beside(source.file, max_bytes)
     columns, account = taken(source, rules, beside, whole=True)
     try:
         recording = Recording(columns, load=kind, load_value=value)

@@ -5,7 +5,7 @@ Everything that is missing or unclear is collected, and refused at once.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -39,18 +39,39 @@ _RANKS: Final[dict[str, dict[str | None, int]]] = {
 }
 """Of several columns for one quantity the highest rank is taken, by what was done to the signal; a role that
 is not here is never taken."""
+_KEEP: Final = "keep the right line in [columns] of the machine file"
 _EXACT: Final = 9
 """Rank of a column that has the canonical name to the letter, above all of `_RANKS`."""
 
 
+CANONICAL_NAME, OWN_NAME, COLUMNS = "canonical name", "its name", "[columns]"
+CLOCK, UNIT_ALONE = "date and time", "its unit"
+"""What a column was recognised by; a documented log is told by its own name."""
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What a file or frame holds before it is known whether that will do.
+
+    `plan` has the rule of every canonical column that can be had, in the order of `CANONICAL`, and `how` what
+    it was recognised by. `problems` are all that is missing, in doubt or of the wrong unit.
+    """
+
+    plan: Mapping[str, Rule]
+    account: Account
+    problems: tuple[Problem, ...]
+    how: Mapping[str, str]
+
+
 @dataclass(frozen=True)
 class _Claim:
-    """A column that could become a canonical one."""
+    """A column that could become a canonical one, and what it was recognised by."""
 
     column: str
     name: str
     unit: str | None
     rank: int
+    how: str = OWN_NAME
 
 
 @dataclass
@@ -64,16 +85,25 @@ class _Draft:
     doubts: dict[str, Meaning] = field(default_factory=dict)
     unused: dict[str, Unused] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
+    how: dict[str, str] = field(default_factory=dict)
 
-    def claim(self, column: str, name: str, unit: str | None, rank: int) -> None:
-        self.claims.setdefault(_slot(name), []).append(_Claim(column, name, unit, rank))
+    def claim(self, column: str, name: str, unit: str | None, rank: int, how: str = OWN_NAME) -> None:
+        self.claims.setdefault(_slot(name), []).append(_Claim(column, name, unit, rank, how))
 
 
 def planned(source: Source, rules: Rules, *, whole: bool) -> tuple[dict[str, Rule], Account]:
-    """The rule of every column that can be had, in the order of `CANONICAL`, and the account of all columns.
+    """The plan and the account of `surveyed`. Raises one DataError for all the problems that there are."""
+    survey = surveyed(source, rules, whole=whole)
+    if survey.problems:
+        raise refuse_all(DataError, survey.problems, source.file)
+    return dict(survey.plan), survey.account
+
+
+def surveyed(source: Source, rules: Rules, *, whole: bool) -> Survey:
+    """What can be had of the columns of `source`, and everything that is missing or unclear.
 
     With `whole` the columns must answer a question by themselves, as those of a file must; a batch of a
-    stream need not. Raises one DataError for all that is missing, in doubt or of the wrong unit.
+    stream need not.
     """
     draft = _Draft(source, rules)
     _given(draft)
@@ -89,10 +119,9 @@ def planned(source: Source, rules: Rules, *, whole: bool) -> tuple[dict[str, Rul
         draft.problems.append(_no_time(source))
     if whole:
         _ask(draft)
-    if draft.problems:
-        raise refuse_all(DataError, draft.problems, source.file)
     plan = {name: draft.plan[name] for name in CANONICAL if name in draft.plan}
-    return plan, _account(draft, plan)
+    how = {name: draft.how.get(name, COLUMNS) for name in plan}
+    return Survey(plan, _account(draft, plan), tuple(draft.problems), how)
 
 
 def _slot(name: str) -> str:
@@ -141,7 +170,7 @@ def _guess(draft: _Draft, columns: Iterable[str]) -> None:
     """What the names of the columns say, each by itself."""
     source = draft.source
     plain = {normal(name) for name in source.names}
-    log = next((table for marks, table in LOGS.values() if marks <= plain), {})
+    tool, log = next(((tool, table) for tool, (marks, table) in LOGS.items() if marks <= plain), ("", {}))
     meanings = {column: meaning(column, source.unit(column)) for column in columns}
     pair = "i_q" in draft.given or any(
         found is not None and found.sure and found.columns == ("i_q",) for found in meanings.values()
@@ -151,15 +180,15 @@ def _guess(draft: _Draft, columns: Iterable[str]) -> None:
         unit, beside = unit_and_words(stated)
         if key in log:
             name, documented = log[key]
-            draft.claim(column, name, documented, _EXACT)
+            draft.claim(column, name, documented, _EXACT, f"{tool} log")
         elif column in source.clocks and column != "t":
             # Stamps of the time of day go behind a column that counts time.
-            draft.claim(column, "t", "s", 1)
+            draft.claim(column, "t", "s", 1, CLOCK)
         elif column in CANONICAL and not beside:
-            draft.claim(column, column, unit or CANONICAL[column].unit, _EXACT)
+            draft.claim(column, column, unit or CANONICAL[column].unit, _EXACT, CANONICAL_NAME)
         elif key == "column" and canonical(stated or "", "time") is not None:
             # A header that is a unit alone, as in `in s`.
-            draft.claim(column, "t", stated, _EXACT)
+            draft.claim(column, "t", stated, _EXACT, UNIT_ALONE)
         elif key in TEMPERATURES:
             _temperature(draft, column, TEMPERATURES[key], stated)
         elif found is not None:
@@ -197,7 +226,8 @@ def _take(draft: _Draft, column: str, found: Meaning) -> None:
         draft.unused[column] = never_taken(draft.source, column, found)
     elif found.quantity == "torque" and len(found.columns) > 1:
         why = "it may be the torque of the load or of the motor"
-        draft.unused[column] = Unused(column, "torque", why, line_for(draft.source, column, found, "tau_m"))
+        use = line_for(draft.source, column, found, found.columns[0])
+        draft.unused[column] = Unused(column, "torque", why, use, found.columns)
     elif len(found.columns) > 1 and len(normal(column)) == 1:
         # A single letter names all sorts of things: no file is refused for it.
         why = f"a single letter does not say that it is a {found.quantity}"
@@ -227,6 +257,7 @@ def _choose(draft: _Draft) -> None:
         rule = Rule(claim.column, claim.unit)
         try:
             draft.plan[claim.name] = replace(rule, unit=unit_of(claim.name, rule, draft.source))
+            draft.how[claim.name] = claim.how
         except DataError as error:
             draft.problems.append(_of(error))
         for other in claims:
@@ -246,7 +277,11 @@ def _rivals(source: Source, claims: list[_Claim], slot: str) -> Problem:
         for claim in claims
     ]
     return Problem(
-        f"{both} could be {slot}", f"say which in [columns]: {' or '.join(lines)}", claims[0].column
+        f"{both} could be {slot}",
+        f"say which in [columns]: {' or '.join(lines)}",
+        claims[0].column,
+        tuple(lines),
+        _KEEP,
     )
 
 
@@ -280,25 +315,32 @@ def _doubt(draft: _Draft, column: str, found: Meaning) -> None:
     if len(found.columns) > 1:
         problem = "it may be electrical or mechanical"
         given = f'"{found.unit}"' if found.unit else units
-        lines = [f"{entry} = {{ from = {name}, unit = {given} }}" for entry in found.columns]
-        fix = f"say which in [columns]: {' or '.join(lines)}"
+        ways = [f"{entry} = {{ from = {name}, unit = {given} }}" for entry in found.columns]
+        fix = f"say which in [columns]: {' or '.join(ways)}"
+        unit = found.unit or next(iter(UNITS[dimension]))
+        lines = [f'{entry} = {{ from = {name}, unit = "{unit}" }}' for entry in found.columns]
+        brief = _KEEP if found.unit else f"{_KEEP}, with its unit, which may be {units}"
     else:
         problem = f"its unit is not stated, so it cannot be taken as {found.columns[0]}"
-        lines = [f"{found.columns[0]} = {{ from = {name}, unit = {units} }}"]
-        fix = f"say it in [columns]: {lines[0]}"
+        fix = f"say it in [columns]: {found.columns[0]} = {{ from = {name}, unit = {units} }}"
+        lines = [
+            f'{found.columns[0]} = {{ from = {name}, unit = "{unit}" }}' for unit in [*UNITS[dimension]][:3]
+        ]
+        brief = _KEEP
     if draft.given and found.quantity != "time":
         use = line_for(draft.source, column, found, found.columns[0])
         draft.unused[column] = Unused(column, found.quantity, problem, use)
     else:
-        draft.problems.append(Problem(problem, fix, column))
+        draft.problems.append(Problem(problem, fix, column, tuple(lines), brief))
 
 
 def _no_time(source: Source) -> Problem:
+    fix = 'add t = { from = "...", unit = "s" } or t = { period = ... } (in s) to [columns]'
     return Problem(
         "there is no time column",
-        'add t = { from = "...", unit = "s" } or t = { period = ... } (in s) to [columns]; '
-        + f"the file has {listed_names(source.names)}",
+        f"{fix}; the file has {listed_names(source.names)}",
         "t",
+        brief=fix,
     )
 
 
@@ -311,17 +353,21 @@ def _ask(draft: _Draft) -> None:
     have |= claimed
     lacks = "is missing, so that neither the electrical nor the mechanical equation can be tested"
     if not have & {"omega_e", "omega_m", "n", "theta_e", "theta_m"} and not doubtful & {"angle", "speed"}:
-        fix = _how(draft, ("speed", "angle"), "omega_e (or omega_m, theta_e, theta_m)")
-        draft.problems.append(Problem(lacks, fix, "omega_e"))
+        wanted = "omega_e (or omega_m, theta_e, theta_m)"
+        fix = _how(draft, ("speed", "angle"), wanted)
+        draft.problems.append(Problem(lacks, fix, "omega_e", brief=f"give {wanted}"))
     currents = {"i_d", "i_q"} <= have or len({"i_a", "i_b", "i_c"} & have) > 1
     if not currents and not have & {"tau_e", "tau_m"} and not {"v_a", "v_b", "v_c"} <= have:
         wanted = "the currents i_d, i_q or i_a, i_b, i_c with theta_e, or the motor torque tau_e"
         axes = {"i_d": "i_q", "i_q": "i_d"}
         lone = next((axis for axis in axes if axis in have), None)
         lost = axes[lone] if lone is not None else "i_q"
+        zero = f'{lost} = {{ value = 0.0, unit = "A" }}'
         if lone is not None:
-            wanted = f'{lost} (or {lost} = {{ value = 0.0, unit = "A" }} if it was held at zero)'
-        draft.problems.append(Problem(lacks, _how(draft, ("current",), wanted), lost))
+            wanted = f"{lost} (or {zero} if it was held at zero)"
+        lines = () if lone is None else (zero,)
+        how = _how(draft, ("current",), wanted)
+        draft.problems.append(Problem(lacks, how, lost, lines, f"give {wanted}"))
 
 
 def _how(draft: _Draft, quantities: tuple[str, ...], wanted: str) -> str:

@@ -67,15 +67,20 @@ def missed(have: set[str], given: Rules, unused: Sequence[Unused]) -> frozenset[
     """
     voltage, current = {"v_d", "v_q", "v_a", "v_b", "v_c"}, {"i_d", "i_q", "i_a", "i_b", "i_c", "tau_e"}
     motion = {"theta_e", "theta_m", "omega_e", "omega_m", "n"}
-    full = {
+    full = there(have)
+    groups = {"voltage": voltage, "current": current, "angle": motion, "speed": motion}
+    like = {entry.quantity for entry in unused}
+    return frozenset(q for q in full if not full[q] and not groups[q] & {*given} and q in like)
+
+
+def there(have: set[str]) -> dict[str, bool]:
+    """Of voltage, current (or motor torque), angle and speed, which the canonical columns `have` give."""
+    return {
         "voltage": {"v_d", "v_q"} <= have or {"v_a", "v_b", "v_c"} <= have,
         "current": {"i_d", "i_q"} <= have or len({"i_a", "i_b", "i_c"} & have) > 1 or "tau_e" in have,
         "angle": bool({"theta_e", "theta_m"} & have),
         "speed": bool({"omega_e", "omega_m", "n"} & have),
     }
-    groups = {"voltage": voltage, "current": current, "angle": motion, "speed": motion}
-    like = {entry.quantity for entry in unused}
-    return frozenset(q for q in full if not full[q] and not groups[q] & {*given} and q in like)
 
 
 def told(account: Account, stamps: NDArray[np.float64], kind: str | None, load: str | None) -> dict[str, Any]:
@@ -166,16 +171,27 @@ def _questions(kind: str | None, load: str | None, account: Account) -> dict[str
     """Whether the electrical and the mechanical equations could be asked about, and in `why_not` a sentence
     for each that could not and for the rotor angle, None where all could.
     """
-    electrical, mechanical = kind not in {"mechanical", None}, kind in {"full", "mechanical"}
-    angle = not {"theta_e", "theta_m"}.isdisjoint(account.columns)
-    sentences = []
-    if not electrical:
-        sentences.append(f"Nothing was asked of the voltages: {_no_voltages(account)}.")
-    if not mechanical:
-        sentences.append(f"Nothing was asked of the motion: {_no_motion(kind, load, account)}.")
-    elif not angle:
-        sentences.append(f"Nothing was asked of the rotor angle: {_none('angle', account, 'none')}.")
-    return {"electrical": electrical, "mechanical": mechanical, "why_not": " ".join(sentences) or None}
+    why = why_not(kind, load, account)
+    sentences = [f"Nothing was asked of the {what}: {reason}." for what, reason in why.items()]
+    return {
+        "electrical": "voltages" not in why,
+        "mechanical": "motion" not in why,
+        "why_not": " ".join(sentences) or None,
+    }
+
+
+def why_not(kind: str | None, load: str | None, account: Account) -> dict[str, str]:
+    """Why nothing can be asked of the voltages, the motion or the rotor angle, by these words; those of which
+    something can be asked are left out. `kind` and `load` are those of the recording, as in `told`.
+    """
+    why = {}
+    if kind in {"mechanical", None}:
+        why["voltages"] = _no_voltages(account)
+    if kind not in {"full", "mechanical"}:
+        why["motion"] = _no_motion(kind, load, account)
+    elif {"theta_e", "theta_m"}.isdisjoint(account.columns):
+        why["rotor angle"] = _none("angle", account, "none")
+    return why
 
 
 def _no_motion(kind: str | None, load: str | None, account: Account) -> str:

@@ -26,7 +26,9 @@ def recording(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("command", [[], ["demo"], ["identify"], ["diagnose"], ["simulate"], ["effects"]])
+@pytest.mark.parametrize(
+    "command", [[], ["demo"], ["inspect"], ["identify"], ["diagnose"], ["simulate"], ["effects"]]
+)
 def test_help(command: list[str], run: Run) -> None:
     ran = run(*command, "--help")
     assert ran.code == 0

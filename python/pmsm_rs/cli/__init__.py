@@ -11,6 +11,7 @@ import click
 from . import terminal
 from .diagnosing import demo, diagnose, fleet
 from .identifying import identify, track
+from .inspecting import inspect
 from .simulating import effects, reproduce, simulate
 from .terminal import INTERNAL, INTERRUPTED, USAGE
 
@@ -39,7 +40,7 @@ def cli() -> None:
     """
 
 
-for _command in (demo, simulate, identify, track, diagnose, fleet, reproduce, effects):
+for _command in (demo, inspect, simulate, identify, track, diagnose, fleet, reproduce, effects):
     cli.add_command(_command)
 
 

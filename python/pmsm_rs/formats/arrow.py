@@ -42,7 +42,7 @@ def _member(field: Any) -> Member:
 def parts(batches: Iterable[Any], wanted: list[Wanted], max_bytes: int) -> list[list[NDArray[np.float64]]]:
     """The values of the columns wanted, one array per batch.
 
-    Raises Refused on missing values and on more than `max_bytes`.
+    Raises Refused on missing values, where gaps are not wanted, and on more than `max_bytes`.
     """
     out: list[list[NDArray[np.float64]]] = [[] for _ in wanted]
     rows = 0
@@ -50,12 +50,20 @@ def parts(batches: Iterable[Any], wanted: list[Wanted], max_bytes: int) -> list[
         within((rows + batch.num_rows) * NUMBER_BYTES * len(wanted), max_bytes)
         for item, chunks in zip(wanted, out, strict=True):
             column = batch.column(item.index)
+            if column.null_count and item.gaps:
+                chunks.append(with_gaps(column))
+                continue
             if column.null_count:
                 gap = next(row for row, value in enumerate(iter(column)) if value.as_py() is None)
                 raise Refused("the value is missing", MISSING_FIX, column=item.column, row=rows + gap)
             chunks.append(take(column.to_numpy(), item))
         rows += batch.num_rows
     return out
+
+
+def with_gaps(column: Any) -> NDArray[np.float64]:
+    """The numbers of an Arrow column, shape (rows,), NaN where a value is missing."""
+    return np.array([np.nan if value is None else value for value in column.to_pylist()], dtype=np.float64)
 
 
 def from_stream(stream: Callable[[], Any], max_bytes: int) -> Source:

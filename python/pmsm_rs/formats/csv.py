@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from .._core import DataError
 from ..errors import refuse, shown
 from . import scope
+from .arrow import with_gaps
 from .clock import Clock, Texts, found, seconds
 from .gate import admit, take, within
 from .member import Member, Refused, Wanted
@@ -162,7 +163,8 @@ def _read(
     names = {item.index: item.column for item in wanted if item.index not in told}
     names |= {clock.fraction: headed[clock.fraction] for clock in clocks if clock.fraction is not None}
     texts = {index: Texts(headed[index], index != clock.column) for clock in clocks for index in clock.texts}
-    columns = _decoded(text, layout, lines, names, texts)
+    gaps = any(item.gaps for item in wanted)
+    columns = _decoded(text, layout, lines, names, texts, gaps=gaps)
     for clock in clocks:
         fraction = None if clock.fraction is None else columns[clock.fraction]
         columns[clock.column], notes = seconds(clock, texts, fraction, headed)
@@ -171,9 +173,17 @@ def _read(
 
 
 def _decoded(
-    text: str, layout: Layout, lines: int, names: dict[int, str], texts: dict[int, Texts]
+    text: str,
+    layout: Layout,
+    lines: int,
+    names: dict[int, str],
+    texts: dict[int, Texts],
+    *,
+    gaps: bool,
 ) -> dict[int, NDArray[np.float64]]:
-    """The columns `names` by their index; those of `texts` are collected there."""
+    """The columns `names` by their index, with `gaps` NaN where a value is missing; those of `texts` are
+    collected there.
+    """
     import arro3.core as arrow
     import arro3.io
 
@@ -195,6 +205,9 @@ def _decoded(
         ):
             for i, name in names.items():
                 column = batch.column(i)
+                if column.null_count and gaps:
+                    parts[i].append(with_gaps(column))
+                    continue
                 if column.null_count:
                     gap = next(r for r, value in enumerate(iter(column)) if value.as_py() is None)
                     raise Refused("the value is missing", MISSING_FIX, column=name, row=rows + gap)

@@ -64,7 +64,9 @@ def main() -> None:
         table = reader.Table(task["file"], task["max_bytes"])
         say({"members": [vars(entry) for entry in table.members]})
         asked = json.loads(sys.stdin.readline() or "[]")
-        wanted = [member.Wanted(index, column, selection(*part)) for index, column, *part in asked]
+        wanted = [
+            member.Wanted(index, column, selection(*part), gaps) for index, column, gaps, *part in asked
+        ]
         if wanted:
             cap("RLIMIT_AS", unpacked, unpacked)
             send(table.read(wanted))

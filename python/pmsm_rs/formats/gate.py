@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -79,7 +80,9 @@ def take(values: object, wanted: Wanted) -> NDArray[np.float64]:
     picked = wanted.part.pick(array).reshape(-1)
     if isinstance(picked, np.ma.MaskedArray):
         masked = np.flatnonzero(np.ma.getmaskarray(picked))
-        if masked.size:
+        if masked.size and wanted.gaps:
+            picked = np.ma.filled(picked.astype(np.float64), np.nan)
+        elif masked.size:
             raise Refused("the value is masked", "cut the row out", column=column, row=int(masked[0]))
     # Arrays out of network buffers and packed records need not lie where a float64 must.
     return np.require(np.asarray(picked), dtype=np.float64, requirements=["C_CONTIGUOUS", "ALIGNED"])
@@ -133,9 +136,10 @@ def admit(
         settled = len(indices) == 1 and directory.is_settled(name)
         return name + column[len(part.name) :] if settled else column
 
-    def read(columns: Iterable[str]) -> dict[str, NDArray[np.float64]]:
+    def read(columns: Iterable[str], gaps: bool = False) -> dict[str, NDArray[np.float64]]:
         try:
-            wanted = sorted((directory.wanted(column) for column in columns), key=lambda item: item.index)
+            each = (replace(directory.wanted(column), gaps=gaps) for column in columns)
+            wanted = sorted(each, key=lambda item: item.index)
             for item in wanted:
                 _check(members[item.index], item)
             within(_needed(members, wanted), max_bytes)

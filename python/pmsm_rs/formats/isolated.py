@@ -96,7 +96,7 @@ class _Child:
         """The values of the members wanted; the decoder ends with them."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
-        asked = [[item.index, item.column, *vars(item.part).values()] for item in wanted]
+        asked = [[item.index, item.column, item.gaps, *vars(item.part).values()] for item in wanted]
         try:
             self.process.stdin.write(json.dumps(asked).encode() + b"\n")
             self.process.stdin.flush()

@@ -101,11 +101,14 @@ class Member:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is wanted of member number `index`, and the name `column` by which the user asked for it."""
+    """What is wanted of member number `index`, and the name `column` by which the user asked for it; with
+    `gaps` a missing value is NaN where the format can tell, and no fault.
+    """
 
     index: int
     column: str
     part: Selection
+    gaps: bool = False
 
 
 def kind_of(dtype: np.dtype[np.generic]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,16 @@ def row_from_zero(row: int) -> tuple[int, str]:
     return row, f"row {row} (counting from 0)"
 
 
+class Reads(Protocol):
+    """Reads columns by their names."""
+
+    def __call__(self, columns: Iterable[str], gaps: bool = False) -> dict[str, NDArray[np.float64]]:
+        """One array of shape (rows,) per name; with `gaps` NaN for missing values in formats that can tell.
+
+        Raises DataError as `Source` says.
+        """
+
+
 @dataclass(frozen=True)
 class Source:
     """A recording as it lies in its file or frame: names, stated units, and the way to the numbers.
@@ -41,7 +52,7 @@ class Source:
 
     file: str | None
     names: tuple[str, ...]
-    read: Callable[[Iterable[str]], dict[str, NDArray[np.float64]]]
+    read: Reads
     units: Mapping[str, str] = field(default_factory=dict)
     place: Callable[[int], tuple[int, str]] = row_from_zero
     resolve: Callable[[str], str | None] = lambda _name: None

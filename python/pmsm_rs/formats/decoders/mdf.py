@@ -77,6 +77,8 @@ class Table:
             raise Refused("it holds fewer values than it declares", _CUT_FIX, column=item.column)
         invalid = signal.invalidation_bits
         if invalid is not None and np.any(invalid):
+            if item.gaps:
+                return np.ma.array(signal.samples, mask=invalid)
             row = int(np.argmax(invalid))
             raise Refused("the value is missing", MISSING_FIX, column=item.column, row=row)
         values: NDArray[Any] = signal.samples

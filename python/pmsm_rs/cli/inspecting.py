@@ -1,0 +1,62 @@
+"""The command that shows what a file is: inspect."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+from . import options, terminal
+
+
+@click.command()
+@click.argument("file", type=options.FILE, metavar="FILE")
+@click.option(
+    "--machine",
+    "machine_file",
+    type=options.FILE,
+    metavar="M.toml",
+    help="What is known already: nameplate, load, column names.",
+)
+@click.option(
+    "--write",
+    "written",
+    type=options.OUTPUT,
+    metavar="machine.toml",
+    help="Write the machine file to start from.",
+)
+@click.option("--force", is_flag=True, help="Let --write replace a file.")
+@options.JSON
+def inspect(
+    file: str, machine_file: str | None, written: str | None, force: bool, json_file: str | None
+) -> int:
+    """Show what FILE is: columns, sampling, questions, and a machine file to start from.
+
+    A file that cannot be diagnosed yet is shown as far as possible, with all that is to be settled.
+    """
+    from ..atomic import apart
+    from ..inspected import next_steps, plain, text
+    from ..inspecting import expect_new
+    from ..inspecting import inspect as run
+
+    apart([written, json_file], [file, machine_file])
+    if written is not None:
+        expect_new(written, force=force)
+    found = run(file, machine_file)
+    terminal.finish(json_file, found.to_json)
+    if written is not None:
+        found.write_machine(written, force=force)
+    blocks = _shows_blocks()
+    steps = next_steps(found, machine_file, written)
+    click.echo(text(found, blocks=blocks, machine_file=written is None))
+    click.echo("\n" + (steps if blocks else plain(steps)))
+    return 0
+
+
+def _shows_blocks() -> bool:
+    """Whether standard output has signs beyond ASCII."""
+    try:
+        "▁█·…".encode(getattr(sys.stdout, "encoding", None) or "ascii")
+    except (UnicodeEncodeError, LookupError):
+        return False
+    return True
