@@ -95,6 +95,14 @@ _SPELLINGS: Final = {
 }
 
 
+_WRITTEN: Final = frozenset(_SPELLINGS) | {unit.lower() for units in UNITS.values() for unit in units}
+"""In small letters, all that a unit of any dimension may be written as."""
+
+
+def _squeezed(plain: str) -> str:
+    return re.sub(r"[\s*·.⋅]", "", plain)
+
+
 @lru_cache(maxsize=1024)
 def canonical(text: str, dimension: str) -> str | None:
     """The name under which UNITS knows what `text` says for a column of `dimension`, None where it says
@@ -104,8 +112,7 @@ def canonical(text: str, dimension: str) -> str | None:
     plain = text.strip()
     if plain in units:
         return plain
-    squeezed = re.sub(r"[\s*·.⋅]", "", plain)
-    for candidate in (plain.lower(), squeezed.lower()):
+    for candidate in (plain.lower(), _squeezed(plain).lower()):
         name = _SPELLINGS.get(candidate, candidate)
         if name in units:
             return name
@@ -119,6 +126,10 @@ def canonical(text: str, dimension: str) -> str | None:
 @lru_cache(maxsize=4096)
 def is_unit(text: str) -> bool:
     """Whether `text` is a unit of any dimension."""
+    plain = text.strip()
+    # Most names of columns hold none, and there may be many.
+    if plain.lower() not in _WRITTEN and _squeezed(plain).lower() not in _WRITTEN:
+        return False
     return any(canonical(text, dimension) is not None for dimension in UNITS)
 
 
