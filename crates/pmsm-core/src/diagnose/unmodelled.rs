@@ -195,10 +195,11 @@ impl Side {
         channel.is_electrical() == (self == Self::Electrical)
     }
 
-    /// Whether an effect with a form of its own acts in its equations: names that cover any function are not in question.
+    /// Whether an effect acts in its equations that a smooth term over speed, currents and turn could replace: names that cover any function
+    /// are not in question, nor is what depends on a temperature.
     fn has(self, effect: EffectId) -> bool {
         let moves = effect.info().site == Site::Mechanical;
-        moves == (self == Self::Mechanical) && !effect.is_general()
+        moves == (self == Self::Mechanical) && !effect.is_general() && !effect.is_thermal()
     }
 
     fn holds(self, equation: &str) -> bool {

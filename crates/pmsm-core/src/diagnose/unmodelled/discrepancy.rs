@@ -11,7 +11,7 @@ use super::{Side, candidates};
 use crate::basis::orthonormal;
 use crate::diagnose::data::Data;
 use crate::diagnose::evidence::{Evidence, price};
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::hypothesis::{Hypothesis, independent_samples};
 use crate::diagnose::options::DiagnosisOptions;
 use crate::effect::Role;
 use crate::effects::EffectId;
@@ -197,15 +197,20 @@ fn excesses(normals: &[Normal]) -> Option<Vec<f64>> {
         gram += &normal.gram;
         along += &normal.along;
     }
-    for k in 0..size {
-        gram[(k, k)] += UNSHOWN * gram[(k, k)] + f64::MIN_POSITIVE.sqrt();
-    }
-    let step = -gram.cholesky()?.solve(&along);
+    let step = step(gram, &along)?;
     let excess = |normal: &Normal| {
         let square = normal.square + 2.0 * step.dot(&normal.along) + step.dot(&(&normal.gram * &step));
         square / normal.rows - 1.0
     };
     Some(normals.iter().map(excess).collect())
+}
+
+/// Least-squares step of all columns, held at zero as far as no row shows them.
+fn step(mut gram: DMatrix<f64>, along: &DVector<f64>) -> Option<DVector<f64>> {
+    for k in 0..along.len() {
+        gram[(k, k)] += UNSHOWN * gram[(k, k)] + f64::MIN_POSITIVE.sqrt();
+    }
+    Some(-gram.cholesky()?.solve(along))
 }
 
 /// Normal equations of one run, its own load and initial speeds taken out.
@@ -255,7 +260,13 @@ impl Normal {
         let channels = seen.max().unwrap_or(0).max(1) as f64;
         let rows = data.counted() as f64 * channels / stride as f64;
         let windows = match data.signals.kind {
-            Kind::OperatingPoints => rows,
+            // Points that follow one another are often alike: as many as have independent values beside all terms.
+            Kind::OperatingPoints => {
+                let left =
+                    step(gram.clone(), &along).map_or(residual.clone(), |step| &residual + &all * step);
+                let each = left.as_slice().chunks(kept.div_ceil(channels as usize));
+                each.map(independent_samples).sum::<f64>().clamp(1.0, rows)
+            }
             _ => channels * (data.windows.len() as f64).max(data.signals.context.duration / LASTS).max(1.0),
         };
         let shown = data.runs().iter().flat_map(|run| &run.floors).map(|floor| floor.channel);
