@@ -69,7 +69,7 @@ pub struct Ends<'a> {
 /// Those of the least-squares fits.
 pub fn budgets(data: &Data, judge: Option<&Data>, ends: &Ends, monitor: &dyn Monitor) -> Result<Vec<Budget>> {
     let effects = ends.set.effects();
-    let mapped = ends.told.0.model.map_parameters().len() > 0;
+    let mapped = !ends.told.0.model.map_parameters().is_empty();
     if monitor.cancelled() || effects.is_empty() && !mapped {
         return Ok(Vec::new());
     }

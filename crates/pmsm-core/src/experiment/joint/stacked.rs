@@ -7,6 +7,9 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::borrow::Cow;
 
+/// Some columns of one recording at its parameters, by how its currents answer.
+type ColumnsOf<'a> = &'a dyn Fn(&Experiment, &[f64], &Answering) -> DMatrix<f64>;
+
 impl Joint<'_> {
     /// Copies rows of recording `run` to where they belong among those of all recordings.
     fn place(&self, run: usize, own: &[f64], all: &mut [f64]) {
@@ -121,13 +124,7 @@ impl Joint<'_> {
     }
 
     /// Some `count` columns of each recording, one below the other.
-    fn answered(
-        &self,
-        p: &[f64],
-        answering: &[Answering],
-        count: usize,
-        own: &dyn Fn(&Experiment, &[f64], &Answering) -> DMatrix<f64>,
-    ) -> DMatrix<f64> {
+    fn answered(&self, p: &[f64], answering: &[Answering], count: usize, own: ColumnsOf) -> DMatrix<f64> {
         if let Some(run) = self.only() {
             return own(run, p, &answering[0]);
         }
