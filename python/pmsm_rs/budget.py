@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 LEAST: Final = 0.005
 """Shares below this are not told."""
 _COLOURS: Final = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#f0e442", "#d55e00")
+_DARK: Final = ("#0072b2", "#d55e00", "#6b7480")
 _PLAIN: Final = {"shared by several": "#b8c0c8", "map without a name": "#6b7480", "left": "#e3e7ea"}
 
 
@@ -39,7 +40,10 @@ def judged(budgets: Iterable[Budget]) -> list[Budget]:
 
 
 def draw(budgets: Iterable[Budget], ax: Axes) -> Axes:
-    """One bar per channel, divided by what takes which share of its mismatch away; returns the axes."""
+    """One bar per channel, divided by what takes which share of its mismatch away; returns the axes.
+
+    Below the channel stands how many times the noise was left before and after.
+    """
     every = list(budgets)
     names = list(dict.fromkeys(name for budget in every for name, _ in shares(budget)))
     effects = [name for name in names if name not in _PLAIN]
@@ -49,15 +53,15 @@ def draw(budgets: Iterable[Budget], ax: Axes) -> Axes:
         for name, share in shares(budget):
             ax.barh(row, 100 * share, left=100 * start, height=0.6, color=colours[name], label=name)
             if share > 0.07:
-                ax.text(
-                    100 * (start + share / 2), row, percent(share), ha="center", va="center", fontsize="small"
-                )
+                middle, ink = 100 * (start + share / 2), "white" if colours[name] in _DARK else "black"
+                text = ax.text(middle, row, percent(share), ha="center", va="center", color=ink)
+                text.set_fontsize("small")
             start += share
-    labels = [f"{channel(budget.channel)[0]}\n{budget.before:.3g} → {budget.after:.3g}" for budget in every]
+    labels = [f"{channel(budget.channel)[0]}\n{budget.before:.3g}× → {budget.after:.3g}×" for budget in every]
     ax.set_yticks(range(len(every)), labels)
     ax.invert_yaxis()
     ax.set_xlim(0, 100)
-    ax.set_xlabel("share of the mismatch in %; times the noise before → after")
+    ax.set_xlabel("share of the mismatch in %")
     handles = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     ax.legend(
         handles.values(),
