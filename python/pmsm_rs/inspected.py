@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Sequence
 from pathlib import PurePath
 from typing import Final
@@ -218,13 +219,19 @@ def _questions(found: InspectionValues) -> list[str]:
     return lines
 
 
+def _argument(path: str) -> str:
+    """A path as a shell takes it, whole and however long it is."""
+    return shlex.quote(printable(path))
+
+
 def next_steps(found: InspectionValues, machine: str | None, written: str | None) -> str:
     """The commands that come next, as lines; `machine` names the machine file that was given, `written` the
     one that was written.
     """
-    recording = "RECORDING" if found.file is None else shown(found.file)
-    name = shown(written or machine or "machine.toml")
-    diagnose = f"pmsm-rs diagnose {recording} --machine {name} --report {PurePath(recording).stem}.html"
+    recording = "RECORDING" if found.file is None else _argument(found.file)
+    name = _argument(written or machine or "machine.toml")
+    report = _argument(f"{PurePath(found.file or 'RECORDING').stem}.html")
+    diagnose = f"pmsm-rs diagnose {recording} --machine {name} --report {report}"
     steps = [f"open {name} and fill in what you know", diagnose]
     if written is None and machine is None:
         steps = [f"pmsm-rs inspect {recording} --write {name}", *steps]

@@ -267,6 +267,17 @@ def test_a_machine_file_that_was_given_is_kept(columns: Columns, tmp_path: Path)
     assert signal(found, "x").high == -columns["i_q"].min()
 
 
+def test_the_next_command_can_be_copied_however_long_a_path_is(
+    columns: Columns, tmp_path: Path, run: Run
+) -> None:
+    folder = tmp_path / ("long " * 40).strip()
+    folder.mkdir()
+    file = written(columns, folder)
+    ran = run("inspect", file)
+    assert ran.code == 0, ran.err
+    assert f"inspect '{file}' --write machine.toml" in ran.out
+
+
 def test_write_makes_the_file_and_never_replaces_one(columns: Columns, tmp_path: Path, run: Run) -> None:
     file, out = written(columns, tmp_path), tmp_path / "machine.toml"
     ran = run("inspect", file, "--write", out)
