@@ -116,6 +116,13 @@ pub fn conclude(
         // Beside another cause no name is sure, however much of the mismatch it explains.
         decide::doubt(&mut ranked, data.options.ceiling_doubtful);
     }
+    // What a set leaves on the validation run, and of each equation.
+    let left_by = |set: &Hypothesis| -> Result<_> {
+        let after = on_judge(set)?;
+        let foreseen = after.as_ref().map(|(judge, found)| (*judge, found));
+        let remaining = remaining::beside(data, set, foreseen);
+        Ok((after, remaining))
+    };
     let found = !outcome.best.fitted.effects().is_empty() && !cannot_tell(data, &outcome.best.fitted);
     let open = match verdict {
         Verdict::Named | Verdict::Ambiguous => !remaining.is_empty(),
@@ -127,9 +134,7 @@ pub fn conclude(
         let nearest = earned.nearest.as_ref().map(|set| step(data, set));
         verdict = beside_a_map(&mut outcome, &mut ranked, earned);
         if verdict != Verdict::Unknown {
-            after = on_judge(&outcome.best.fitted)?;
-            let foreseen = after.as_ref().map(|(judge, found)| (*judge, found));
-            remaining = remaining::beside(data, &outcome.best.fitted, foreseen);
+            (after, remaining) = left_by(&outcome.best.fitted)?;
         }
         if let Some(motion) = remaining.iter_mut().find(|r| r.equation == "mechanical") {
             motion.set_nearest(nearest);
@@ -147,9 +152,7 @@ pub fn conclude(
             ranked.iter().filter(known).map(|c| (c.effect, (c.probability / share).min(1.0))).collect();
         verdict = beside_a_map(&mut outcome, &mut ranked, Earned { set, probabilities, nearest: None });
         if verdict != Verdict::Unknown {
-            after = on_judge(&outcome.best.fitted)?;
-            let foreseen = after.as_ref().map(|(judge, found)| (*judge, found));
-            remaining = remaining::beside(data, &outcome.best.fitted, foreseen);
+            (after, remaining) = left_by(&outcome.best.fitted)?;
         }
     }
     let located = fault::located(data, judge, &outcome, verdict);
