@@ -16,6 +16,9 @@ use crate::monitor::Monitor;
 use rayon::prelude::*;
 use serde::Serialize;
 
+/// Nats that a fit without one of the effects, or with it alone, may leave.
+const ROUGHLY: f64 = 0.3;
+
 /// What an effect takes away, shares of the excess mean square of the bare machine.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Part {
@@ -69,6 +72,7 @@ pub struct Ends<'a> {
 /// Those of the least-squares fits.
 pub fn budgets(data: &Data, judge: Option<&Data>, ends: &Ends, monitor: &dyn Monitor) -> Result<Vec<Budget>> {
     let effects = ends.set.effects();
+    let rough = data.to_within(ROUGHLY);
     let mapped = !ends.told.0.model.map_parameters().is_empty();
     if monitor.cancelled() || effects.is_empty() && !mapped {
         return Ok(Vec::new());
@@ -83,7 +87,7 @@ pub fn budgets(data: &Data, judge: Option<&Data>, ends: &Ends, monitor: &dyn Mon
     let without = |effect: &EffectId| -> Result<(On, On)> {
         let others = || {
             let (model, start) = reduced(&set.0, *effect);
-            on(fitting::fit(data, &model, &start, false, monitor)?)
+            on(fitting::fit(&rough, &model, &start, false, monitor)?)
         };
         let alone = || {
             let rest = effects.iter().filter(|e| *e != effect);
@@ -91,7 +95,7 @@ pub fn budgets(data: &Data, judge: Option<&Data>, ends: &Ends, monitor: &dyn Mon
                 let (model, start) = reduced(&set, *e);
                 Hypothesis::bare(model, start)
             });
-            on(fitting::fit(data, &only.model, only.own(), false, monitor)?)
+            on(fitting::fit(&rough, &only.model, only.own(), false, monitor)?)
         };
         match effects.len() {
             1 => Ok((base.clone(), set.clone())),

@@ -57,7 +57,8 @@ pub fn conclude(
         outcome.names_nothing();
         let asked = able::able(data).0;
         let worth = outcome.evidence.samples();
-        outcome.shown = power::survey(data, &outcome.base.fitted, &asked, worth, true, monitor);
+        let traces = power::Traces::new(data, &outcome.base.fitted);
+        outcome.shown = traces.survey(&asked, worth, true, monitor);
     }
     let (mut verdict, mut ranked) = decide::decide(&outcome, cannot_tell(data, &outcome.best.fitted));
     if monitor.cancelled() && matches!(verdict, Verdict::Unknown | Verdict::NoMismatch) {

@@ -48,6 +48,8 @@ pub struct Data {
     pub held_out: Option<Vec<bool>>,
     /// The constants on which a verdict rests.
     pub options: DiagnosisOptions,
+    /// When a fit to it ends.
+    pub settings: Settings,
     /// The recordings, if there are several; the rest then describes all of them.
     pub parts: Vec<Data>,
 }
@@ -117,6 +119,7 @@ impl Data {
             poor: false,
             held_out,
             options: *options,
+            settings: SETTINGS,
             parts,
         }
     }
@@ -161,6 +164,15 @@ impl Data {
         }
         let even = odd.iter().map(|x| !x).collect();
         Some((self.masked(odd), self.masked(even)))
+    }
+
+    /// The same recording for fits that may end this many nats of evidence before their minimum.
+    pub fn to_within(&self, nats: f64) -> Self {
+        let rows = self.counted() * self.floors.len().max(1);
+        let tolerance = 2.0 * self.options.rows_per_sample * nats / rows.max(1) as f64;
+        let cost_tolerance = tolerance.clamp(SETTINGS.cost_tolerance, LARGEST_TOLERANCE);
+        let settings = Settings { cost_tolerance, stall_tolerance: cost_tolerance, ..SETTINGS };
+        Self { settings, ..self.clone() }
     }
 
     /// The same recording with some samples held out.
@@ -292,7 +304,10 @@ fn known(
     }
 }
 
-/// Settings of every fit of the diagnosis: as exact as the noise deserves.
+/// Largest share of the cost that a fit may leave.
+const LARGEST_TOLERANCE: f64 = 1e-3;
+
+/// Settings of every fit that counts: as exact as the noise deserves.
 pub const SETTINGS: Settings = Settings {
     max_iterations: 25,
     cost_tolerance: 1e-5,

@@ -1,7 +1,7 @@
 //! A set of effects fitted to a recording by simulation: the electrical equations first, with the measured speed; then the mechanical
 //! one, with the torque of the measured currents; and both together where one alone does not tell enough.
 
-use super::data::{Data, SETTINGS};
+use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::motion::{self, Found};
 use crate::base::BASE;
@@ -116,7 +116,7 @@ fn to_currents(
     let wanted: Vec<usize> = electrical.into_iter().chain(sensors).filter(|k| !held.contains(k)).collect();
     let nuisances = vec![Nuisance::known(0); data.runs().len()];
     let experiment = data.experiment(model, &nuisances, data.channels(true, false));
-    let parameters = experiment.fit(start, &wanted, &SETTINGS, monitor)?.parameters;
+    let parameters = experiment.fit(start, &wanted, &data.settings, monitor)?.parameters;
     if !data.poor {
         return Ok(parameters);
     }
@@ -125,7 +125,7 @@ fn to_currents(
     let channels = rescaled(data.channels(true, false), left.into_iter().map(|r| r.max(1.0)));
     let experiment = data.experiment(model, &nuisances, channels);
     let start = [&data.start[..], &start[BASE..]].concat();
-    Ok(experiment.fit(&start, &wanted, &SETTINGS, monitor)?.parameters)
+    Ok(experiment.fit(&start, &wanted, &data.settings, monitor)?.parameters)
 }
 
 /// Where the fit of an unknown load begins.
@@ -233,7 +233,7 @@ fn fit_together(
         }
         let channels = rescaled(data.channels(true, true), left.iter().copied());
         let experiment = data.experiment(model, nuisances, channels);
-        parameters = experiment.fit(&parameters, free, &SETTINGS, monitor)?.parameters;
+        parameters = experiment.fit(&parameters, free, &data.settings, monitor)?.parameters;
         if data.poor || model.has_sensor() {
             break;
         }

@@ -190,6 +190,7 @@ impl Data {
             prior: parts[0].prior.clone(),
             nameplate: parts[0].nameplate,
             options: parts[0].options,
+            settings: parts[0].settings,
             poor: false,
             held_out: None,
             parts,

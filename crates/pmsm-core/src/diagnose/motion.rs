@@ -5,7 +5,7 @@ mod settling;
 mod state;
 mod steps;
 
-use super::data::{Data, SETTINGS};
+use super::data::Data;
 use crate::colour::Colour;
 use crate::error::Result;
 use crate::model::Model;
@@ -162,7 +162,7 @@ pub fn whitened(
             Colour::of(rows, run.windows).filter(|c| c.lag_one() >= COLOURED)
         });
         let Some(experiment) = coloured.filter(|_| !monitor.cancelled()) else { break };
-        best = Some(experiment.fit(from, &free, &SETTINGS, monitor)?.parameters);
+        best = Some(experiment.fit(from, &free, &data.settings, monitor)?.parameters);
     }
     Ok(best)
 }

@@ -93,53 +93,61 @@ struct Survey<'a> {
     found: Vec<Found>,
 }
 
-/// Nats that each effect of a fitted set is worth to first order, all other parameters giving way. `samples` is what each channel counts.
-pub fn worth(data: &Data, best: &Hypothesis, samples: &[f64]) -> Vec<(EffectId, f64)> {
-    let scorer = Scorer::new(data, best);
-    let blocks = scorer.experiment().blocks();
-    let (jacobian, _) = scorer.fitted();
-    let of = |effect: &EffectId| {
-        let trace = trace(&scorer, best, *effect, jacobian).trace;
-        let nats = |(block, n): (&Block, &f64)| {
-            let rows = trace.rows(block.rows.start, block.rows.len());
-            0.5 * n * (rows.norm_squared() / block.counted.max(1) as f64).ln_1p()
-        };
-        (*effect, blocks.iter().zip(samples).map(nats).sum())
-    };
-    best.effects().par_iter().map(of).collect()
+/// A fitted set with what each of its effects does to the residual.
+pub struct Traces<'a> {
+    data: &'a Data,
+    scorer: Scorer<'a>,
+    best: &'a Hypothesis,
+    each: Vec<Trace>,
 }
 
-/// Judges what the recording would have shown of each of `absent` beside the effects of `best`. `worth` is what each channel counts,
-/// in independent samples; a `poor` recording must show a mismatch before anything is looked for. An interruption leaves
-/// effects out.
-pub fn survey(
-    data: &Data,
-    best: &Hypothesis,
-    absent: &[EffectId],
-    worth: &[f64],
-    poor: bool,
-    monitor: &dyn Monitor,
-) -> Vec<Shown> {
-    let scorer = Scorer::new(data, best);
-    let blocks = scorer.experiment().blocks();
-    let (jacobian, basis) = scorer.fitted();
-    let (mut found, mut columns) = (Vec::new(), Vec::new());
-    let mut at = basis.ncols();
-    for effect in best.effects() {
-        let Trace { alone, trace, size } = trace(&scorer, best, effect, jacobian);
-        let end = at + alone.ncols();
-        found.push(Found { effect, alone: at..end, trace: end, size });
-        at = end + 1;
-        columns.extend([alone, trace]);
+impl<'a> Traces<'a> {
+    /// Of the set `best`, fitted to `data`.
+    pub fn new(data: &'a Data, best: &'a Hypothesis) -> Self {
+        let scorer = Scorer::new(data, best);
+        let (jacobian, _) = scorer.fitted();
+        let left = scorer.experiment().residual(&best.parameters);
+        let each = best.effects().par_iter().map(|e| trace(&scorer, best, *e, jacobian, &left)).collect();
+        Self { data, best, each, scorer }
     }
-    let fitted = Fitted::new(jacobian, basis);
-    let known = Known::new(basis.clone(), &columns, blocks);
-    let survey = Survey { scorer, best, worth, poor, options: data.options, fitted, known, found };
-    let judged: Vec<Option<Shown>> = absent
-        .par_iter()
-        .map(|effect| if monitor.cancelled() { None } else { survey.judge(*effect) })
-        .collect();
-    judged.into_iter().flatten().collect()
+
+    /// Nats that each effect is worth to first order, all other parameters giving way. `samples` is what each channel counts.
+    pub fn worth(&self, samples: &[f64]) -> Vec<(EffectId, f64)> {
+        let blocks = self.scorer.experiment().blocks();
+        let of = |Trace { trace, .. }: &Trace| {
+            let nats = |(block, n): (&Block, &f64)| {
+                let rows = trace.rows(block.rows.start, block.rows.len());
+                0.5 * n * (rows.norm_squared() / block.counted.max(1) as f64).ln_1p()
+            };
+            blocks.iter().zip(samples).map(nats).sum()
+        };
+        self.best.effects().into_iter().zip(self.each.iter().map(of)).collect()
+    }
+
+    /// Judges what the recording would have shown of each of `absent` beside the effects of the set. `worth` is what each channel counts,
+    /// in independent samples; a `poor` recording must show a mismatch before anything is looked for. An interruption leaves
+    /// effects out.
+    pub fn survey(self, absent: &[EffectId], worth: &[f64], poor: bool, monitor: &dyn Monitor) -> Vec<Shown> {
+        let Self { data, scorer, best, each } = self;
+        let blocks = scorer.experiment().blocks();
+        let (jacobian, basis) = scorer.fitted();
+        let (mut found, mut columns) = (Vec::new(), Vec::new());
+        let mut at = basis.ncols();
+        for (effect, Trace { alone, trace, size }) in best.effects().into_iter().zip(each) {
+            let end = at + alone.ncols();
+            found.push(Found { effect, alone: at..end, trace: end, size });
+            at = end + 1;
+            columns.extend([alone, trace]);
+        }
+        let fitted = Fitted::new(jacobian, basis);
+        let known = Known::new(basis.clone(), &columns, blocks);
+        let survey = Survey { scorer, best, worth, poor, options: data.options, fitted, known, found };
+        let judged: Vec<Option<Shown>> = absent
+            .par_iter()
+            .map(|effect| if monitor.cancelled() { None } else { survey.judge(*effect) })
+            .collect();
+        judged.into_iter().flatten().collect()
+    }
 }
 
 /// What a found effect does to the residual.
@@ -152,7 +160,13 @@ struct Trace {
     size: f64,
 }
 
-fn trace(scorer: &Scorer, best: &Hypothesis, effect: EffectId, jacobian: &DMatrix<f64>) -> Trace {
+fn trace(
+    scorer: &Scorer,
+    best: &Hypothesis,
+    effect: EffectId,
+    jacobian: &DMatrix<f64>,
+    left: &DVector<f64>,
+) -> Trace {
     let slot =
         best.model.slots().iter().find(|s| s.effect == effect).expect("an effect of the model has a slot");
     let (own, kept): (Vec<usize>, Vec<usize>) =
@@ -168,7 +182,7 @@ fn trace(scorer: &Scorer, best: &Hypothesis, effect: EffectId, jacobian: &DMatri
         }
     }
     let experiment = scorer.experiment();
-    let step = experiment.residual(&best.parameters) - experiment.residual(&without);
+    let step = left - experiment.residual(&without);
     let mut trace = freed(&others, &DMatrix::from_columns(&[step]));
     if trace.iter().any(|x| !x.is_finite()) {
         // Without the effect the model cannot be evaluated: nothing can stand in for it.
@@ -296,18 +310,18 @@ mod tests {
     #[test]
     fn reversals_show_what_one_speed_hides() {
         let (poor, base) = data(&setup(narrow(), Vec::new()));
-        let hidden = survey(&poor, &base, &ASKED, &worth(&base), false, &Silent);
+        let hidden = Traces::new(&poor, &base).survey(&ASKED, &worth(&base), false, &Silent);
         assert!(power(&hidden, EffectId::CoulombFriction) < 0.1, "{hidden:?}");
         let rich = speeds(1.0, &[(0.1, 100.0), (0.4, -100.0), (0.6, -100.0), (0.9, 100.0)]);
         let (rich, base) = data(&setup(rich, Vec::new()));
-        let seen = survey(&rich, &base, &ASKED, &worth(&base), false, &Silent);
+        let seen = Traces::new(&rich, &base).survey(&ASKED, &worth(&base), false, &Silent);
         assert!(power(&seen, EffectId::CoulombFriction) > 0.9, "{seen:?}");
     }
 
     #[test]
     fn what_absorbs_a_hidden_effect_is_named() {
         let (poor, base) = data(&setup(narrow(), Vec::new()));
-        let hidden = survey(&poor, &base, &[EffectId::CoulombFriction], &worth(&base), false, &Silent);
+        let hidden = Traces::new(&poor, &base).survey(&[EffectId::CoulombFriction], &worth(&base), false, &Silent);
         assert!(hidden[0].size.1 < 0.5 * hidden[0].size.0);
         assert!(hidden[0].absorbed_by.contains(&"b".to_string()), "{hidden:?}");
         assert!(hidden[0].why(&[]).contains("the fitted b"), "{}", hidden[0].why(&[]));
@@ -319,13 +333,13 @@ mod tests {
         let (poor, base) = data(&setup(narrow(), effects.clone()));
         let best = fitted(&poor, &base, EffectId::CoulombFriction);
         let asked = [EffectId::AsymmetricFriction, EffectId::CoggingTorque];
-        let shown = survey(&poor, &best, &asked, &worth(&best), false, &Silent);
+        let shown = Traces::new(&poor, &best).survey(&asked, &worth(&best), false, &Silent);
         assert!(resembles(&shown[0], EffectId::CoulombFriction), "{shown:?}");
         assert!(!resembles(&shown[1], EffectId::CoulombFriction), "{shown:?}");
         let rich = speeds(1.0, &[(0.1, 100.0), (0.4, -100.0), (0.6, -100.0), (0.9, 100.0)]);
         let (rich, base) = data(&setup(rich, effects));
         let best = fitted(&rich, &base, EffectId::CoulombFriction);
-        let shown = survey(&rich, &best, &asked, &worth(&best), false, &Silent);
+        let shown = Traces::new(&rich, &best).survey(&asked, &worth(&best), false, &Silent);
         assert!(!resembles(&shown[0], EffectId::CoulombFriction), "{shown:?}");
     }
 
@@ -334,7 +348,7 @@ mod tests {
         let effects = vec![choice("coulomb_friction", "tau_c", 1.0)];
         let (data, base) = data(&setup(narrow(), effects));
         let best = fitted(&data, &base, EffectId::CoulombFriction);
-        let shown = survey(&data, &best, &[EffectId::StribeckFriction], &worth(&best), false, &Silent);
+        let shown = Traces::new(&data, &best).survey(&[EffectId::StribeckFriction], &worth(&best), false, &Silent);
         assert!(shown[0].power < 0.5, "{shown:?}");
         let why = shown[0].why(&[EffectId::CoulombFriction]);
         assert!(why.contains("special case") && why.contains("cannot be excluded"), "{why}");
@@ -346,7 +360,7 @@ mod tests {
             let rich = speeds(1.0, &[(0.1, 100.0), (0.4, -100.0), (0.6, -100.0), (0.9, 100.0)]);
             let (data, base) = data(&setup(rich, vec![choice("coulomb_friction", "tau_c", tau_c)]));
             let best = fitted(&data, &base, EffectId::CoulombFriction);
-            survey(&data, &best, &[EffectId::StribeckFriction], &worth(&best), false, &Silent)[0].power
+            Traces::new(&data, &best).survey(&[EffectId::StribeckFriction], &worth(&best), false, &Silent)[0].power
         };
         let (large, small) = (power(3.0), power(0.02));
         assert!(large > 0.3 && small < 0.1, "{large} {small}");

@@ -13,7 +13,7 @@ use super::data::Data;
 use super::evidence::Evidence;
 use super::fitting;
 use super::hypothesis::Hypothesis;
-use super::power::{self, Shown};
+use super::power::{Shown, Traces};
 use super::shortlist::{Prospect, Scorer};
 use super::transfer::transfer;
 use super::verdict::{self, Judged};
@@ -28,10 +28,14 @@ pub use exchange::Swap;
 use subset::left_out;
 pub use subset::{in_place, reduced, special_cases};
 
+/// Nats that a fit may leave while sets grow: what decides is many times that.
+const ROUGHLY: f64 = 0.3;
 /// Effects with which the whole set is refitted before the best of them is gone on from.
 const REFITTED: usize = 3;
 /// Share of the leading score from which an effect of the same side is refitted, too.
 const RIVAL: f64 = 0.5;
+/// Share of what an effect explains to first order that it must still explain beside others to be taken up along with them.
+const APART: f64 = 0.5;
 /// Score (mean square in units of what is left in each channel) below which nothing is refitted.
 const LEAST_SCORE: f64 = 0.002;
 
@@ -115,19 +119,33 @@ impl Search<'_> {
         let base = self.judge(base)?;
         let (able, unfit) = able::able(self.data);
         let mut seen = vec![base.clone()];
-        let (mut best, singles) = self.grow(&base, &able, &mut seen)?;
+        let rough = self.data.to_within(ROUGHLY);
+        let growing = Search {
+            data: &rough,
+            held_out: self.held_out.clone(),
+            refuting: Vec::new(),
+            from: self.from.clone(),
+            ..*self
+        };
+        let (grown, singles) = growing.grow(&base, &able, &mut seen)?;
+        let mut best = match grown.fitted.effects().is_empty() {
+            true => base.clone(),
+            false => self.judge(fitting::on_from(self.data, &grown.fitted, self.monitor)?)?,
+        };
         self.monitor.report("alternatives", 0.85);
         let mut swaps = Vec::new();
         let mut shown = Vec::new();
         for _ in 0..self.data.options.most_effects {
             let evidence = self.evidence().limited(std::iter::once(&best));
-            let worth = power::worth(self.data, &best.fitted, evidence.samples());
+            let fitted = best.fitted.clone();
+            let traces = Traces::new(self.data, &fitted);
+            let worth = traces.worth(evidence.samples());
             if let Some(simpler) = self.simpler(&best, &worth, &evidence, &mut seen)? {
                 best = simpler;
                 continue;
             }
             let (absent, poor) = (absent(&able, &best), self.most < self.data.options.most_effects);
-            shown = power::survey(self.data, &best.fitted, &absent, evidence.samples(), poor, self.monitor);
+            shown = traces.survey(&absent, evidence.samples(), poor, self.monitor);
             swaps = self.exchange(&best, &worth, &shown, &mut seen)?;
             let better = swaps.iter().filter(|s| evidence.prefers(&s.judged, &best));
             let better = better.min_by(|a, b| evidence.cost(&a.judged).total_cmp(&evidence.cost(&b.judged)));
@@ -158,27 +176,26 @@ impl Search<'_> {
             let sets = larger.iter().filter_map(|(_, set)| set.as_ref());
             let next = sets.min_by(|a, b| cost(a).total_cmp(&cost(b))).cloned();
             let worth = next.filter(|next| cost(next) < cost(&best));
-            let beside = worth.as_ref().and_then(|next| other_side(next, &larger, cost(&best), &cost));
+            let beside = match &worth {
+                Some(next) => self.beside(&best, next, &larger, &cost),
+                None => Vec::new(),
+            };
             if singles.is_empty() {
                 singles = larger;
             }
             let Some(mut next) = worth else { break };
-            if let Some(prospect) = beside
-                && let Some(fitted) = self.refit(&next, &prospect)?
-            {
-                let both = Judged { fitted, held_out: Vec::new(), refuted: false };
-                if cost(&both) < cost(&next) {
+            if !beside.is_empty() && !self.monitor.cancelled() {
+                let fitted = self.with_all(&next, &beside)?;
+                let all = Judged { fitted, held_out: Vec::new(), refuted: false };
+                if cost(&all) < cost(&next) {
                     seen.push(next);
-                    next = both;
+                    next = all;
                 }
             }
             best = self.renewed(next)?;
             seen.push(best.clone());
             let share = best.fitted.effects().len() as f64 / self.data.options.most_effects as f64;
             self.monitor.report("effects", 0.2 + 0.6 * share);
-        }
-        if best.held_out.len() < self.held_out.len() {
-            best = self.judge(best.fitted)?;
         }
         Ok((best, singles))
     }
@@ -203,13 +220,15 @@ impl Search<'_> {
             let slot =
                 set.fitted.model.slots().iter().find(|s| s.effect == effect).expect("it is in the set");
             let own = set.fitted.parameters[slot.parameters.clone()].to_vec();
-            let other = |prospect: &&Prospect| {
-                let same = effect.info().parameters.iter().zip(&own).zip(&prospect.start);
-                let mut numbers = same.filter(|((p, _), _)| p.role == Role::Fixed);
-                prospect.score > 0.0 && !numbers.all(|((_, a), b)| a == b)
+            let same = |prospect: &&Prospect| {
+                let each = effect.info().parameters.iter().zip(&own).zip(&prospect.start);
+                each.filter(|((p, _), _)| p.role == Role::Fixed).all(|((_, a), b)| a == b)
             };
+            // Beside a number that leads by far no other is asked about.
+            let present = prospects.iter().find(same).map_or(0.0, |p| p.score);
+            let rivals = |p: &&Prospect| !same(p) && p.score > RIVAL * present;
             let without = Judged { fitted: without, ..set.clone() };
-            let asked: Vec<&Prospect> = prospects.iter().filter(other).collect();
+            let asked: Vec<&Prospect> = prospects.iter().filter(rivals).collect();
             let tried: Vec<Option<Hypothesis>> =
                 asked.par_iter().map(|prospect| self.refit(&without, prospect)).collect::<Result<_>>()?;
             for fitted in tried.into_iter().flatten() {
@@ -219,6 +238,38 @@ impl Search<'_> {
             }
         }
         Ok(set)
+    }
+
+    /// The refitted effects that are worth their place by themselves and, to first order, beside the one that `next` took up and beside one
+    /// another: as they were fitted, the best first. No more than there may be.
+    fn beside(
+        &self,
+        parent: &Judged,
+        next: &Judged,
+        larger: &Tried,
+        cost: &dyn Fn(&Judged) -> f64,
+    ) -> Vec<Prospect> {
+        let as_fitted = |(prospect, set): &(Prospect, Option<Judged>)| {
+            let set = set.as_ref()?;
+            let slot = set.fitted.model.slots().last()?;
+            let start = set.fitted.parameters[slot.parameters.clone()].to_vec();
+            Some((Prospect { start, ..prospect.clone() }, cost(set)))
+        };
+        let Some(added) = next.fitted.effects().last().copied() else { return Vec::new() };
+        let (lead, others): (Vec<_>, Vec<_>) =
+            larger.iter().filter_map(as_fitted).partition(|(p, _)| p.effect == added);
+        let mut taken: Vec<Prospect> = lead.into_iter().map(|(p, _)| p).collect();
+        let gains = |(_, with): &(Prospect, f64)| *with + self.data.options.decisive < cost(parent);
+        let mut others: Vec<(Prospect, f64)> = others.into_iter().filter(gains).collect();
+        others.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let scorer = Scorer::new(self.data, &parent.fitted);
+        for (prospect, _) in others {
+            let room = next.fitted.effects().len() + taken.len() <= self.most;
+            if room && scorer.share_beside(&taken, &prospect) >= APART {
+                taken.push(prospect);
+            }
+        }
+        taken.split_off(1)
     }
 
     /// Scores `candidates` beside a set and refits it with each of the best of them.
@@ -270,30 +321,6 @@ impl Search<'_> {
 
 fn is_mechanical(effect: EffectId) -> bool {
     effect.info().site == Site::Mechanical
-}
-
-/// The best refitted effect of the motion where `next` took up one of the currents or sensors, or the other way round, that is worth its
-/// place by itself: as it was fitted.
-fn other_side(
-    next: &Judged,
-    larger: &Tried,
-    without: f64,
-    cost: &dyn Fn(&Judged) -> f64,
-) -> Option<Prospect> {
-    let added = *next.fitted.effects().last()?;
-    // A sensor changes what is measured of both.
-    if added.info().site == Site::Sensor {
-        return None;
-    }
-    let others = larger.iter().filter_map(|(p, set)| Some((p, set.as_ref()?)));
-    let others = others.filter(|(p, set)| {
-        p.effect.info().site != Site::Sensor
-            && is_mechanical(p.effect) != is_mechanical(added)
-            && cost(set) < without
-    });
-    let (prospect, set) = others.min_by(|a, b| cost(a.1).total_cmp(&cost(b.1)))?;
-    let slot = set.fitted.model.slots().last()?;
-    Some(Prospect { start: set.fitted.parameters[slot.parameters.clone()].to_vec(), ..prospect.clone() })
 }
 
 /// Those effects that are not in a set.

@@ -10,7 +10,7 @@ mod projector;
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
-use crate::basis::DEPENDENT;
+use crate::basis::{DEPENDENT, orthonormal_beside};
 use crate::effect::{Context, Parameter, Role, Site};
 use crate::effects::EffectId;
 use crate::experiment::{Block, Channel, Joint, split};
@@ -174,9 +174,23 @@ impl<'a> Scorer<'a> {
             parameters.extend(std::iter::repeat_n(0.0, initial - nuisance.initial));
             nuisances.push(Nuisance { initial, ..nuisance });
         }
-        let experiment =
-            self.data.experiment(&model, &nuisances, projector.channels.clone()).with_plain_speed();
-        let residual = experiment.residual(&parameters);
+        let mut channels = projector.channels.clone();
+        let moves = effect.info().site == Site::Mechanical;
+        if moves {
+            channels.iter_mut().for_each(|run| run.retain(|(c, _)| !c.is_electrical()));
+        }
+        let experiment = self.data.experiment(&model, &nuisances, channels).with_plain_speed();
+        let seen = experiment.residual(&parameters);
+        // The currents follow the measured speed: what moves the rotor otherwise leaves them as they are.
+        let residual = match moves {
+            true => {
+                let mut whole = projector.left.clone();
+                let speed = whole.len() - seen.len();
+                whole.rows_mut(speed, seen.len()).copy_from(&seen);
+                whole
+            }
+            false => seen,
+        };
         let free = &residual - &projector.basis * tall::tr_mul_vector(&projector.basis, &residual);
         let gain = projector.residual.norm_squared() - free.norm_squared();
         if gain.is_finite() { gain / self.data.counted() as f64 } else { 0.0 }
@@ -250,6 +264,37 @@ impl<'a> Scorer<'a> {
             }
         }
         best
+    }
+
+    /// Share of what a prospect explains to first order that it still explains beside those `taken`. Nothing is known, and none is told, of
+    /// two on the same side of which one has a trace that changes with its strength.
+    pub fn share_beside(&self, taken: &[Prospect], prospect: &Prospect) -> f64 {
+        let side = |p: &Prospect| p.effect.info().site;
+        let shared = |p: &&Prospect| {
+            side(p) == side(prospect) || [side(p), side(prospect)].contains(&Site::Sensor)
+        };
+        let alike: Vec<&Prospect> = taken.iter().filter(shared).collect();
+        if alike.is_empty() {
+            return 1.0;
+        }
+        if !alike.iter().chain([&prospect]).all(|p| p.effect.is_first_order()) {
+            return 0.0;
+        }
+        let columns = |p: &Prospect| {
+            let shapes = std::slice::from_ref(&p.start);
+            self.columns(p.effect, shapes, &self.amplitudes(p.effect), &self.whole, false)
+        };
+        let own = columns(prospect);
+        let explained = |beside: &DMatrix<f64>| {
+            let alone = orthonormal_beside(beside, &own);
+            tall::tr_mul_vector(&alone, &self.whole.residual).norm_squared()
+        };
+        let mut beside = vec![self.whole.basis.clone()];
+        for p in alike {
+            let all = side_by_side(&beside);
+            beside.push(orthonormal_beside(&all, &columns(p)));
+        }
+        explained(&side_by_side(&beside)) / explained(&self.whole.basis).max(f64::MIN_POSITIVE)
     }
 
     /// Parameters of an effect that carry its strength and are fitted on this recording.
@@ -328,6 +373,12 @@ impl<'a> Scorer<'a> {
         let experiment = self.data.experiment(&model, &nuisances, projector.channels.clone());
         experiment.with_plain_speed().linearise_forms(&forms, &free, &projector.courses)
     }
+}
+
+/// Matrices of as many rows beside one another.
+fn side_by_side(parts: &[DMatrix<f64>]) -> DMatrix<f64> {
+    let columns: Vec<_> = parts.iter().flat_map(|part| part.column_iter()).collect();
+    DMatrix::from_columns(&columns)
 }
 
 /// What an effect does to the channels that it may reach.

@@ -2,7 +2,7 @@
 
 use super::state::{State, states_of};
 use super::steps::{steps_apart, worthwhile_steps};
-use crate::diagnose::data::{Data, SETTINGS};
+use crate::diagnose::data::Data;
 use crate::error::Result;
 use crate::experiment::{Channel, Fitted, Joint};
 use crate::least_squares::{Settings, Status};
@@ -11,8 +11,8 @@ use crate::monitor::Monitor;
 use crate::simulate::mechanical::Nuisance;
 use nalgebra::DVector;
 
-/// Settings of a first fit, after which load steps are pruned.
-const ROUGH: Settings = Settings { max_iterations: 5, ..SETTINGS };
+/// Iterations of a first fit, after which load steps are pruned.
+const ROUGH: usize = 5;
 
 /// A fitted equation of motion.
 pub struct Motion {
@@ -94,10 +94,11 @@ impl Settling<'_> {
         };
         let all_pay = |keep: &[Vec<usize>]| keep.iter().zip(&nuisances).all(|(k, n)| k.len() == n.steps());
         // Steps that do not pay hardly move the cost and are long in settling: they go before the fit is finished.
-        let mut fitted = experiment.fit(&parameters, &free, &ROUGH, monitor)?;
+        let rough = Settings { max_iterations: ROUGH, ..data.settings };
+        let mut fitted = experiment.fit(&parameters, &free, &rough, monitor)?;
         let mut keep = worthwhile(&fitted);
         if all_pay(&keep) && fitted.fit.status == Status::IterationLimit {
-            fitted = experiment.fit(&fitted.parameters, &free, &SETTINGS, monitor)?;
+            fitted = experiment.fit(&fitted.parameters, &free, &data.settings, monitor)?;
             keep = worthwhile(&fitted);
         }
         if all_pay(&keep) || monitor.cancelled() {

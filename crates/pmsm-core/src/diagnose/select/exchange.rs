@@ -156,7 +156,7 @@ mod tests {
     use super::*;
     use crate::diagnose::data::Data;
     use crate::diagnose::hypothesis::Hypothesis;
-    use crate::diagnose::power;
+    use crate::diagnose::power::Traces;
     use crate::diagnose::testing::{choice, data, setup, speeds};
     use crate::drive::{Choice, Manoeuvre, Schedule};
     use crate::model::Model;
@@ -188,7 +188,7 @@ mod tests {
         };
         let best = set(&data, &base, of);
         let evidence = search.evidence();
-        let worth = power::worth(&data, &best.fitted, evidence.samples());
+        let worth = Traces::new(&data, &best.fitted).worth(evidence.samples());
         let simpler = search.simpler(&best, &worth, &evidence, &mut Vec::new()).unwrap();
         simpler.map(|set| set.fitted.effects())
     }

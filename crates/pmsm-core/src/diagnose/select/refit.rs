@@ -24,6 +24,20 @@ impl Search<'_> {
         let fitted = beside(self.data, &parent.fitted, prospect, self.monitor)?;
         Ok((!fitted.vanishes(prospect.effect)).then_some(fitted))
     }
+
+    /// The set of `parent` with several effects more, fitted together from where the prospects begin.
+    pub(super) fn with_all(&self, parent: &Judged, prospects: &[Prospect]) -> Result<Hypothesis> {
+        let mut effects = parent.fitted.effects();
+        let mut start = parent.fitted.own().to_vec();
+        for prospect in prospects {
+            effects.push(prospect.effect);
+            start.extend(&prospect.start);
+        }
+        let model = Model::new(*parent.fitted.model.context(), &effects);
+        let moves = prospects.iter().any(|p| p.effect.mechanical_state_count() > 0);
+        let under = moves.then_some(&parent.fitted);
+        fitting::fit_under(under, &[], self.data, &model, (&start, false), self.monitor)
+    }
 }
 
 /// `parent` with one effect more, fitted to `data`.

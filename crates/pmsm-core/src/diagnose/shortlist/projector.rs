@@ -20,6 +20,8 @@ pub(super) struct Projector {
     pub(super) starts: Option<Vec<f64>>,
     pub(super) basis: DMatrix<f64>,
     pub(super) residual: DVector<f64>,
+    /// The residual as it is.
+    pub(super) left: DVector<f64>,
     /// What lasts of it, where the currents are judged by that.
     pub(super) lasting: Option<Lasting>,
 }
@@ -47,7 +49,8 @@ impl Projector {
         let residual = &linear.residual - &basis * basis.tr_mul(&linear.residual);
         let courses = experiment.courses(&hypothesis.parameters);
         let lasting = if rotor_only { None } else { Lasting::new(data, hypothesis, &order, &linear) };
-        (Self { channels, order, courses, starts, basis, residual, lasting }, linear.jacobian)
+        let left = linear.residual;
+        (Self { channels, order, courses, starts, basis, residual, left, lasting }, linear.jacobian)
     }
 }
 
