@@ -96,6 +96,9 @@ pub fn diagnose(
     }
     let counted = counts::settle(&mut whole, &mut base, monitor)?;
     if let Some(why) = between_rows::moved(&whole, &base, monitor)? {
+        if let Some(mistake) = wiring::suspected(recordings, machine, &base, options, monitor)? {
+            return Ok(conclude::undetermined(&whole, mistake, None));
+        }
         whole = join::motion_alone(recordings, machine, &why, options)?;
         if counted {
             counts::to_middle(&mut whole);

@@ -11,7 +11,7 @@
 use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::options::DiagnosisOptions;
-use super::verdict::Judged;
+use super::verdict::{self, Judged};
 use crate::experiment::Channel;
 use crate::recording::Kind;
 use crate::simulate::mechanical::Nuisance;
@@ -92,6 +92,20 @@ impl Evidence {
         let elsewhere = self.cost_elsewhere(larger) < self.cost_elsewhere(smaller);
         self.cost(larger) + self.options.decisive < self.cost(smaller)
             && (elsewhere || !self.shown_elsewhere(larger, smaller))
+    }
+
+    /// Whether what `larger` explains and `smaller` does not is more than what `larger` leaves of each recording, where that is more than
+    /// noise and no more than the forms of right effects may leave: what they leave is not hunted with further effects.
+    pub fn more_than_remains(&self, larger: &Judged, smaller: &Judged) -> bool {
+        let excess = |set: &Hypothesis| verdict::beyond_chance(set).map(|x| x.max(0.0)).sum::<f64>();
+        let most = verdict::largest_excess(&larger.fitted).max(larger.held_out_excess());
+        let of_forms = most <= self.options.remaining_times.powi(2) - 1.0;
+        let explains = |larger: &Hypothesis, smaller: &Hypothesis| {
+            let left = excess(larger);
+            left <= self.options.explained || excess(smaller) - left > self.options.beside_remainder * left
+        };
+        let mut elsewhere = larger.held_out.iter().zip(&smaller.held_out);
+        !of_forms || explains(&larger.fitted, &smaller.fitted) && elsewhere.all(|(l, s)| explains(l, s))
     }
 
     /// Whether the other recordings hold the channels in which `larger` gains most on the fitted one.
@@ -180,6 +194,17 @@ mod tests {
         assert!(evidence.prefers(&right, &bare) && !evidence.prefers(&bare, &right));
         assert!(evidence.cost(&lucky) + evidence.options.decisive < evidence.cost(&bare));
         assert!(!evidence.prefers(&lucky, &bare));
+    }
+
+    #[test]
+    fn an_effect_explains_more_than_the_forms_of_the_others_leave() {
+        let evidence = evidence();
+        let more = |with: f64, without: f64| {
+            evidence.more_than_remains(&judged(with, 1.0, with, 5), &judged(without, 1.0, without, 4))
+        };
+        assert!(!more(1.6, 2.0) && more(1.6, 2.4));
+        // Of noise, and where something else is missing, others decide.
+        assert!(more(1.05, 1.07) && more(6.0, 6.5));
     }
 
     #[test]

@@ -28,7 +28,8 @@ pub struct DiagnosisOptions {
     pub unknown: f64,
     /// Posterior probability from which an effect is named beside something else.
     pub named: f64,
-    /// Excess mean square that an effect must explain to be named beside something else, over the one that remains beside the discrepancy.
+    /// Excess mean square that an effect must explain beside the others, over the one that is left: beside the discrepancy where something
+    /// else is missing, and beside what the forms of right effects leave.
     pub beside_remainder: f64,
     /// Most effects in one set.
     pub most_effects: usize,

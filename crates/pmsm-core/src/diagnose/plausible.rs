@@ -13,10 +13,15 @@ use std::f64::consts::SQRT_2;
 const OFF: f64 = 1.35;
 /// Standard error, share of the value, up to which a parameter is known well enough to be held against the nameplate.
 const CERTAIN: f64 = 0.1;
-/// Factor within which parameters are off by one scale, and within which that is one of those that are mistaken for one another.
-const SAME: f64 = 1.25;
-const NEAR: f64 = 1.15;
-const MISTAKEN: [(f64, &str); 4] = [
+/// What may be logged in a wrong scale, and the powers of it by which r_s, l_d, l_q, psi_m and j are then off.
+const LOGGED: [(&str, [f64; 5]); 3] = [
+    ("the voltages, or speed and time", [1.0, 1.0, 1.0, 1.0, 1.0]),
+    ("the currents", [-1.0, -1.0, -1.0, 0.0, 1.0]),
+    ("both currents and voltages", [0.0, 0.0, 0.0, 1.0, 2.0]),
+];
+/// Scales that are mistaken for one another.
+const MISTAKEN: [(f64, &str); 5] = [
+    (1.224_744_871_391_589, "√1.5, as power-invariant d and q stand to amplitude-invariant ones"),
     (SQRT_2, "√2, as rms stands to peak values"),
     (SQRT3, "√3, as line-to-line stands to phase voltages"),
     (10.0, "10, as a probe's ratio may be"),
@@ -54,28 +59,30 @@ fn certain(estimate: &Estimate) -> bool {
     estimate.value.zip(estimate.stderr).is_some_and(|(value, stderr)| stderr <= CERTAIN * value.abs())
 }
 
-/// What is to be checked where base parameters come out at these multiples of the nameplate.
+/// What is to be checked where base parameters come out at these multiples of the nameplate: the mistake of scale that brings all of them
+/// nearest to it, where that brings them as near as a nameplate may be off.
 fn suspect(ratios: &[(BaseParameter, f64)]) -> String {
-    let of = |wanted: &[BaseParameter]| -> Vec<f64> {
-        ratios.iter().filter(|(p, _)| wanted.contains(p)).map(|(_, r)| r.ln()).collect()
+    let left = |powers: &[f64; 5], scale: f64| -> Vec<f64> {
+        ratios.iter().map(|(p, ratio)| ratio.ln() - powers[p.index()] * scale.ln()).collect()
     };
-    let winding = of(&[BaseParameter::RS, BaseParameter::LD, BaseParameter::LQ]);
-    let flux = of(&[BaseParameter::PsiM]);
-    let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len() as f64;
-    let alike = |x: &[f64]| x.len() > 1 && x.iter().all(|r| (r - mean(x)).abs() < SAME.ln());
-    let far = |x: &[f64]| alike(x) && mean(x).abs() > OFF.ln();
-    let named = |scale: f64| {
-        let known = MISTAKEN.iter().find(|(known, _)| (scale.abs() - known.ln()).abs() < NEAR.ln());
-        known.map_or(String::new(), |(_, words)| format!(": the factor may be {words}"))
-    };
-    let all = [&winding[..], &flux].concat();
-    if far(&all) && !flux.is_empty() {
-        return format!("the scale of the voltages, or of speed and time{}", named(mean(&all)));
+    let square = |left: &[f64]| left.iter().map(|x| x * x).sum::<f64>();
+    let mut best: Option<(f64, String)> = None;
+    for (logged, powers) in &LOGGED {
+        for (scale, words) in &MISTAKEN {
+            for scale in [*scale, 1.0 / scale] {
+                let left = left(powers, scale);
+                let near = left.iter().all(|x| x.abs() <= OFF.ln());
+                if near && best.as_ref().is_none_or(|(least, _)| square(&left) < *least) {
+                    let check = format!("the scale of {logged}: the factor may be {words}");
+                    best = Some((square(&left), check));
+                }
+            }
+        }
     }
-    if far(&winding) {
-        return format!("the scale of the currents{}", named(mean(&winding)));
+    match best {
+        Some((_, check)) => check,
+        None => "the nameplate, n_p, and the units of voltages, currents, speed and time".into(),
     }
-    "the nameplate, n_p, and the units of voltages, currents, speed and time".into()
 }
 
 #[cfg(test)]
@@ -92,10 +99,12 @@ mod tests {
 
     #[test]
     fn a_scale_is_recognised_by_what_it_multiplies() {
-        let voltages = suspect(&[(P::RS, 1.5), (P::LD, 1.35), (P::LQ, 1.3), (P::PsiM, 1.45), (P::J, 1.0)]);
+        let voltages = suspect(&[(P::RS, 1.5), (P::LD, 1.35), (P::LQ, 1.3), (P::PsiM, 1.45), (P::J, 1.5)]);
         assert!(voltages.contains("voltages") && voltages.contains("√2"), "{voltages}");
-        let currents = suspect(&[(P::RS, 0.1), (P::LD, 0.09), (P::LQ, 0.11), (P::PsiM, 1.1)]);
+        let currents = suspect(&[(P::RS, 0.1), (P::LD, 0.09), (P::LQ, 0.11), (P::PsiM, 1.1), (P::J, 9.0)]);
         assert!(currents.contains("currents") && currents.contains("probe"), "{currents}");
+        let scaled = suspect(&[(P::RS, 0.95), (P::LD, 1.03), (P::LQ, 0.97), (P::PsiM, 1.25), (P::J, 1.43)]);
+        assert!(scaled.contains("power-invariant"), "{scaled}");
         let turns = suspect(&[(P::RS, 1.1), (P::LD, 0.9), (P::LQ, 1.0), (P::PsiM, 1.0), (P::J, 4.0)]);
         assert!(turns.contains("n_p"), "{turns}");
     }

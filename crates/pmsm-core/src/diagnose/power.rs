@@ -22,6 +22,7 @@ use super::hypothesis::Hypothesis;
 use super::locate::upper_tail;
 use super::options::DiagnosisOptions;
 use super::shortlist::{Scorer, batches, solve};
+use super::verdict;
 use crate::basis::{freed, orthonormal, orthonormal_beside};
 use crate::effect::Role;
 use crate::effects::EffectId;
@@ -120,6 +121,21 @@ impl<'a> Traces<'a> {
                 0.5 * n * (rows.norm_squared() / block.counted.max(1) as f64).ln_1p()
             };
             blocks.iter().zip(samples).map(nats).sum()
+        };
+        self.best.effects().into_iter().zip(self.each.iter().map(of)).collect()
+    }
+
+    /// Excess mean square that each effect explains to first order over the one that is left, summed over the channels.
+    pub fn over_remainder(&self) -> Vec<(EffectId, f64)> {
+        let blocks = self.scorer.experiment().blocks();
+        let left: f64 = verdict::beyond_chance(self.best).map(|x| x.max(0.0)).sum();
+        let of = |Trace { trace, .. }: &Trace| {
+            let explained = |(block, (_, square)): (&Block, &(Channel, f64))| {
+                let rows = trace.rows(block.rows.start, block.rows.len());
+                rows.norm_squared() / block.counted.max(1) as f64 * square.max(1.0)
+            };
+            let all: f64 = blocks.iter().zip(&self.best.squares).map(explained).sum();
+            all / left.max(f64::MIN_POSITIVE)
         };
         self.best.effects().into_iter().zip(self.each.iter().map(of)).collect()
     }
@@ -321,7 +337,8 @@ mod tests {
     #[test]
     fn what_absorbs_a_hidden_effect_is_named() {
         let (poor, base) = data(&setup(narrow(), Vec::new()));
-        let hidden = Traces::new(&poor, &base).survey(&[EffectId::CoulombFriction], &worth(&base), false, &Silent);
+        let hidden =
+            Traces::new(&poor, &base).survey(&[EffectId::CoulombFriction], &worth(&base), false, &Silent);
         assert!(hidden[0].size.1 < 0.5 * hidden[0].size.0);
         assert!(hidden[0].absorbed_by.contains(&"b".to_string()), "{hidden:?}");
         assert!(hidden[0].why(&[]).contains("the fitted b"), "{}", hidden[0].why(&[]));
@@ -348,7 +365,8 @@ mod tests {
         let effects = vec![choice("coulomb_friction", "tau_c", 1.0)];
         let (data, base) = data(&setup(narrow(), effects));
         let best = fitted(&data, &base, EffectId::CoulombFriction);
-        let shown = Traces::new(&data, &best).survey(&[EffectId::StribeckFriction], &worth(&best), false, &Silent);
+        let shown =
+            Traces::new(&data, &best).survey(&[EffectId::StribeckFriction], &worth(&best), false, &Silent);
         assert!(shown[0].power < 0.5, "{shown:?}");
         let why = shown[0].why(&[EffectId::CoulombFriction]);
         assert!(why.contains("special case") && why.contains("cannot be excluded"), "{why}");
@@ -360,7 +378,8 @@ mod tests {
             let rich = speeds(1.0, &[(0.1, 100.0), (0.4, -100.0), (0.6, -100.0), (0.9, 100.0)]);
             let (data, base) = data(&setup(rich, vec![choice("coulomb_friction", "tau_c", tau_c)]));
             let best = fitted(&data, &base, EffectId::CoulombFriction);
-            Traces::new(&data, &best).survey(&[EffectId::StribeckFriction], &worth(&best), false, &Silent)[0].power
+            Traces::new(&data, &best).survey(&[EffectId::StribeckFriction], &worth(&best), false, &Silent)[0]
+                .power
         };
         let (large, small) = (power(3.0), power(0.02));
         assert!(large > 0.3 && small < 0.1, "{large} {small}");

@@ -139,8 +139,8 @@ impl Search<'_> {
             let evidence = self.evidence().limited(std::iter::once(&best));
             let fitted = best.fitted.clone();
             let traces = Traces::new(self.data, &fitted);
-            let worth = traces.worth(evidence.samples());
-            if let Some(simpler) = self.simpler(&best, &worth, &evidence, &mut seen)? {
+            let (worth, over) = (traces.worth(evidence.samples()), traces.over_remainder());
+            if let Some(simpler) = self.simpler(&best, (&worth, &over), &evidence, &mut seen)? {
                 best = simpler;
                 continue;
             }

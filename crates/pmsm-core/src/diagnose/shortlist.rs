@@ -270,9 +270,8 @@ impl<'a> Scorer<'a> {
     /// two on the same side of which one has a trace that changes with its strength.
     pub fn share_beside(&self, taken: &[Prospect], prospect: &Prospect) -> f64 {
         let side = |p: &Prospect| p.effect.info().site;
-        let shared = |p: &&Prospect| {
-            side(p) == side(prospect) || [side(p), side(prospect)].contains(&Site::Sensor)
-        };
+        let shared =
+            |p: &&Prospect| side(p) == side(prospect) || [side(p), side(prospect)].contains(&Site::Sensor);
         let alike: Vec<&Prospect> = taken.iter().filter(shared).collect();
         if alike.is_empty() {
             return 1.0;

@@ -5,7 +5,7 @@ mod mistakes;
 
 use super::hypothesis::Hypothesis;
 use super::options::DiagnosisOptions;
-use super::{bare, join, verdict};
+use super::{bare, baseline, join, verdict};
 use crate::error::Result;
 use crate::machine::Machine;
 use crate::monitor::Monitor;
@@ -17,10 +17,9 @@ use rayon::prelude::*;
 
 /// Excess mean square of the bare machine from which a mistake is looked for: weaker misfits are physics.
 const FAR: f64 = 100.0;
-/// What may be left of the excess where a mistake is undone.
+/// What may be left of the excess where a mistake is undone: physics that is missing beside it.
 const LEFT: f64 = 0.04;
-/// Share of the regression's squares below which what is left there with a mistake undone must lie, and of what is left without.
-const FITS: f64 = 0.05;
+/// Share of the squares that a regression leaves of the log as it is, below which it must come with a mistake undone.
 const BETTER: f64 = 0.9;
 /// Mistakes that are tried by simulation at most, the likeliest first, and the factor within which what they leave is the same.
 const TRIED: usize = 4;
@@ -42,8 +41,7 @@ pub fn suspected(
     if before <= FAR || monitor.cancelled() {
         return Ok(None);
     }
-    let logged = misfit(recordings[0], machine);
-    let limit = logged.map_or(FITS, |left| FITS.min(BETTER * left));
+    let limit = misfit(recordings[0], machine).map_or(1.0, |left| BETTER * left);
     let mistakes = mistakes();
     let undone = |at: usize, recording| mistakes[at].undone(recording, f64::from(machine.n_p));
     let promise = |at| {
@@ -63,8 +61,11 @@ pub fn suspected(
         };
         let undone: Vec<&Recording> = undone.iter().collect();
         let Ok(mut data) = join::prepare(&undone, machine, options) else { continue };
-        let left = verdict::largest_excess(&bare::fit(&mut data, monitor)?);
-        if left < LEFT * before && left < FAR {
+        let fitted = bare::fit(&mut data, monitor)?;
+        let left = verdict::largest_excess(&fitted);
+        // Nothing is a share of what is not finite.
+        let most = if finite { LEFT * before } else { FAR };
+        if left < most && baseline::fault(&data, &fitted).is_none() {
             explaining.push((left, *at));
         }
     }
@@ -76,9 +77,10 @@ pub fn suspected(
     let words: Vec<&str> = explaining.iter().map(|(_, at)| mistakes[*at].words.as_str()).collect();
     Ok(Some(Finding {
         finding: format!(
-            "the log reads as if {}: with that undone the bare machine leaves {:.2} times the noise",
+            "the log reads as if {}: with that undone the bare machine leaves {:.2} times the noise in place of {:.0}",
             words.join(", or "),
-            least.sqrt()
+            least.sqrt(),
+            (1.0 + before).sqrt()
         ),
         consequence: "no physics that is missing does that; what is said of this log as it is does not hold for the motor"
             .into(),
@@ -161,6 +163,20 @@ mod tests {
         ];
         for (words, make) in made {
             let (recording, machine) = recorded(Vec::new(), make);
+            let told = said(&recording, &machine);
+            assert!(told.as_ref().is_some_and(|told| told.contains(words)), "{words}: {told:?}");
+        }
+    }
+
+    #[test]
+    fn a_mistake_is_told_beside_physics_that_is_missing() {
+        type Made = fn(&mut Columns);
+        let made: [(&str, Made); 2] = [
+            ("v_d and v_q were interchanged", |c| assert!(interchange(c, "v_d", "v_q"))),
+            ("i_a and i_b were interchanged", |c| assert!(interchange(c, "i_a", "i_b"))),
+        ];
+        for (words, make) in made {
+            let (recording, machine) = recorded(vec![choice("dead_time", "v_err", 6.0)], make);
             let told = said(&recording, &machine);
             assert!(told.as_ref().is_some_and(|told| told.contains(words)), "{words}: {told:?}");
         }

@@ -17,6 +17,8 @@ use rayon::prelude::*;
 const FIRST_ORDER: f64 = 20.0;
 /// Nats to first order from which an effect is needed, whatever a refit without it could make up for.
 const SURE: f64 = 60.0;
+/// Multiple of what is left from which an effect is no matter of the forms of the others.
+const COMPARABLE: f64 = 3.0;
 /// Rivals of one effect that are refitted in its place.
 const RIVALS: usize = 2;
 
@@ -33,11 +35,11 @@ pub struct Swap {
 
 impl Search<'_> {
     /// The set with less that has more evidence, if there is one: without an effect, or with a special case of it. What is worth much to
-    /// first order is not asked.
+    /// first order, and explains much more than is left, is not asked: `worth` in nats, and how much more.
     pub(super) fn simpler(
         &self,
         best: &Judged,
-        worth: &[(EffectId, f64)],
+        (worth, over): (&[(EffectId, f64)], &[(EffectId, f64)]),
         evidence: &Evidence,
         seen: &mut Vec<Judged>,
     ) -> Result<Option<Judged>> {
@@ -47,15 +49,19 @@ impl Search<'_> {
             // A stated load is known to a share of its value: within that it is as likely to be off, and no effect is called for.
             return Ok(self.each(best, &[(*gone, None)], seen)?.pop());
         }
-        let weak = worth.iter().filter(|(e, nats)| *nats < SURE || self.wanders(*e)).map(|(e, _)| (*e, None));
+        let comparable = |effect: EffectId| over.iter().any(|(e, times)| *e == effect && *times < COMPARABLE);
+        let weak = worth.iter().filter(|(e, nats)| *nats < SURE || self.wanders(*e) || comparable(*e));
+        let weak = weak.map(|(e, _)| (*e, None));
         let narrower = effects.iter().flat_map(|gone| {
             let instead = special_cases(*gone).filter(|e| !effects.contains(e));
             instead.map(|narrow| (*gone, Some(narrow)))
         });
         let ways: Vec<(EffectId, Option<EffectId>)> = weak.chain(narrower).collect();
         let tried = self.each(best, &ways, seen)?;
-        let simpler = tried.into_iter().min_by(|a, b| evidence.cost(a).total_cmp(&evidence.cost(b)));
-        Ok(simpler.filter(|simpler| !evidence.prefers(best, simpler) && !self.monitor.cancelled()))
+        let needless =
+            |simpler: &Judged| !evidence.prefers(best, simpler) || !evidence.more_than_remains(best, simpler);
+        let simpler = tried.into_iter().filter(|set| needless(set) && !self.monitor.cancelled());
+        Ok(simpler.min_by(|a, b| evidence.cost(a).total_cmp(&evidence.cost(b))))
     }
 
     /// Whether an effect moves a rotor that noise lets wander: to first order the speed is seen as it is, and what noise does to it counts for
@@ -189,7 +195,7 @@ mod tests {
         let best = set(&data, &base, of);
         let evidence = search.evidence();
         let worth = Traces::new(&data, &best.fitted).worth(evidence.samples());
-        let simpler = search.simpler(&best, &worth, &evidence, &mut Vec::new()).unwrap();
+        let simpler = search.simpler(&best, (&worth, &[]), &evidence, &mut Vec::new()).unwrap();
         simpler.map(|set| set.fitted.effects())
     }
 

@@ -78,6 +78,8 @@ pub(super) fn mistakes() -> Vec<Mistake> {
         let (i, v) = ([I[one], I[other]], [V[one], V[other]]);
         let words = format!("{} and {} were interchanged", v[0], v[1]);
         out.push(Mistake::new(words, move |c, _| interchange(c, v[0], v[1])));
+        let words = format!("{} and {} were interchanged", i[0], i[1]);
+        out.push(Mistake::new(words, move |c, _| interchange(c, i[0], i[1])));
         let words = format!("the phases {} and {} were interchanged", &i[0][2..], &i[1][2..]);
         out.push(Mistake::new(words, move |c, _| interchange(c, i[0], i[1]) && interchange(c, v[0], v[1])));
     }
