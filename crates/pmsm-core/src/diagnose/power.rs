@@ -94,6 +94,9 @@ struct Survey<'a> {
     found: Vec<Found>,
 }
 
+/// A figure of each effect of a set.
+pub type OfEach = [(EffectId, f64)];
+
 /// A fitted set with what each of its effects does to the residual.
 pub struct Traces<'a> {
     data: &'a Data,

@@ -4,7 +4,7 @@ use super::Search;
 use super::subset::{in_place, reduced, special_cases};
 use crate::diagnose::evidence::Evidence;
 use crate::diagnose::fitting;
-use crate::diagnose::power::Shown;
+use crate::diagnose::power::{OfEach, Shown};
 use crate::diagnose::shortlist::Scorer;
 use crate::diagnose::stated_load;
 use crate::diagnose::verdict::Judged;
@@ -39,7 +39,7 @@ impl Search<'_> {
     pub(super) fn simpler(
         &self,
         best: &Judged,
-        (worth, over): (&[(EffectId, f64)], &[(EffectId, f64)]),
+        (worth, over): (&OfEach, &OfEach),
         evidence: &Evidence,
         seen: &mut Vec<Judged>,
     ) -> Result<Option<Judged>> {
