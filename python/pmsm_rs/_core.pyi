@@ -80,6 +80,7 @@ class Recording:
         *,
         load: str | None = None,
         load_value: float | None = None,
+        angle_error: float | None = None,
     ) -> Self: ...
     def __len__(self) -> int: ...
     @property
@@ -93,6 +94,8 @@ class Recording:
     def load(self) -> str: ...
     @property
     def load_value(self) -> float | None: ...
+    @property
+    def angle_error(self) -> float | None: ...
 
 @final
 class Fitness:

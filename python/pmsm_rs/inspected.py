@@ -42,6 +42,7 @@ _ASCII: Final = {
 KINDS: Final = {
     "full": "A waveform with voltages, currents and motion.",
     "electrical": "A waveform with the rotor held.",
+    "derived": "A waveform with voltages and currents, from which the angle is taken.",
     "mechanical": "Motion with torque or currents, without a voltage vector.",
     "operating_points": "Steady operating points: the rows are too far apart to show a transient.",
     "open_circuit": "Voltages of open terminals, with the rotor turned from outside.",
@@ -101,7 +102,9 @@ def _head(found: InspectionValues) -> list[str]:
         lines.append(hung("  ", f"{count} missing value{'s' if count > 1 else ''} in {_columns(gaps)}"))
     if found.kind is not None:
         held = found.load == "locked" and found.kind != "electrical"
-        lines.append(f"  {KINDS[found.kind]}" + (" The rotor is held." if held else ""))
+        derived = found.kind == "electrical" and found.load != "locked"
+        kind = "derived" if derived else found.kind
+        lines.append(f"  {KINDS[kind]}" + (" The rotor is held." if held else ""))
     else:
         lines.append(hung("  ", f"It cannot be diagnosed yet: {_so_far(found)}"))
     return lines

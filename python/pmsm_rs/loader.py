@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ._core import DataError, Machine
 from .checks import angle_against_speed, angle_in_radians, rotor_frame_against_phases
+from .captures import completed, is_capture
 from .columns import Columns, taken
 from .config import MachineFile, read_machine
 from .errors import NothingToAsk, fact, refuse
@@ -90,8 +91,12 @@ def recorded(source: Source, described: MachineFile | Machine | None, max_bytes:
     )
     beside = None if source.file is None else _beside(source.file, max_bytes)
     columns, account = taken(source, rules, beside, whole=True)
+    angle_error = None
+    if is_capture(columns, kind):
+        columns, first, remarks, angle_error = completed(columns, known, source.file)
+        account = replace(account, first=account.first + first, remarks=(*account.remarks, *remarks))
     try:
-        recording = Recording(columns, load=kind, load_value=value)
+        recording = Recording(columns, load=kind, load_value=value, angle_error=angle_error)
     except DataError as error:
         if fact(error, "row") is None and _is_load_alone(columns):
             raise _nothing_to_ask(columns, account, source) from error

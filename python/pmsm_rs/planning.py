@@ -352,12 +352,16 @@ def _ask(draft: _Draft) -> None:
     claimed = {claim.name for claims in draft.claims.values() for claim in claims if claim.column in refused}
     have |= claimed
     lacks = "is missing, so that neither the electrical nor the mechanical equation can be tested"
-    if not have & {"omega_e", "omega_m", "n", "theta_e", "theta_m"} and not doubtful & {"angle", "speed"}:
+    # Phase voltages can tell the motion by themselves, as in captures of an oscilloscope.
+    phases = have & {"v_a", "v_b", "v_c"}
+    motion = have & {"omega_e", "omega_m", "n", "theta_e", "theta_m"} or phases
+    if not motion and not doubtful & {"angle", "speed"}:
         wanted = "omega_e (or omega_m, theta_e, theta_m)"
         fix = _how(draft, ("speed", "angle"), wanted)
         draft.problems.append(Problem(lacks, fix, "omega_e", brief=f"give {wanted}"))
     currents = {"i_d", "i_q"} <= have or len({"i_a", "i_b", "i_c"} & have) > 1
-    if not currents and not have & {"tau_e", "tau_m"} and not {"v_a", "v_b", "v_c"} <= have:
+    alone = phases if not have & {"omega_e", "omega_m", "n", "theta_e", "theta_m"} else len(phases) == 3
+    if not currents and not have & {"tau_e", "tau_m"} and not alone:
         wanted = "the currents i_d, i_q or i_a, i_b, i_c with theta_e, or the motor torque tau_e"
         axes = {"i_d": "i_q", "i_q": "i_d"}
         lone = next((axis for axis in axes if axis in have), None)

@@ -161,7 +161,8 @@ def _is_missed(entry: Unused, kind: str | None, account: Account) -> bool:
 
 
 _NOT_MOVING: Final = {
-    "electrical": "the rotor is held",
+    "locked": "the rotor is held",
+    "electrical": "angle and speed were not logged but taken from the voltages",
     "operating_points": "the rows are operating points, too far apart to show it",
     "open_circuit": "the rotor was turned from outside, with open terminals",
 }
@@ -198,7 +199,7 @@ def _no_motion(kind: str | None, load: str | None, account: Account) -> str:
     if kind is None:
         lost = _none("current", account, "neither currents nor a torque of the motor")
         return f"the torque that was read is that of the load, and {lost}"
-    return _NOT_MOVING["electrical" if load == "locked" else kind]
+    return _NOT_MOVING["locked" if load == "locked" else kind]
 
 
 def _no_voltages(account: Account) -> str:

@@ -28,8 +28,9 @@ class Recording(_core.Recording):
     Give arrays by keyword, `Recording(t=..., v_d=..., v_q=..., i_d=..., i_q=..., omega_e=...)`, or one
     mapping; `n` in rpm is taken as `omega_m`. `load` is what is known of the load torque (none,
     known_constant with `load_value` in N·m, measured, unknown_constant, unknown_piecewise, locked); left out,
-    it is measured where there is a column tau_m and unknown_constant otherwise. Raises DataError naming
-    column and row.
+    it is measured where there is a column tau_m and unknown_constant otherwise. `angle_error` (rad, electrical)
+    says that angle and speed were not measured but taken from the voltages, and to what: then nothing is asked of
+    the motion. Raises DataError naming column and row.
 
     `file` names the file it was read from, None where there is none, and `account` says which column became
     what.
@@ -45,6 +46,7 @@ class Recording(_core.Recording):
         *,
         load: str | None = None,
         load_value: float | None = None,
+        angle_error: float | None = None,
         **arrays: Any,
     ) -> Self:
         """Checks the columns and takes a copy of them."""
@@ -67,12 +69,14 @@ class Recording(_core.Recording):
             # The core checks every value. What it refuses is refused below, in the words of `taken`.
             with suppress(DataError):
                 _make_room(given)
-                made = super().__new__(cls, given, load=load, load_value=load_value)
+                made = super().__new__(
+                    cls, given, load=load, load_value=load_value, angle_error=angle_error
+                )
                 made.account = Account.of_arrays(given)
                 return made
         checked, account = taken(frame_source(given, DEFAULT_MAX_BYTES))
         _make_room(checked)
-        made = super().__new__(cls, checked, load=load, load_value=load_value)
+        made = super().__new__(cls, checked, load=load, load_value=load_value, angle_error=angle_error)
         made.account = account
         return made
 
@@ -82,7 +86,8 @@ class Recording(_core.Recording):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles as its columns, the load and the name of its file."""
         columns = {name: self.column(name) for name in self.names}
-        return _restore, (columns, self.load, self.load_value), {"file": self.file, "account": self.account}
+        known = (columns, self.load, self.load_value, self.angle_error)
+        return _restore, known, {"file": self.file, "account": self.account}
 
     def __repr__(self) -> str:
         return (
@@ -116,5 +121,7 @@ def _make_room(columns: Mapping[str, NDArray[np.float64]]) -> None:
         ) from None
 
 
-def _restore(columns: dict[str, Any], load: str, load_value: float | None) -> Recording:
-    return Recording(columns, load=load, load_value=load_value)
+def _restore(
+    columns: dict[str, Any], load: str, load_value: float | None, angle_error: float | None
+) -> Recording:
+    return Recording(columns, load=load, load_value=load_value, angle_error=angle_error)

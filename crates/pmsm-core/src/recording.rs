@@ -51,6 +51,7 @@ pub struct Recording {
     period: f64,
     segments: Vec<Range<usize>>,
     kind: Kind,
+    angle_error: Option<f64>,
 }
 
 impl Recording {
@@ -97,7 +98,24 @@ impl Recording {
             return Err(column_error("tau_m", "is missing although the load is said to be measured", fix));
         }
         let kind = kind::of(&columns, period, load)?;
-        Ok(Self { columns, load, period, segments, kind })
+        Ok(Self { columns, load, period, segments, kind, angle_error: None })
+    }
+
+    /// The same where angle and speed were not measured but taken from the voltages, to within `angle_error` (rad, electrical). The motion is
+    /// not asked about then: its speed is as smooth as it was made.
+    ///
+    /// # Errors
+    /// [`Error::Column`] if the error is no finite number from zero up.
+    pub fn with_derived_angle(mut self, angle_error: f64) -> Result<Self> {
+        if !(0.0..=LARGEST).contains(&angle_error) {
+            let problem = format!("is said to be off by {angle_error} rad");
+            return Err(column_error("theta_e", &problem, "give a finite number from zero up"));
+        }
+        self.angle_error = Some(angle_error);
+        if self.kind == Kind::Full {
+            self.kind = Kind::Electrical;
+        }
+        Ok(self)
     }
 
     /// Number of samples.
@@ -148,6 +166,11 @@ impl Recording {
     /// Which questions it can answer.
     pub fn kind(&self) -> Kind {
         self.kind
+    }
+
+    /// How far an angle may be off that was taken from the voltages, rad (electrical); `None` where it was measured or there is none.
+    pub fn angle_error(&self) -> Option<f64> {
+        self.angle_error
     }
 
     /// Whether `other` holds the very same columns and samples.
@@ -244,6 +267,14 @@ mod tests {
         assert_eq!(recording.segments(), &[0..25, 25..40]);
         assert_eq!(recording.kind(), Kind::Full);
         assert_eq!(recording.load(), Load::UnknownConstant);
+    }
+
+    #[test]
+    fn a_derived_angle_says_nothing_of_the_motion() {
+        let derived = |error| Recording::new(columns(20), None).unwrap().with_derived_angle(error);
+        let found = derived(0.02).unwrap();
+        assert_eq!((found.kind(), found.angle_error()), (Kind::Electrical, Some(0.02)));
+        assert!(derived(-0.1).is_err() && derived(f64::NAN).is_err());
     }
 
     #[test]

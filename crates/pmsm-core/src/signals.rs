@@ -84,7 +84,7 @@ pub struct Signals {
     pub theta_m: Vec<f64>,
     /// Whether an angle was logged.
     pub angle_known: bool,
-    /// Whether the angle was taken from the voltages of open terminals; `angle_known` is true then.
+    /// Whether the angle was taken from the voltages, here or before; `angle_known` is true then.
     pub angle_from_voltages: bool,
     /// Whether the mechanical angle was logged, so that runs agree on whole electrical turns.
     pub turn_known: bool,
@@ -206,6 +206,9 @@ impl Signals {
             }
             None => None,
         };
+        if let Some(error) = recording.angle_error().filter(|_| !open) {
+            angle_error = vec![error; n];
+        }
         let theta_m = mechanical.unwrap_or_else(|| theta_e.iter().map(|x| x / n_p).collect());
         if angle_known && speed_known && !operating_points {
             findings.extend(mend(&mut t, &mut omega_e, &theta_e, &segments));
@@ -268,7 +271,7 @@ impl Signals {
             theta_e,
             theta_m,
             angle_known: angle_known || open,
-            angle_from_voltages: open && !angle_known,
+            angle_from_voltages: (open && !angle_known) || recording.angle_error().is_some(),
             turn_known: recording.has(&["theta_m"]),
             three_currents: currents.three,
             omega_e,

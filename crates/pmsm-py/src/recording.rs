@@ -32,12 +32,13 @@ pub struct PyRecording(pub Arc<Recording>);
 #[pymethods]
 impl PyRecording {
     #[new]
-    #[pyo3(signature = (columns, *, load=None, load_value=None))]
+    #[pyo3(signature = (columns, *, load=None, load_value=None, angle_error=None))]
     fn new(
         py: Python<'_>,
         columns: &Bound<'_, PyAny>,
         load: Option<&str>,
         load_value: Option<f64>,
+        angle_error: Option<f64>,
     ) -> PyResult<Self> {
         let columns = match columns.cast::<PyDict>() {
             Ok(dict) => dict.clone(),
@@ -52,7 +53,13 @@ impl PyRecording {
             .map(|kind| Load::parse(kind, load_value))
             .transpose()
             .map_err(|error| DataError::new_err(error.to_string()))?;
-        let checked = py.detach(|| Recording::new(given, load));
+        let checked = py.detach(|| {
+            let measured = Recording::new(given, load)?;
+            match angle_error {
+                Some(error) => measured.with_derived_angle(error),
+                None => Ok(measured),
+            }
+        });
         checked.map(|recording| Self(Arc::new(recording))).map_err(|error| to_python(py, &error))
     }
 
@@ -95,6 +102,12 @@ impl PyRecording {
     #[getter]
     fn load(&self) -> &'static str {
         self.0.load().kind()
+    }
+
+    /// How far an angle may be off that was taken from the voltages, rad (electrical), else None.
+    #[getter]
+    fn angle_error(&self) -> Option<f64> {
+        self.0.angle_error()
     }
 
     /// The known constant load, N m, else None.

@@ -43,6 +43,11 @@ fn hidden(data: &Data, effect: EffectId) -> Option<String> {
             return Some("the rotor angle was taken from the voltages themselves".into());
         }
         (Site::Mechanical, _) if signals.load == Load::Locked => return Some("the rotor is held".into()),
+        (_, Kind::Electrical) if signals.angle_from_voltages => {
+            if let Some(why) = taken_up(effect) {
+                return Some(why);
+            }
+        }
         _ => {}
     }
     let turning = signals.context.omega_e_max > 1.0;
@@ -52,6 +57,19 @@ fn hidden(data: &Data, effect: EffectId) -> Option<String> {
             Some("no current flows through open terminals".to_string())
         }
         _ => None,
+    })
+}
+
+/// Why an angle that was taken from the voltages and currents themselves hides an effect: it was laid so that the model without effects
+/// explains them over each turn. What repeats over the turn is left; what is the same all around it has become an error of the angle.
+fn taken_up(effect: EffectId) -> Option<String> {
+    let angle_sensor = matches!(effect, EffectId::EncoderAngleOffset | EffectId::EncoderEccentricity);
+    if angle_sensor {
+        return Some("the rotor angle was taken from the voltages themselves".into());
+    }
+    let repeats = effect.info().needs.iter().any(|need| matches!(need, Need::Angle | Need::AngleOrSteady));
+    (!repeats).then(|| {
+        "it cannot be told from an error of the rotor angle, which was taken from the voltages".into()
     })
 }
 

@@ -14,7 +14,7 @@ const OPERATING_POINT_PERIOD: f64 = 0.05;
 pub enum Kind {
     /// Voltages, currents and speed: electrical and mechanical questions.
     Full,
-    /// Voltages, currents and speed with the rotor held or the mechanics unknown.
+    /// Voltages, currents and speed with the rotor held, or with an angle that was taken from the voltages.
     Electrical,
     /// Torque (or currents) and speed.
     Mechanical,

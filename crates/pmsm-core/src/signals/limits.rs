@@ -27,7 +27,8 @@ pub struct Limits {
     pub lasting: bool,
     /// Step of the angle where that is seen in the currents, rad (electrical); zero where it is not.
     pub angle_step: f64,
-    /// How far an angle in such steps may be off, rad (electrical), sample by sample; empty where it has none.
+    /// How far an angle in such steps, or one that was taken from the voltages, may be off, rad (electrical), sample by sample; empty where
+    /// it is none of both.
     pub angle: Vec<f64>,
     /// Standard deviation of the rounding of a rotor-frame current, A.
     pub current: f64,

@@ -1,0 +1,356 @@
+"""Captures of an oscilloscope: phase voltages, perhaps currents, and neither an angle nor a speed.
+
+Both are taken from the signals themselves (see `rotation`) and put beside the measured columns. What cannot be
+had of a capture is refused in a sentence.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._core import DataError, Machine
+from .errors import refuse
+from .formats.remark import Remark
+from .rotation import USUAL, Rotation, Vector, Winding, phases, rotation, vector
+from .words import listed
+
+Columns = dict[str, NDArray[np.float64]]
+
+VOLTAGES: Final = ("v_a", "v_b", "v_c")
+CURRENTS: Final = ("i_a", "i_b", "i_c")
+_MOTION: Final = frozenset({"omega_e", "omega_m", "n", "theta_e", "theta_m"})
+
+_FEWEST_TURNS: Final = 2.0
+"""Electrical turns below which the middle of the flux's circle is not sure."""
+_PER_TURN: Final = 5.0
+"""Samples of an electrical turn below which the integral misses too much of the voltage."""
+_SLOWEST: Final = 0.1
+"""Share of the usual speed below which the beginning and the end of a capture are left out."""
+_UNEVEN: Final = 0.2
+"""Variation of the flux linkage, share of it, from which voltages and currents do not belong to one motor."""
+_VAGUE: Final = 0.2
+"""Error of the angle (rad) from which it is of no use: psi_m and the currents would be off by 2 % for it alone."""
+_APART: Final = 0.25
+"""How far the correlation of two channels may be from that of two phases a third of a turn apart, which is -1/2."""
+_TOLD: Final = 0.02
+"""Share of the amplitude from which a channel's gain or offset is told."""
+
+
+class Completed(NamedTuple):
+    """Columns with angle and speed, how many rows were cut before them, what was done, and the error of the
+    angle (rad) where it is not the voltages' own.
+    """
+
+    columns: Columns
+    first: int
+    remarks: tuple[Remark, ...]
+    angle_error: float | None
+
+
+def is_capture(columns: Columns, load: str | None) -> bool:
+    """Whether phase voltages are there and nothing that tells angle or speed."""
+    alone = not _MOTION & {*columns} and not {"v_d", "v_q"} & {*columns}
+    rotor_frame = any(np.any(columns[name]) for name in ("i_d", "i_q") if name in columns)
+    return alone and not rotor_frame and load != "locked" and any(name in columns for name in VOLTAGES)
+
+
+def completed(columns: Columns, machine: Machine | None, file: str | None) -> Completed:
+    """`columns` (SI, of shape (rows,)) of a capture with what they lack. Raises DataError where it cannot be had."""
+    currents = [name for name in CURRENTS if name in columns and np.any(columns[name])]
+    t = columns["t"]
+    if len(t) < 3 or np.any(np.diff(t) <= 0.0):
+        # Bad sample times are refused, with their row, where every recording is checked.
+        return Completed(columns, 0, (), None)
+    v, remarks = _voltage(columns, not currents, file)
+    if not currents:
+        return _open(columns, v, remarks, file)
+    i = _current(columns, currents, file)
+    if machine is None or (machine.l_d is None and machine.l_q is None):
+        raise refuse(
+            DataError,
+            "no angle was logged, and l_q is not known, without which it cannot be taken from the voltages of a "
+            "motor in which currents flow",
+            file=file,
+            fix="give r_s, l_d and l_q in [machine], log the angle, or record with open terminals",
+        )
+    held = _is_held(v, i)
+    found = rotation(t, v, i, Winding(machine.r_s, machine.l_d, machine.l_q), held=held)
+    _check(found, t, file)
+    _check_currents(found, v, i, file)
+    rows = _turning(found)
+    acting = v if held else np.append(0.5 * (v[1:] + v[:-1]), v[-1])
+    given = {name: values for name, values in columns.items() if name not in {"i_d", "i_q"}}
+    out = given | dict(zip(VOLTAGES, phases(acting - found.offset), strict=True))
+    out |= {"theta_e": found.theta, "omega_e": found.omega}
+    remarks = [*remarks, *_offset(found, v), _flux(found), *_cut(rows, len(t))]
+    return Completed(_cut_to(out, rows), rows.start, tuple(remarks), found.error)
+
+
+def _open(columns: Columns, v: Vector, remarks: list[Remark], file: str | None) -> Completed:
+    t = columns["t"]
+    found = rotation(t, v, np.zeros(len(t), dtype=np.complex128), Winding())
+    _check(found, t, file)
+    rows = _whole_turns(found, _turning(found))
+    out = {**columns, "omega_e": found.omega}
+    if not _measured(columns):
+        out |= dict(zip(VOLTAGES, phases(v - found.offset), strict=True))
+        remarks = [*remarks, *_offset(found, v)]
+    low, high = sorted(np.abs(np.quantile(found.omega[rows], (0.05, 0.95))) / (2.0 * np.pi))
+    turns = abs(np.ptp(found.theta[rows])) / (2.0 * np.pi)
+    speed = Remark(
+        f"No speed was logged: it was taken from the voltages, which go through {turns:.1f} electrical turns at "
+        f"{low:.4g} to {high:.4g} Hz.",
+        "An error of the time base goes into psi_m by the same share.",
+        "Log the speed as well if it is known better.",
+    )
+    return Completed(_cut_to(out, rows), rows.start, (*remarks, speed, *_cut(rows, len(t))), None)
+
+
+def _measured(columns: Columns) -> bool:
+    """Whether each of the three voltages has a channel of its own."""
+    return all(name in columns and np.any(columns[name]) for name in VOLTAGES)
+
+
+def _voltage(columns: Columns, is_open: bool, file: str | None) -> tuple[Vector, list[Remark]]:
+    """The space vector of the voltages, and what was taken for granted with it."""
+    have = [name for name in VOLTAGES if name in columns]
+    alive = [name for name in have if np.ptp(columns[name]) > 0.0]
+    if len(alive) < 2:
+        raise refuse(
+            DataError,
+            "neither angle nor speed was logged, and the voltage of one channel does not tell in which direction "
+            "the rotor turns",
+            file=file,
+            column=(alive or have)[0],
+            fix="record two phase voltages at least, or the speed",
+        )
+    if len(alive) == 3:
+        return vector(*(columns[name] for name in VOLTAGES)), []
+    lost = next(name for name in VOLTAGES if name not in alive)
+    one, other = (columns[name] for name in alive)
+    alike = float(np.corrcoef(one, other)[0, 1])
+    if lost not in have:
+        return _to_star_point(columns, alive, lost, alike, file)
+    # Both are against the third, and a sixth of a turn apart.
+    if abs(alike - 0.5) > _APART:
+        raise refuse(
+            DataError,
+            f"{listed(alive)} are not a sixth of a turn apart, as voltages against one phase are, though "
+            f"{lost} is said to be zero",
+            file=file,
+            column=alive[0],
+            fix=f"check the probes, or leave {lost} out if the voltages are those to the star point",
+        )
+    remarks = [
+        Remark(
+            f"{listed(alive)} were measured against one phase, {lost}.",
+            "What all three phases have in common, such as a third harmonic, is not in them.",
+            "Measure to the star point if it can be reached.",
+        )
+    ]
+    gains = {lost: 1.0} | dict.fromkeys(alive, 1.0)
+    if is_open:
+        sizes = [float(np.std(x)) for x in (one, other)]
+        middle = float(np.sqrt(sizes[0] * sizes[1]))
+        gains |= {name: size / middle for name, size in zip(alive, sizes, strict=True)}
+        if abs(sizes[0] / sizes[1] - 1.0) > _TOLD:
+            remarks.append(
+                Remark(
+                    f"{alive[0]} is {sizes[0] / sizes[1]:.4f} times as large as {alive[1]}.",
+                    "Both were brought to their mean: the phases of a motor without a fault are alike.",
+                    "Check the scales of the probes.",
+                )
+            )
+    return vector(*(columns[name] / gains[name] for name in VOLTAGES)), remarks
+
+
+def _to_star_point(
+    columns: Columns, alive: list[str], lost: str, alike: float, file: str | None
+) -> tuple[Vector, list[Remark]]:
+    names = listed(alive)
+    if abs(alike - 0.5) < _APART:
+        raise refuse(
+            DataError,
+            f"{names} are a sixth of a turn apart, as voltages against the third phase are, and not a third of "
+            "one, as those of two phases",
+            file=file,
+            column=alive[0],
+            fix=f"if they are measured against the third phase write {lost} = {{ value = 0.0 }} in [columns]; "
+            "if not, turn one of the probes round with scale = -1",
+        )
+    if abs(alike + 0.5) > _APART:
+        raise refuse(
+            DataError,
+            f"{names} are not a third of a turn apart, as the voltages of two phases are",
+            file=file,
+            column=alive[0],
+            fix="check the probes, or record all three phase voltages",
+        )
+    whole = {name: columns[name] for name in alive}
+    whole[lost] = -sum(whole.values())  # type: ignore[assignment]
+    remark = Remark(
+        f"{lost} was not recorded: it is what {names} leave, as voltages to the star point add up to nothing.",
+        "If they were measured between phases, psi_m is too large by the square root of three; a third harmonic "
+        f"would be taken for one of {lost}.",
+        "Record the third voltage as well.",
+    )
+    return vector(*(whole[name] for name in VOLTAGES)), [remark]
+
+
+def _current(columns: Columns, alive: list[str], file: str | None) -> Vector:
+    if len(alive) < 2:
+        raise refuse(
+            DataError,
+            f"{alive[0]} is the only phase current, and neither angle nor speed was logged; the flux linkage, from "
+            "which they could be taken, needs two",
+            file=file,
+            column=alive[0],
+            fix="record two phase currents, or the angle",
+        )
+    whole = {name: columns[name] for name in alive}
+    for lost in {*CURRENTS} - {*alive}:
+        whole[lost] = -sum(whole.values())  # type: ignore[assignment]
+    return vector(*(whole[name] for name in CURRENTS))
+
+
+def _is_held(v: Vector, i: Vector) -> bool:
+    """Whether a voltage acts from its sample to the next, as that of a drive's log: by the changes of the current
+    that go with it, against those with the mean of the samples at both ends, as of an oscilloscope.
+    """
+    # The bend of the current about a sample comes from the voltage behind it less the one before it.
+    bend, step = np.diff(i, 2), np.diff(v)
+    return _alike(bend, step[:-1]) > _alike(bend, 0.5 * (step[:-1] + step[1:]))
+
+
+def _alike(x: Vector, y: Vector) -> float:
+    size = float(np.linalg.norm(x) * np.linalg.norm(y))
+    return abs(complex(np.vdot(x, y))) / size if size else 0.0
+
+
+def _check(found: Rotation, t: NDArray[np.float64], file: str | None) -> None:
+    """Raises DataError where the flux linkage does not tell the angle."""
+    turns = float(np.ptp(found.theta)) / (2.0 * np.pi)
+    if turns < _FEWEST_TURNS or not np.isfinite(found.error):
+        raise refuse(
+            DataError,
+            f"neither angle nor speed was logged, and the voltages show {turns:.1f} electrical turns in one "
+            f"direction, too few to take them from",
+            file=file,
+            column="v_a",
+            fix=f"record at least {_FEWEST_TURNS:g} electrical turns, or log the angle",
+        )
+    per_turn = 2.0 * np.pi / (float(np.quantile(np.abs(found.omega), USUAL)) * float(np.median(np.diff(t))))
+    if per_turn < _PER_TURN:
+        raise refuse(
+            DataError,
+            f"the voltages are sampled {per_turn:.1f} times per electrical turn",
+            file=file,
+            column="v_a",
+            fix=f"sample at least {_PER_TURN:g} times per electrical turn",
+        )
+    if found.uneven > _UNEVEN or found.psi_m <= 0.0:
+        raise refuse(
+            DataError,
+            "neither angle nor speed was logged, and the voltages (and currents) give no flux linkage of constant "
+            f"length: it varies by {100.0 * found.uneven:.0f} %",
+            file=file,
+            column="v_a",
+            fix="check that the channels belong to the phases in order, their scales and signs, or log the angle",
+        )
+    if found.error > _VAGUE:
+        raise refuse(
+            DataError,
+            "neither angle nor speed was logged, and the voltages tell the angle to "
+            f"{np.degrees(found.error):.0f} degrees only",
+            file=file,
+            column="v_a",
+            fix="record more electrical turns at a higher speed, or log the angle",
+        )
+
+
+def _check_currents(found: Rotation, v: Vector, i: Vector, file: str | None) -> None:
+    """Raises DataError on currents that turn against the voltages or flow the other way round."""
+    level = float(np.sqrt(np.mean(np.abs(i) ** 2)))
+    turn = np.exp(1j * found.theta)
+    along, against = abs(np.mean(i / turn)), abs(np.mean(i * turn))
+    if against > 2.0 * along and against > 0.3 * level:
+        raise refuse(
+            DataError,
+            "the phase currents follow each other in the opposite order of the voltages",
+            file=file,
+            column="i_a",
+            fix="exchange two of the currents in [columns]",
+        )
+    if found.r_s * level < -0.05 * float(np.sqrt(np.mean(np.abs(v) ** 2))):
+        raise refuse(
+            DataError,
+            f"voltages and currents give a negative r_s of {found.r_s:.4g} ohm",
+            file=file,
+            column="i_a",
+            fix="count the currents into the motor: turn the clamps round with scale = -1 in [columns]",
+        )
+
+
+def _turning(found: Rotation) -> slice:
+    """The rows from the first to the last in which the rotor turns fast enough."""
+    speed = np.abs(found.omega)
+    fast = np.flatnonzero(speed > _SLOWEST * float(np.quantile(speed, USUAL)))
+    return slice(int(fast[0]), int(fast[-1]) + 1)
+
+
+def _whole_turns(found: Rotation, rows: slice) -> slice:
+    """`rows` without the half turn at each end, where the harmonics of the back-EMF are not taken out of the
+    speed; all of them where there are few.
+    """
+    theta = np.abs(found.theta[rows] - found.theta[rows.start])
+    inner = np.flatnonzero((theta > np.pi) & (theta < theta[-1] - np.pi))
+    if theta[-1] < (_FEWEST_TURNS + 1.0) * 2.0 * np.pi or not inner.size:
+        return rows
+    return slice(rows.start + int(inner[0]), rows.start + int(inner[-1]) + 1)
+
+
+def _cut_to(columns: Columns, rows: slice) -> Columns:
+    return {name: np.ascontiguousarray(values[rows]) for name, values in columns.items()}
+
+
+def _cut(rows: slice, count: int) -> list[Remark]:
+    left = count - (rows.stop - rows.start)
+    if left == 0:
+        return []
+    return [
+        Remark(
+            f"{left} of {count} rows were left out at the beginning and the end, where the rotor stands or hardly "
+            "turns.",
+            "Without a voltage of the magnet there is no angle to be had there.",
+            "Log the angle if these rows matter.",
+        )
+    ]
+
+
+def _offset(found: Rotation, v: Vector) -> list[Remark]:
+    size = float(np.sqrt(np.mean(np.abs(v) ** 2)))
+    if abs(found.offset) < _TOLD * size:
+        return []
+    each = listed([f"{float(x):.3g} V" for x in phases(np.asarray(found.offset))])
+    return [
+        Remark(
+            f"The voltages have offsets, of {each} in the three phases.",
+            "They were subtracted.",
+            "Zero the channels before recording.",
+        )
+    ]
+
+
+def _flux(found: Rotation) -> Remark:
+    lost = f", and {found.lost:.3g} V lost against the sign of each current" if found.lost > 0.0 else ""
+    return Remark(
+        "No angle was logged: angle and speed were taken from the flux linkage of voltages and currents, the angle "
+        f"to about {max(np.degrees(found.error), 0.1):.1f} degrees. With it go r_s = {found.r_s:.4g} ohm, "
+        f"l_d = {1e3 * found.l_d:.4g} mH, l_q = {1e3 * found.l_q:.4g} mH and psi_m = {found.psi_m:.4g} V s{lost}.",
+        "Nothing was asked of the motion, of the angle's sensor, and of what is the same all around a turn, such "
+        "as saturation: each could be an error of this angle. l_d and l_q rest on it, too.",
+        "Log the angle to have all of it asked.",
+    )
