@@ -35,6 +35,11 @@ _VAGUE: Final = 0.2
 """Error of the angle (rad) from which it is of no use: psi_m and the currents would be off by 2 % for it alone."""
 _APART: Final = 0.25
 """How far the correlation of two channels may be from that of two phases a third of a turn apart, which is -1/2."""
+_JUMP: Final = 6.0
+"""Usual changes of a voltage from sample to sample that make a jump, which noise does not reach."""
+_FEWEST_JUMPS: Final = 8
+_MOSTLY: Final = 0.75
+"""Jumps, and the share of them, that must show a voltage to be held."""
 _TOLD: Final = 0.02
 """Share of the amplitude from which a channel's gain or offset is told."""
 
@@ -217,17 +222,23 @@ def _current(columns: Columns, alive: list[str], file: str | None) -> Vector:
 
 
 def _is_held(v: Vector, i: Vector) -> bool:
-    """Whether a voltage acts from its sample to the next, as that of a drive's log: by the changes of the current
-    that go with it, against those with the mean of the samples at both ends, as of an oscilloscope.
+    """Whether a voltage acts from its sample to the next, as that of a drive's log: where it jumps the current
+    bends at once then, and with the mean of the samples at both ends in a capture of the voltage itself.
     """
     # The bend of the current about a sample comes from the voltage behind it less the one before it.
     bend, step = np.diff(i, 2), np.diff(v)
-    return _alike(bend, step[:-1]) > _alike(bend, 0.5 * (step[:-1] + step[1:]))
+    held, ends = step[:-1], 0.5 * (step[:-1] + step[1:])
+    jumps = np.abs(held) > _JUMP * float(np.median(np.abs(step)))
+    if np.count_nonzero(jumps) < _FEWEST_JUMPS:
+        return False
+    rest = [np.abs(bend - _gain(x[jumps], bend[jumps]) * x)[jumps] for x in (held, ends)]
+    return bool(np.mean(rest[0] < rest[1]) > _MOSTLY)
 
 
-def _alike(x: Vector, y: Vector) -> float:
-    size = float(np.linalg.norm(x) * np.linalg.norm(y))
-    return abs(complex(np.vdot(x, y))) / size if size else 0.0
+def _gain(x: Vector, y: Vector) -> float:
+    """The factor on `x` that comes nearest to `y`."""
+    size = float(np.vdot(x, x).real)
+    return float(np.vdot(x, y).real) / size if size else 0.0
 
 
 def _check(found: Rotation, t: NDArray[np.float64], file: str | None) -> None:
@@ -284,10 +295,12 @@ def _check_currents(found: Rotation, v: Vector, i: Vector, file: str | None) -> 
             column="i_a",
             fix="exchange two of the currents in [columns]",
         )
-    if found.r_s * level < -0.05 * float(np.sqrt(np.mean(np.abs(v) ** 2))):
+    wrong = found.r_s * level < -0.01 * float(np.sqrt(np.mean(np.abs(v) ** 2)))
+    if wrong or found.l_d <= 0.0 or found.l_q <= 0.0:
         raise refuse(
             DataError,
-            f"voltages and currents give a negative r_s of {found.r_s:.4g} ohm",
+            f"voltages and currents give r_s = {found.r_s:.4g} ohm, l_d = {1e3 * found.l_d:.4g} mH and "
+            f"l_q = {1e3 * found.l_q:.4g} mH, of which none can be negative",
             file=file,
             column="i_a",
             fix="count the currents into the motor: turn the clamps round with scale = -1 in [columns]",

@@ -65,7 +65,8 @@ class Rotation:
     `theta` is the electrical angle (rad, unwrapped) and `omega` its rate (rad/s), both of shape (samples,) and
     without what repeats within a turn. `psi_m` (V s), `r_s` (ohm), `l_d` and `l_q` (H) are those of the fit,
     `lost` the voltage (V) that the phases lose against the sign of their currents, `offset` that of the channels
-    as a space vector (V), `uneven` the share by which the length of the active flux misses its model, and `error` the rms error of the angle (rad) that all of them
+    as a space vector (V), `uneven` the share by which the length of the active flux misses its model, and `error`
+    the rms error of the angle (rad) that all of them and the smoothing
     leave.
     """
 
@@ -113,7 +114,10 @@ def rotation(t: Real, v: Vector, i: Vector, winding: Winding, *, held: bool = Fa
         course = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(smooth)))))
         pieces = int(np.clip(course[-1] / _TURN / _TURNS_PER_PIECE, 1, _MOST_PIECES))
         course = course + 1e-6 * course[-1] * (t - t[0]) / (t[-1] - t[0])
-    theta = smoothed(np.unwrap(np.angle(fit.active())), reach)
+    angle = np.unwrap(np.angle(fit.active()))
+    theta = _driven(t, angle, fit.torque(), reach) if fit.flows else smoothed(angle, reach)
+    # What was smoothed away is in part what a fast change of the speed bends.
+    bent = float(np.sqrt(np.mean((angle - theta) ** 2)))
     psi, r_s, l_d, l_q, lost = fit.found
     return Rotation(
         theta,
@@ -125,7 +129,7 @@ def rotation(t: Real, v: Vector, i: Vector, winding: Winding, *, held: bool = Fa
         lost,
         fit.offset(t),
         fit.noise / max(abs(psi), _TINY),
-        fit.error(),
+        float(np.hypot(fit.error(), bent)),
     )
 
 
@@ -176,6 +180,13 @@ class _Circle:
         """The active flux (V s), shape (samples,)."""
         _, r_s, _, l_q, lost = self.found
         return self.flux - r_s * self.charge - lost * self.signs - l_q * self.i - self.hats @ self.drift
+
+    def torque(self) -> Real:
+        """The torque over 3/2 n_p (V s A), shape (samples,)."""
+        psi, _, l_d, l_q, _ = self.found
+        active = self.active()
+        seen = self.i * active.conj() / np.maximum(np.abs(active), _TINY)
+        return (psi + (l_d - l_q) * seen.real) * seen.imag
 
     def offset(self, t: Real) -> complex:
         """The voltage (V) that makes the flux drift on the whole."""
@@ -248,19 +259,39 @@ def _sign(x: Real) -> Real:
 
 
 def smoothed(angle: Real, reach: float) -> Real:
-    """`angle` (rad) without what repeats in a turn by `reach` to each side of a sample, at the usual speed: means
-    over that time, taken twice so that an even acceleration does not bend them.
-    """
-    n = len(angle)
+    """`angle` (rad) without what repeats in a turn by `reach` to each side of a sample, at the usual speed."""
+    return _even(angle, _window(angle, reach))
+
+
+def _window(angle: Real, reach: float) -> int:
+    """Samples in which the angle goes on by `reach` at the usual speed."""
     total = float(np.sum(np.abs(np.diff(angle))))
-    if n < 3 or total == 0.0:
-        return angle
-    # The mean speed lays the first window, and the speed seen through it the window that counts.
-    rough = _mean(angle, max(1, round(reach * n / total)))
+    if len(angle) < 3 or total == 0.0:
+        return 0
+    # The mean speed lays a first window, and the speed seen through it the one that counts.
+    rough = _mean(angle, max(1, round(reach * len(angle) / total)))
     usual = float(np.quantile(np.abs(np.diff(rough)), USUAL))
-    half = min(max(1, round(reach / usual)), n) if usual > 0.0 else 1
-    once = _mean(angle, half)
+    return min(max(1, round(reach / usual)), len(angle)) if usual > 0.0 else 0
+
+
+def _even(x: Real, half: int) -> Real:
+    """Means over `half` samples to each side, taken twice so that an even acceleration does not bend them."""
+    once = _mean(x, half)
     return 2.0 * once - _mean(once, half)
+
+
+def _driven(t: Real, angle: Real, torque: Real, reach: float) -> Real:
+    """`smoothed` without bending what the torque of the motor does to the speed: twice integrated, its course is
+    taken out before and put back behind, as large as it is seen in the angle.
+    """
+    twice = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (torque[1:] + torque[:-1]))))
+    twice = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (twice[1:] + twice[:-1]))))
+    # The window of the angle serves for both: smoothing is linear in what it smooths.
+    half = _window(angle, reach)
+    bend, bent = twice - _even(twice, half), angle - _even(angle, half)
+    size = float(bend @ bend)
+    share = max(float(bend @ bent) / size, 0.0) if size > 0.0 else 0.0
+    return _even(angle - share * twice, half) + share * twice
 
 
 def _mean(x: Real, half: int) -> Real:
