@@ -1,7 +1,7 @@
 """Captures of an oscilloscope: phase voltages, perhaps currents, and neither an angle nor a speed.
 
-Both are taken from the signals themselves (see `rotation`) and put beside the measured columns. What cannot be
-had of a capture is refused in a sentence.
+Both are taken from the signals themselves (see `rotation`) and put beside the measured columns. What cannot
+be had of a capture is refused in a sentence.
 """
 
 from __future__ import annotations
@@ -12,15 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._core import DataError, Machine
+from .channels import CURRENTS, TOLD, VOLTAGES, Columns, current, has_three, voltage
 from .errors import refuse
 from .formats.remark import Remark
-from .rotation import USUAL, Rotation, Vector, Winding, phases, rotation, vector
+from .rotation import USUAL, Rotation, Vector, Winding, phases, rotation
 from .words import listed
 
-Columns = dict[str, NDArray[np.float64]]
-
-VOLTAGES: Final = ("v_a", "v_b", "v_c")
-CURRENTS: Final = ("i_a", "i_b", "i_c")
 _MOTION: Final = frozenset({"omega_e", "omega_m", "n", "theta_e", "theta_m"})
 
 _FEWEST_TURNS: Final = 2.0
@@ -32,16 +29,12 @@ _SLOWEST: Final = 0.1
 _UNEVEN: Final = 0.2
 """Variation of the flux linkage, share of it, from which voltages and currents do not belong to one motor."""
 _VAGUE: Final = 0.2
-"""Error of the angle (rad) from which it is of no use: psi_m and the currents would be off by 2 % for it alone."""
-_APART: Final = 0.25
-"""How far the correlation of two channels may be from that of two phases a third of a turn apart, which is -1/2."""
+"""Error of the angle (rad) from which it is of no use: psi_m would be off by 2 % for it alone."""
 _JUMP: Final = 6.0
 """Usual changes of a voltage from sample to sample that make a jump, which noise does not reach."""
 _FEWEST_JUMPS: Final = 8
 _MOSTLY: Final = 0.75
 """Jumps, and the share of them, that must show a voltage to be held."""
-_TOLD: Final = 0.02
-"""Share of the amplitude from which a channel's gain or offset is told."""
 
 
 class Completed(NamedTuple):
@@ -63,21 +56,23 @@ def is_capture(columns: Columns, load: str | None) -> bool:
 
 
 def completed(columns: Columns, machine: Machine | None, file: str | None) -> Completed:
-    """`columns` (SI, of shape (rows,)) of a capture with what they lack. Raises DataError where it cannot be had."""
-    currents = [name for name in CURRENTS if name in columns and np.any(columns[name])]
+    """`columns` (SI, of shape (rows,)) of a capture with what they lack. Raises DataError where it cannot be
+    had.
+    """
+    currents: list[str] = [name for name in CURRENTS if name in columns and np.any(columns[name])]
     t = columns["t"]
     if len(t) < 3 or np.any(np.diff(t) <= 0.0):
         # Bad sample times are refused, with their row, where every recording is checked.
         return Completed(columns, 0, (), None)
-    v, remarks = _voltage(columns, not currents, file)
+    v, remarks = voltage(columns, not currents, file)
     if not currents:
         return _open(columns, v, remarks, file)
-    i = _current(columns, currents, file)
+    i = current(columns, currents, file)
     if machine is None or (machine.l_d is None and machine.l_q is None):
         raise refuse(
             DataError,
-            "no angle was logged, and l_q is not known, without which it cannot be taken from the voltages of a "
-            "motor in which currents flow",
+            "no angle was logged, and l_q is not known, without which it cannot be taken from the voltages "
+            "of a motor in which currents flow",
             file=file,
             fix="give r_s, l_d and l_q in [machine], log the angle, or record with open terminals",
         )
@@ -100,130 +95,23 @@ def _open(columns: Columns, v: Vector, remarks: list[Remark], file: str | None) 
     _check(found, t, file)
     rows = _whole_turns(found, _turning(found))
     out = {**columns, "omega_e": found.omega}
-    if not _measured(columns):
+    if not has_three(columns):
         out |= dict(zip(VOLTAGES, phases(v - found.offset), strict=True))
         remarks = [*remarks, *_offset(found, v)]
     low, high = sorted(np.abs(np.quantile(found.omega[rows], (0.05, 0.95))) / (2.0 * np.pi))
     turns = abs(np.ptp(found.theta[rows])) / (2.0 * np.pi)
     speed = Remark(
-        f"No speed was logged: it was taken from the voltages, which go through {turns:.1f} electrical turns at "
-        f"{low:.4g} to {high:.4g} Hz.",
+        f"No speed was logged: it was taken from the voltages, which go through {turns:.1f} electrical turns "
+        f"at {low:.4g} to {high:.4g} Hz.",
         "An error of the time base goes into psi_m by the same share.",
         "Log the speed as well if it is known better.",
     )
     return Completed(_cut_to(out, rows), rows.start, (*remarks, speed, *_cut(rows, len(t))), None)
 
 
-def _measured(columns: Columns) -> bool:
-    """Whether each of the three voltages has a channel of its own."""
-    return all(name in columns and np.any(columns[name]) for name in VOLTAGES)
-
-
-def _voltage(columns: Columns, is_open: bool, file: str | None) -> tuple[Vector, list[Remark]]:
-    """The space vector of the voltages, and what was taken for granted with it."""
-    have = [name for name in VOLTAGES if name in columns]
-    alive = [name for name in have if np.ptp(columns[name]) > 0.0]
-    if len(alive) < 2:
-        raise refuse(
-            DataError,
-            "neither angle nor speed was logged, and the voltage of one channel does not tell in which direction "
-            "the rotor turns",
-            file=file,
-            column=(alive or have)[0],
-            fix="record two phase voltages at least, or the speed",
-        )
-    if len(alive) == 3:
-        return vector(*(columns[name] for name in VOLTAGES)), []
-    lost = next(name for name in VOLTAGES if name not in alive)
-    one, other = (columns[name] for name in alive)
-    alike = float(np.corrcoef(one, other)[0, 1])
-    if lost not in have:
-        return _to_star_point(columns, alive, lost, alike, file)
-    # Both are against the third, and a sixth of a turn apart.
-    if abs(alike - 0.5) > _APART:
-        raise refuse(
-            DataError,
-            f"{listed(alive)} are not a sixth of a turn apart, as voltages against one phase are, though "
-            f"{lost} is said to be zero",
-            file=file,
-            column=alive[0],
-            fix=f"check the probes, or leave {lost} out if the voltages are those to the star point",
-        )
-    remarks = [
-        Remark(
-            f"{listed(alive)} were measured against one phase, {lost}.",
-            "What all three phases have in common, such as a third harmonic, is not in them.",
-            "Measure to the star point if it can be reached.",
-        )
-    ]
-    gains = {lost: 1.0} | dict.fromkeys(alive, 1.0)
-    if is_open:
-        sizes = [float(np.std(x)) for x in (one, other)]
-        middle = float(np.sqrt(sizes[0] * sizes[1]))
-        gains |= {name: size / middle for name, size in zip(alive, sizes, strict=True)}
-        if abs(sizes[0] / sizes[1] - 1.0) > _TOLD:
-            remarks.append(
-                Remark(
-                    f"{alive[0]} is {sizes[0] / sizes[1]:.4f} times as large as {alive[1]}.",
-                    "Both were brought to their mean: the phases of a motor without a fault are alike.",
-                    "Check the scales of the probes.",
-                )
-            )
-    return vector(*(columns[name] / gains[name] for name in VOLTAGES)), remarks
-
-
-def _to_star_point(
-    columns: Columns, alive: list[str], lost: str, alike: float, file: str | None
-) -> tuple[Vector, list[Remark]]:
-    names = listed(alive)
-    if abs(alike - 0.5) < _APART:
-        raise refuse(
-            DataError,
-            f"{names} are a sixth of a turn apart, as voltages against the third phase are, and not a third of "
-            "one, as those of two phases",
-            file=file,
-            column=alive[0],
-            fix=f"if they are measured against the third phase write {lost} = {{ value = 0.0 }} in [columns]; "
-            "if not, turn one of the probes round with scale = -1",
-        )
-    if abs(alike + 0.5) > _APART:
-        raise refuse(
-            DataError,
-            f"{names} are not a third of a turn apart, as the voltages of two phases are",
-            file=file,
-            column=alive[0],
-            fix="check the probes, or record all three phase voltages",
-        )
-    whole = {name: columns[name] for name in alive}
-    whole[lost] = -sum(whole.values())  # type: ignore[assignment]
-    remark = Remark(
-        f"{lost} was not recorded: it is what {names} leave, as voltages to the star point add up to nothing.",
-        "If they were measured between phases, psi_m is too large by the square root of three; a third harmonic "
-        f"would be taken for one of {lost}.",
-        "Record the third voltage as well.",
-    )
-    return vector(*(whole[name] for name in VOLTAGES)), [remark]
-
-
-def _current(columns: Columns, alive: list[str], file: str | None) -> Vector:
-    if len(alive) < 2:
-        raise refuse(
-            DataError,
-            f"{alive[0]} is the only phase current, and neither angle nor speed was logged; the flux linkage, from "
-            "which they could be taken, needs two",
-            file=file,
-            column=alive[0],
-            fix="record two phase currents, or the angle",
-        )
-    whole = {name: columns[name] for name in alive}
-    for lost in {*CURRENTS} - {*alive}:
-        whole[lost] = -sum(whole.values())  # type: ignore[assignment]
-    return vector(*(whole[name] for name in CURRENTS))
-
-
 def _is_held(v: Vector, i: Vector) -> bool:
-    """Whether a voltage acts from its sample to the next, as that of a drive's log: where it jumps the current
-    bends at once then, and with the mean of the samples at both ends in a capture of the voltage itself.
+    """Whether a voltage acts from its sample to the next, as that of a drive's log: where it jumps the
+    current bends at once then, and with the mean of the samples at both ends in a capture of the voltage.
     """
     # The bend of the current about a sample comes from the voltage behind it less the one before it.
     bend, step = np.diff(i, 2), np.diff(v)
@@ -265,11 +153,11 @@ def _check(found: Rotation, t: NDArray[np.float64], file: str | None) -> None:
     if found.uneven > _UNEVEN or found.psi_m <= 0.0:
         raise refuse(
             DataError,
-            "neither angle nor speed was logged, and the voltages (and currents) give no flux linkage of constant "
-            f"length: it varies by {100.0 * found.uneven:.0f} %",
+            "neither angle nor speed was logged, and the voltages (and currents) give no flux linkage of "
+            f"constant length: it varies by {100.0 * found.uneven:.0f} %",
             file=file,
             column="v_a",
-            fix="check that the channels belong to the phases in order, their scales and signs, or log the angle",
+            fix="check the order of the channels, their scales and signs, or log the angle",
         )
     if found.error > _VAGUE:
         raise refuse(
@@ -335,9 +223,9 @@ def _cut(rows: slice, count: int) -> list[Remark]:
         return []
     return [
         Remark(
-            f"{left} of {count} rows were left out at the beginning and the end, where the rotor stands or hardly "
-            "turns.",
-            "Without a voltage of the magnet there is no angle to be had there.",
+            f"{left} of {count} rows were left out at the beginning and the end.",
+            "Where the rotor hardly turns no angle can be had, and the ends of a capture show its speed "
+            "with the harmonics in it.",
             "Log the angle if these rows matter.",
         )
     ]
@@ -345,7 +233,7 @@ def _cut(rows: slice, count: int) -> list[Remark]:
 
 def _offset(found: Rotation, v: Vector) -> list[Remark]:
     size = float(np.sqrt(np.mean(np.abs(v) ** 2)))
-    if abs(found.offset) < _TOLD * size:
+    if abs(found.offset) < TOLD * size:
         return []
     each = listed([f"{float(x):.3g} V" for x in phases(np.asarray(found.offset))])
     return [
@@ -360,10 +248,11 @@ def _offset(found: Rotation, v: Vector) -> list[Remark]:
 def _flux(found: Rotation) -> Remark:
     lost = f", and {found.lost:.3g} V lost against the sign of each current" if found.lost > 0.0 else ""
     return Remark(
-        "No angle was logged: angle and speed were taken from the flux linkage of voltages and currents, the angle "
-        f"to about {max(np.degrees(found.error), 0.1):.1f} degrees. With it go r_s = {found.r_s:.4g} ohm, "
-        f"l_d = {1e3 * found.l_d:.4g} mH, l_q = {1e3 * found.l_q:.4g} mH and psi_m = {found.psi_m:.4g} V s{lost}.",
-        "Nothing was asked of the motion, of the angle's sensor, and of what is the same all around a turn, such "
-        "as saturation: each could be an error of this angle. l_d and l_q rest on it, too.",
+        "No angle was logged: angle and speed were taken from the flux linkage of voltages and currents, the "
+        f"angle to about {max(np.degrees(found.error), 0.1):.1f} degrees. With it go "
+        f"r_s = {found.r_s:.4g} ohm, l_d = {1e3 * found.l_d:.4g} mH, l_q = {1e3 * found.l_q:.4g} mH and "
+        f"psi_m = {found.psi_m:.4g} V s{lost}.",
+        "Nothing was asked of the motion, of the angle's sensor, and of what is the same all around a turn, "
+        "such as saturation: each could be an error of this angle. l_d and l_q rest on it, too.",
         "Log the angle to have all of it asked.",
     )

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._core import DataError, Machine
-from .checks import angle_against_speed, angle_in_radians, rotor_frame_against_phases
 from .captures import completed, is_capture
+from .checks import angle_against_speed, angle_in_radians, rotor_frame_against_phases
 from .columns import Columns, taken
 from .config import MachineFile, read_machine
 from .errors import NothingToAsk, fact, refuse

@@ -28,9 +28,9 @@ class Recording(_core.Recording):
     Give arrays by keyword, `Recording(t=..., v_d=..., v_q=..., i_d=..., i_q=..., omega_e=...)`, or one
     mapping; `n` in rpm is taken as `omega_m`. `load` is what is known of the load torque (none,
     known_constant with `load_value` in N·m, measured, unknown_constant, unknown_piecewise, locked); left out,
-    it is measured where there is a column tau_m and unknown_constant otherwise. `angle_error` (rad, electrical)
-    says that angle and speed were not measured but taken from the voltages, and to what: then nothing is asked of
-    the motion. Raises DataError naming column and row.
+    it is measured where there is a column tau_m and unknown_constant otherwise. `angle_error` (rad,
+    electrical) says that angle and speed were not measured but taken from the voltages, and how far they may
+    be off: then nothing is asked of the motion. Raises DataError naming column and row.
 
     `file` names the file it was read from, None where there is none, and `account` says which column became
     what.
@@ -69,9 +69,7 @@ class Recording(_core.Recording):
             # The core checks every value. What it refuses is refused below, in the words of `taken`.
             with suppress(DataError):
                 _make_room(given)
-                made = super().__new__(
-                    cls, given, load=load, load_value=load_value, angle_error=angle_error
-                )
+                made = super().__new__(cls, given, load=load, load_value=load_value, angle_error=angle_error)
                 made.account = Account.of_arrays(given)
                 return made
         checked, account = taken(frame_source(given, DEFAULT_MAX_BYTES))

@@ -1,10 +1,10 @@
-"""The turning of a rotor from the voltages and currents of its stator, where neither angle nor speed was logged.
+"""The turning of a rotor from the voltages and currents of its stator, where no sensor told it.
 
-The flux linkage that an integral of v - r_s i gives, less l_q i, is the active flux. It lies on the d axis for
-salient machines, too, and has the length psi_m + (l_d - l_q) i_d (Boldea, Paicu & Andreescu, IEEE Trans. Power
-Electronics 23 (2008) 2612). The drift of the integral, r_s, l_d, l_q and what an inverter loses in its dead time
-are those with which that length comes out, by least squares over the whole capture and beside the nameplate.
-Open terminals are the case i = 0.
+The flux linkage that an integral of v - r_s i gives, less l_q i, is the active flux. It lies on the d axis
+for salient machines, too, and has the length psi_m + (l_d - l_q) i_d (Boldea, Paicu & Andreescu, IEEE Trans.
+Power Electronics 23 (2008) 2612). The drift of the integral, r_s, l_d, l_q and what an inverter loses in its
+dead time are those with which that length comes out, by least squares over the whole capture and beside the
+nameplate. Open terminals are the case i = 0.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ _LOST: Final = 0.1
 """Standard deviation of the voltage that an inverter loses, share of the rms voltage."""
 _COASTING: Final = 2.0 * np.pi
 _DRIVEN: Final = 0.5 * np.pi
-"""Electrical angle to each side, at the usual speed, over which the angle is smoothed: a rotor turned from outside
-changes its speed slowly, and the magnets of its poles differ; a motor may reverse within a few turns. The half turn
-takes out what repeats twice or six times in one.
+"""Electrical angle to each side, at the usual speed, over which the angle is smoothed: a rotor turned from
+outside changes its speed slowly, and the magnets of its poles differ; a motor may reverse within a few turns.
+The half turn takes out what repeats twice or six times in one.
 """
 USUAL: Final = 0.9
 """Share of the samples that turn no faster than the usual speed."""
@@ -62,12 +62,11 @@ class Winding:
 class Rotation:
     """How the rotor turned.
 
-    `theta` is the electrical angle (rad, unwrapped) and `omega` its rate (rad/s), both of shape (samples,) and
-    without what repeats within a turn. `psi_m` (V s), `r_s` (ohm), `l_d` and `l_q` (H) are those of the fit,
-    `lost` the voltage (V) that the phases lose against the sign of their currents, `offset` that of the channels
-    as a space vector (V), `uneven` the share by which the length of the active flux misses its model, and `error`
-    the rms error of the angle (rad) that all of them and the smoothing
-    leave.
+    `theta` is the electrical angle (rad, unwrapped) and `omega` its rate (rad/s), both of shape (samples,)
+    and without what repeats within a turn. `psi_m` (V s), `r_s` (ohm), `l_d` and `l_q` (H) are those of the
+    fit, `lost` the voltage (V) that the phases lose against the sign of their currents, `offset` that of the
+    channels as a space vector (V), `uneven` the share by which the length of the active flux misses its
+    model, and `error` the rms error of the angle (rad) that all of them and the smoothing leave.
     """
 
     theta: Real
@@ -84,7 +83,8 @@ class Rotation:
 
 def vector(a: Real, b: Real, c: Real) -> Vector:
     """The space vector of three phase values, amplitude-invariant and without their zero sequence."""
-    return (2.0 / 3.0) * (a + THIRD * b + THIRD**2 * c)
+    whole: Vector = (2.0 / 3.0) * (a + THIRD * b + THIRD**2 * c)
+    return whole
 
 
 def phases(x: Vector) -> tuple[Real, Real, Real]:
@@ -93,7 +93,7 @@ def phases(x: Vector) -> tuple[Real, Real, Real]:
 
 
 def integral(t: Real, x: Vector, *, held: bool = False) -> Vector:
-    """Of `x` over time from the first sample on, by trapezoids or of values that are held to the next sample."""
+    """Of `x` over time from the first sample on, by trapezoids or of values held to the next sample."""
     steps = x[:-1] if held else 0.5 * (x[1:] + x[:-1])
     return np.concatenate(([0.0j], np.cumsum(np.diff(t) * steps)))
 
@@ -149,20 +149,18 @@ class _Circle:
         self.given = np.array([0.0, winding.r_s or 0.0, l_d or 0.0, l_q or 0.0, 0.0])
         r_spread = _OF_NAMEPLATE["r_s"] * winding.r_s if winding.r_s else ohms
         of_l = _OF_NAMEPLATE["l"]
-        self.spread = np.array(
-            [np.inf, r_spread, of_l * self.given[2], of_l * self.given[3], _LOST * level]
-        )
+        self.spread = np.array([np.inf, r_spread, of_l * self.given[2], of_l * self.given[3], _LOST * level])
         self.found = self.given.copy()
         self.noise = 0.0
 
     def solve(self, course: Real, pieces: int) -> None:
-        """Gauss-Newton steps over the drift, drawn by `pieces` lines over `course`, and all that is `found`."""
+        """Gauss-Newton steps over the drift, by `pieces` lines over `course`, and all that is `found`."""
         use = self.used
         knots = np.linspace(course[0], course[-1], pieces + 1)
         self.hats = np.column_stack([np.interp(course, knots, unit) for unit in np.eye(pieces + 1)])
         hats = self.hats[use]
         # At first the drift is the line about which the flux turns.
-        self.drift = np.zeros(pieces + 1, dtype=np.complex128)
+        self.drift: Vector = np.zeros(pieces + 1, dtype=np.complex128)
         self.drift = np.linalg.lstsq(hats, self.active()[use], rcond=None)[0]
         self.found[0] = np.sqrt(np.mean(np.abs(self.active()[use]) ** 2))
         count = 2 * hats.shape[1]
@@ -179,14 +177,16 @@ class _Circle:
     def active(self) -> Vector:
         """The active flux (V s), shape (samples,)."""
         _, r_s, _, l_q, lost = self.found
-        return self.flux - r_s * self.charge - lost * self.signs - l_q * self.i - self.hats @ self.drift
+        active: Vector = self.flux - r_s * self.charge - lost * self.signs - l_q * self.i
+        return active - self.hats @ self.drift
 
     def torque(self) -> Real:
         """The torque over 3/2 n_p (V s A), shape (samples,)."""
         psi, _, l_d, l_q, _ = self.found
         active = self.active()
         seen = self.i * active.conj() / np.maximum(np.abs(active), _TINY)
-        return (psi + (l_d - l_q) * seen.real) * seen.imag
+        product: Real = (psi + (l_d - l_q) * seen.real) * seen.imag
+        return product
 
     def offset(self, t: Real) -> complex:
         """The voltage (V) that makes the flux drift on the whole."""
@@ -210,8 +210,8 @@ class _Circle:
         return z / size, size, self.i[self.used]
 
     def _parts(self, onto: Vector, i: Vector) -> Real:
-        """How the active flux changes along the direction conj(`onto`) with drift, psi_m (not at all), r_s, l_d
-        (not at all), l_q and lost voltage.
+        """How the active flux changes along the direction conj(`onto`) with drift, psi_m (not at all), r_s,
+        l_d (not at all), l_q and lost voltage.
         """
         hats, none = self.hats[self.used], np.zeros((len(i), 1))
         along = [-(onto * x[self.used]).real[:, None] for x in (self.charge, self.i, self.signs)]
@@ -259,7 +259,7 @@ def _sign(x: Real) -> Real:
 
 
 def smoothed(angle: Real, reach: float) -> Real:
-    """`angle` (rad) without what repeats in a turn by `reach` to each side of a sample, at the usual speed."""
+    """`angle` (rad) without what repeats within `reach` to each side of a sample, at the usual speed."""
     return _even(angle, _window(angle, reach))
 
 
@@ -281,8 +281,8 @@ def _even(x: Real, half: int) -> Real:
 
 
 def _driven(t: Real, angle: Real, torque: Real, reach: float) -> Real:
-    """`smoothed` without bending what the torque of the motor does to the speed: twice integrated, its course is
-    taken out before and put back behind, as large as it is seen in the angle.
+    """`smoothed` without bending what the torque of the motor does to the speed: twice integrated, its course
+    is taken out before and put back behind, as large as it is seen in the angle.
     """
     twice = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (torque[1:] + torque[:-1]))))
     twice = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (twice[1:] + twice[:-1]))))
@@ -299,4 +299,5 @@ def _mean(x: Real, half: int) -> Real:
     at = np.arange(len(x))
     reach = np.minimum(half, np.minimum(at, len(x) - 1 - at))
     sums = np.concatenate(([0.0], np.cumsum(x)))
-    return (sums[at + reach + 1] - sums[at - reach]) / (2 * reach + 1)
+    means: Real = (sums[at + reach + 1] - sums[at - reach]) / (2 * reach + 1)
+    return means

@@ -6,10 +6,9 @@ import pickle
 from collections.abc import Callable
 
 import numpy as np
+import pmsm_rs as pm
 import pytest
 from numpy.typing import NDArray
-
-import pmsm_rs as pm
 
 Array = NDArray[np.float64]
 Columns = dict[str, Array]
@@ -27,7 +26,7 @@ def told(recording: pm.Recording) -> str:
 
 
 def terminals(speed: Callable[[Array], Array], *, seconds: float = 0.8, noise: float = 0.02) -> Columns:
-    """Phase voltages of open terminals with a 5th and a 7th harmonic and a third one, which is common to all."""
+    """Phase voltages of open terminals with a 5th, a 7th and a third harmonic, the last common to all."""
     t = np.arange(0.0, seconds, 2e-4)
     omega = speed(t)
     theta = 0.7 + np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (omega[1:] + omega[:-1]))))

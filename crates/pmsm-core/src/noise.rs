@@ -11,6 +11,7 @@ use crate::signals::Signals;
 use crate::simulate::electrical::incremental_inductances;
 use crate::transforms::{inverse_clarke, rotate};
 use crate::wander::Wander;
+use std::f64::consts::SQRT_2;
 
 /// Samples of a stretch over which noise is compared, and how much louder than the median stretch the whole may be for nothing but
 /// noise.
@@ -312,6 +313,9 @@ fn disturbed(signals: &Signals, floors: &[Floor], input: &InputNoise, draw: usiz
             }
         }
     }
+    if let (Some(v), true) = (&mut noisy.v, signals.angle_from_voltages) {
+        misturn(v, signals, draw);
+    }
     if let (Some(v), false) = (&mut noisy.v, input.is_none()) {
         for k in 0..v[0].len() {
             let turn = signals.period * signals.context.electrical_rate.hypot(signals.omega_e[k]);
@@ -326,6 +330,17 @@ fn disturbed(signals: &Signals, floors: &[Floor], input: &InputNoise, draw: usiz
     }
     debug_assert_eq!(random.count as usize, (draw + 1) * numbers, "numbers of a draw");
     noisy
+}
+
+/// Turns the voltages by the error of an angle that was taken from them. It lasts: from the half turn over which such an angle is smoothed
+/// up to the turns over which the integral of a voltage drifts; each draw takes it twice as slow as the one before, from one turn on.
+fn misturn(v: &mut [Vec<f64>; 2], signals: &Signals, draw: usize) {
+    let turns = f64::from(1u32 << draw.min(DRAWS - 1));
+    for (k, error) in signals.limits.angle.iter().enumerate() {
+        let off = SQRT_2 * error * (signals.theta_e[k] / turns).sin();
+        let (s, c) = Real::sin_cos(off);
+        [v[0][k], v[1][k]] = rotate([v[0][k], v[1][k]], c, s);
+    }
 }
 
 /// How many random numbers one draw takes.
