@@ -85,7 +85,7 @@ def completed(columns: Columns, machine: Machine | None, file: str | None) -> Co
     given = {name: values for name, values in columns.items() if name not in {"i_d", "i_q"}}
     out = given | dict(zip(VOLTAGES, phases(acting - found.offset), strict=True))
     out |= {"theta_e": found.theta, "omega_e": found.omega}
-    remarks = [*remarks, *_offset(found, v), _flux(found), *_cut(rows, len(t))]
+    remarks = [*remarks, *_offset(found, v), _flux(found, i), *_cut(rows, len(t))]
     return Completed(_cut_to(out, rows), rows.start, tuple(remarks), found.error)
 
 
@@ -245,7 +245,9 @@ def _offset(found: Rotation, v: Vector) -> list[Remark]:
     ]
 
 
-def _flux(found: Rotation) -> Remark:
+def _flux(found: Rotation, i: Vector) -> Remark:
+    i_q = float(np.sqrt(np.mean((i * np.exp(-1j * found.theta)).imag ** 2)))
+    at_best = abs(found.psi_m) * found.error / max(i_q, np.finfo(np.float64).tiny)
     lost = f", and {found.lost:.3g} V lost against the sign of each current" if found.lost > 0.0 else ""
     return Remark(
         "No angle was logged: angle and speed were taken from the flux linkage of voltages and currents, the "
@@ -253,6 +255,7 @@ def _flux(found: Rotation) -> Remark:
         f"r_s = {found.r_s:.4g} ohm, l_d = {1e3 * found.l_d:.4g} mH, l_q = {1e3 * found.l_q:.4g} mH and "
         f"psi_m = {found.psi_m:.4g} V s{lost}.",
         "Nothing was asked of the motion, of the angle's sensor, and of what is the same all around a turn, "
-        "such as saturation: each could be an error of this angle. l_d and l_q rest on it, too.",
+        "such as saturation: each could be an error of this angle. l_d and l_q rest on it, too, "
+        f"l_q to within {1e3 * at_best:.2g} mH.",
         "Log the angle to have all of it asked.",
     )

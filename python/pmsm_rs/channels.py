@@ -19,6 +19,8 @@ VOLTAGES: Final = ("v_a", "v_b", "v_c")
 CURRENTS: Final = ("i_a", "i_b", "i_c")
 TOLD: Final = 0.02
 """Share of the amplitude from which a channel's gain or offset is told."""
+_FEWEST_MEANS: Final = 100
+"""Means of which a correlation is taken at least."""
 _APART: Final = 0.25
 """How far the correlation of two channels may be from that of two phases a third of a turn apart, -1/2, or of
 two that are measured against the third, 1/2.
@@ -47,7 +49,7 @@ def voltage(columns: Columns, is_open: bool, file: str | None) -> tuple[Vector, 
         return vector(*(columns[name] for name in VOLTAGES)), []
     lost = next(name for name in VOLTAGES if name not in alive)
     one, other = (columns[name] for name in alive)
-    alike = float(np.corrcoef(one, other)[0, 1])
+    alike = _relation(one, other)
     if lost not in have:
         return _to_star_point(columns, alive, lost, alike, file)
     # Both are against the third, and a sixth of a turn apart.
@@ -81,6 +83,21 @@ def voltage(columns: Columns, is_open: bool, file: str | None) -> tuple[Vector, 
                 )
             )
     return vector(*(columns[name] / gains[name] for name in VOLTAGES)), remarks
+
+
+def _relation(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """The correlation of two channels, over the means that take out their switching ripple best: ripple brings
+    it away from one half on either side.
+    """
+    found = []
+    length = 1
+    while length == 1 or len(one) // length >= _FEWEST_MEANS:
+        count = len(one) // length
+        means = [x[: count * length].reshape(count, length).mean(axis=1) for x in (one, other)]
+        if all(np.ptp(x) > 0.0 for x in means):
+            found.append(float(np.corrcoef(*means)[0, 1]))
+        length *= 2
+    return min(found, key=lambda alike: abs(abs(alike) - 0.5))
 
 
 def _to_star_point(

@@ -161,7 +161,7 @@ class _Circle:
         hats = self.hats[use]
         # At first the drift is the line about which the flux turns.
         self.drift: Vector = np.zeros(pieces + 1, dtype=np.complex128)
-        self.drift = np.linalg.lstsq(hats, self.active()[use], rcond=None)[0]
+        self.drift = np.linalg.lstsq(hats, self.active()[use], rcond=None)[0].astype(np.complex128)
         self.found[0] = np.sqrt(np.mean(np.abs(self.active()[use]) ** 2))
         count = 2 * hats.shape[1]
         for _ in range(_ROUNDS):
