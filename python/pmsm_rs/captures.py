@@ -254,7 +254,7 @@ def _flux(found: Rotation, i: Vector) -> Remark:
         f"angle to about {max(np.degrees(found.error), 0.1):.1f} degrees. With it go "
         f"r_s = {found.r_s:.4g} ohm, l_d = {1e3 * found.l_d:.4g} mH, l_q = {1e3 * found.l_q:.4g} mH and "
         f"psi_m = {found.psi_m:.4g} V s{lost}.",
-        "Nothing was asked of the motion, of the angle's sensor, and of what is the same all around a turn, "
+        "Nothing was asked of the motion, of sensor offsets, and of what is the same all around a turn, "
         "such as saturation: each could be an error of this angle. l_d and l_q rest on it, too, "
         f"l_q to within {1e3 * at_best:.2g} mH.",
         "Log the angle to have all of it asked.",

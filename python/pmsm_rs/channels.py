@@ -86,8 +86,8 @@ def voltage(columns: Columns, is_open: bool, file: str | None) -> tuple[Vector, 
 
 
 def _relation(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
-    """The correlation of two channels, over the means that take out their switching ripple best: ripple brings
-    it away from one half on either side.
+    """The correlation of two channels, over the means that take out their switching ripple best: ripple
+    brings it away from one half on either side.
     """
     found = []
     length = 1

@@ -63,9 +63,17 @@ fn hidden(data: &Data, effect: EffectId) -> Option<String> {
 /// Why an angle that was taken from the voltages and currents themselves hides an effect: it was laid so that the model without effects
 /// explains them over each turn. What repeats over the turn is left; what is the same all around it has become an error of the angle.
 fn taken_up(effect: EffectId) -> Option<String> {
-    let angle_sensor = matches!(effect, EffectId::EncoderAngleOffset | EffectId::EncoderEccentricity);
-    if angle_sensor {
-        return Some("the rotor angle was taken from the voltages themselves".into());
+    match effect {
+        EffectId::EncoderAngleOffset | EffectId::EncoderEccentricity => {
+            return Some("the rotor angle was taken from the voltages themselves".into());
+        }
+        // A constant current through r_s and a constant voltage make the flux linkage drift alike, and that drift was taken out.
+        EffectId::CurrentOffset => {
+            return Some(
+                "it cannot be told from offsets of the voltages, which were taken out with the angle".into(),
+            );
+        }
+        _ => {}
     }
     let repeats = effect.info().needs.iter().any(|need| matches!(need, Need::Angle | Need::AngleOrSteady));
     (!repeats).then(|| {
