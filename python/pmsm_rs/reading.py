@@ -83,12 +83,19 @@ def there(have: set[str]) -> dict[str, bool]:
     }
 
 
-def told(account: Account, stamps: NDArray[np.float64], kind: str | None, load: str | None) -> dict[str, Any]:
+def told(
+    account: Account,
+    stamps: NDArray[np.float64],
+    kind: str | None,
+    load: str | None,
+    *,
+    steady: bool = True,
+) -> dict[str, Any]:
     """`read` of an answer: columns, ignored, rows, period (s) and questions, `not_used` for the columns of
     which there is something to say, and `done` for what was done to the data.
 
     `stamps` are the sample times (s), shape (samples,); `kind` is that of the recording, None where it
-    answers no question.
+    answers no question. `steady` says whether a run without v_d has steady points, as far as is known.
     """
     period = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
     return {
@@ -96,7 +103,7 @@ def told(account: Account, stamps: NDArray[np.float64], kind: str | None, load: 
         "ignored": list(account.ignored),
         "rows": len(stamps),
         "period": float(f"{period:.{_DIGITS}g}"),
-        "questions": _questions(kind, load, account),
+        "questions": _questions(kind, load, account, steady),
         "not_used": [
             {
                 "column": entry.column,
@@ -160,6 +167,8 @@ def _is_missed(entry: Unused, kind: str | None, account: Account) -> bool:
     return entry.quantity in account.missed and not (turns and entry.quantity == "angle")
 
 
+_Q_ALONE: Final = "Of the voltages only the q equation was asked, at steady points: v_d was not read."
+
 _NOT_MOVING: Final = {
     "locked": "the rotor is held",
     "electrical": "angle and speed were not logged but taken from the voltages",
@@ -168,12 +177,14 @@ _NOT_MOVING: Final = {
 }
 
 
-def _questions(kind: str | None, load: str | None, account: Account) -> dict[str, Any]:
+def _questions(kind: str | None, load: str | None, account: Account, steady: bool) -> dict[str, Any]:
     """Whether the electrical and the mechanical equations could be asked about, and in `why_not` a sentence
     for each that could not and for the rotor angle, None where all could.
     """
-    why = why_not(kind, load, account)
+    why = why_not(kind, load, account, steady=steady)
     sentences = [f"Nothing was asked of the {what}: {reason}." for what, reason in why.items()]
+    if kind == "mechanical" and steady and has_q_alone(account):
+        sentences.insert(0, _Q_ALONE)
     return {
         "electrical": "voltages" not in why,
         "mechanical": "motion" not in why,
@@ -181,14 +192,20 @@ def _questions(kind: str | None, load: str | None, account: Account) -> dict[str
     }
 
 
-def why_not(kind: str | None, load: str | None, account: Account) -> dict[str, str]:
+def has_q_alone(account: Account) -> bool:
+    """Whether v_q was read without v_d beside both currents: its means hold the q equation alone."""
+    return {"v_q", "i_d", "i_q"} <= {*account.columns} and "v_d" not in account.columns
+
+
+def why_not(kind: str | None, load: str | None, account: Account, *, steady: bool = True) -> dict[str, str]:
     """Why nothing can be asked of the voltages, the motion or the rotor angle, by these words; those of which
-    something can be asked are left out. `kind` and `load` are those of the recording, as in `told`.
+    something can be asked are left out. `kind`, `load` and `steady` are those of the recording, as in `told`.
     """
     why = {}
-    if kind in {"mechanical", None}:
+    q_alone = kind == "mechanical" and steady and has_q_alone(account)
+    if kind in {"mechanical", None} and not q_alone:
         why["voltages"] = _no_voltages(account)
-    if kind not in {"full", "mechanical"}:
+    if kind not in {"full", "mechanical"} or (q_alone and load == "locked"):
         why["motion"] = _no_motion(kind, load, account)
     elif {"theta_e", "theta_m"}.isdisjoint(account.columns):
         why["rotor angle"] = _none("angle", account, "none")

@@ -264,16 +264,19 @@ def _complete(
     """The core's answer with what only this side knows: the files, and what was read of them."""
     for entry, recording in zip(data.get("recordings", ()), recordings, strict=False):
         entry["file"] = _file(recording)
-    complete = _with_read(data, [_read(recording) for recording in recordings])
+    floors = [entry["noise_floor"] for entry in data.get("recordings", ())]
+    floors = floors or [data.get("noise_floor", {})] * len(recordings)
+    each = zip(recordings, floors, strict=True)
+    complete = _with_read(data, [_read(recording, steady="v_q" in own) for recording, own in each])
     if validation is not None:
         lost = [_of("Validation run", finding) for finding in warnings(_read(validation))]
         complete["data_quality"] += lost
     return complete
 
 
-def _read(recording: Recording) -> dict[str, Any]:
+def _read(recording: Recording, *, steady: bool = True) -> dict[str, Any]:
     account = getattr(recording, "account", None) or Account.of_arrays(recording.names)
-    return told(account, recording.column("t"), recording.kind, recording.load)
+    return told(account, recording.column("t"), recording.kind, recording.load, steady=steady)
 
 
 def _with_read(data: dict[str, Any], reads: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

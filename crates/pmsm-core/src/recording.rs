@@ -3,7 +3,7 @@
 mod kind;
 mod load;
 
-pub use kind::Kind;
+pub use kind::{Kind, OPERATING_POINT_PERIOD};
 pub use load::Load;
 
 use crate::error::{Error, Result};
@@ -34,8 +34,9 @@ pub const COLUMNS: [(&str, &str); 20] = [
     ("temperature_magnet", "degC"),
 ];
 
-/// Fewest samples from which anything can be said.
+/// Fewest samples from which anything can be said, and fewest points of shorted terminals, of which three ratios are asked.
 pub const FEWEST_SAMPLES: usize = 16;
+const FEWEST_SHORTED: usize = 5;
 /// A step in time longer than this many median periods is a gap: the models restart behind it. A voltage that was not
 /// logged cannot be made up; torque and speed in between can, for a few samples.
 pub const GAP: f64 = 1.5;
@@ -78,9 +79,12 @@ impl Recording {
             return Err(column_error("t", "is missing", "give the sample time in s, or a period"));
         };
         let n = t.len();
-        if n < FEWEST_SAMPLES {
+        let apart = n > 1 && t[n - 1] - t[0] > OPERATING_POINT_PERIOD * (n - 1) as f64;
+        let shorted = apart && kind::is_shorted(&columns);
+        let fewest = if shorted { FEWEST_SHORTED } else { FEWEST_SAMPLES };
+        if n < fewest {
             let problem = format!("has {n} samples");
-            return Err(column_error("t", &problem, &format!("at least {FEWEST_SAMPLES} are needed")));
+            return Err(column_error("t", &problem, &format!("at least {fewest} are needed")));
         }
         if let Some((name, values)) = columns.iter().find(|(_, values)| values.len() != n) {
             let problem = format!("has {} rows while t has {n}", values.len());
@@ -171,6 +175,16 @@ impl Recording {
     /// How far an angle may be off that was taken from the voltages, rad (electrical); `None` where it was measured or there is none.
     pub fn angle_error(&self) -> Option<f64> {
         self.angle_error
+    }
+
+    /// Whether v_q was logged without v_d beside both currents of a waveform: it holds the q equation alone.
+    pub fn has_q_alone(&self) -> bool {
+        self.kind == Kind::Mechanical && self.has(&["v_q", "i_d", "i_q"]) && !self.has(&["v_d"])
+    }
+
+    /// Whether these are steady points of shorted terminals: both voltages are zero throughout, and currents flow.
+    pub fn is_shorted(&self) -> bool {
+        self.kind == Kind::OperatingPoints && kind::is_shorted(&self.columns)
     }
 
     /// Whether `other` holds the very same columns and samples.

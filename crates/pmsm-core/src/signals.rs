@@ -10,6 +10,7 @@ pub mod join;
 mod lag;
 mod limits;
 mod mend;
+mod one_axis;
 mod open_circuit;
 mod phases;
 mod scales;
@@ -64,6 +65,8 @@ pub struct Signals {
     pub control_period: Option<f64>,
     /// Rotor-frame voltage acting from each sample to the next, V; zero on an axis that was not logged.
     pub v: Option<[Vec<f64>; 2]>,
+    /// Rows of the log whose mean each sample is, where steady points were taken from a waveform; one elsewhere.
+    pub averaged: usize,
     /// What drives the motor within each sample, where that stands for several of the log.
     pub within: Option<Within>,
     /// Whether the voltage is held in the stator's frame over a control period, as inverters do, and not in the rotor's.
@@ -240,7 +243,7 @@ impl Signals {
                 (v, [true; 2])
             }
         };
-        if v.is_none() {
+        if v.is_none() && !recording.has_q_alone() {
             findings.extend(phases::incomplete_voltage(recording));
         }
         let above = |name: &str| {
@@ -261,6 +264,7 @@ impl Signals {
             segments,
             period: recording.period(),
             control_period: machine.f_sample.map(|f| 1.0 / f),
+            averaged: 1,
             within: None,
             stator_held: false,
             phase_voltages: v_d.is_none() || v_q.is_none(),
@@ -401,13 +405,13 @@ mod tests {
     }
 
     #[test]
-    fn a_voltage_of_one_axis_is_said_to_be_of_no_use() {
+    fn a_voltage_of_the_d_axis_alone_is_said_to_be_of_no_use() {
         let whole = turning(2000, 300.0, 1.0);
-        let columns = ["t", "theta_e", "omega_e", "v_q", "i_d", "i_q"]
+        let columns = ["t", "theta_e", "omega_e", "v_d", "i_d", "i_q"]
             .map(|name| (name.to_string(), whole.column(name).unwrap().to_vec()));
         let recording = Recording::new(columns.into(), None).unwrap();
         let findings = Signals::new(&recording, &Machine::new(4).unwrap()).unwrap().findings;
-        assert!(findings.iter().any(|f| f.finding.starts_with("v_q alone")), "{findings:?}");
+        assert!(findings.iter().any(|f| f.finding.starts_with("v_d alone")), "{findings:?}");
         let whole = Signals::new(&whole, &Machine::new(4).unwrap()).unwrap();
         assert!(whole.findings.iter().all(|f| !f.finding.contains("alone")));
     }

@@ -96,12 +96,13 @@ pub fn needed(signals: &Signals, parameter: BaseParameter) -> bool {
 fn in_steady_equations(signals: &Signals, parameter: BaseParameter) -> bool {
     let Some(i) = &signals.i else { return false };
     let flows = |axis: usize| i[axis].iter().any(|x| *x != 0.0);
+    let turns = signals.omega_e.iter().any(|x| *x != 0.0);
     let [d, q] = signals.axes;
     match parameter {
         BaseParameter::RS => (d && flows(0)) || (q && flows(1)),
-        BaseParameter::LD => q && flows(0),
-        BaseParameter::LQ => d && flows(1),
-        _ => q,
+        BaseParameter::LD => q && flows(0) && turns,
+        BaseParameter::LQ => d && flows(1) && turns,
+        _ => q && turns,
     }
 }
 

@@ -26,7 +26,10 @@ fn obstacle(data: &Data, effect: EffectId) -> Option<String> {
         return hidden.into_iter().next().flatten();
     }
     let lacking = runs.iter().enumerate().find_map(|(at, run)| Some((at, lacking(run, effect)?)));
-    lacking.map(|(at, why)| if runs.len() == 1 { why } else { format!("{why} in recording {}", at + 1) })
+    lacking.map(|(at, why)| match data.number(at) {
+        None => why,
+        Some(number) => format!("{why} in recording {number}"),
+    })
 }
 
 /// Why a recording by itself shows nothing of an effect, if so.
@@ -84,6 +87,10 @@ fn taken_up(effect: EffectId) -> Option<String> {
 /// What a recording lacks for an effect to be simulated on it, if anything.
 fn lacking(data: &Data, effect: EffectId) -> Option<String> {
     let signals = &data.signals;
+    if effect.info().site == Site::Mechanical && !data.has(false) {
+        // What acts on the motion alone is not simulated where none was recorded.
+        return None;
+    }
     let steady = signals.kind == Kind::OperatingPoints;
     effect.info().needs.iter().find_map(|need| match need {
         Need::AngleOrSteady if !signals.angle_known && !steady => {

@@ -44,7 +44,7 @@ impl Contradiction {
 pub fn contradiction(data: &Data, best: &Hypothesis, monitor: &dyn Monitor) -> Result<Option<Contradiction>> {
     let blocks = data.whole(best).blocks();
     let left = best.squares.iter().any(|(_, square)| *square > 1.0 + data.options.mismatch);
-    if data.parts.is_empty() || !left || monitor.cancelled() {
+    if data.number(0).is_none() || !left || monitor.cancelled() {
         return Ok(None);
     }
     let fit = |part: &Data| fitting::fit(part, &best.model, best.own(), false, monitor);
@@ -62,7 +62,7 @@ pub fn contradiction(data: &Data, best: &Hypothesis, monitor: &dyn Monitor) -> R
              fitted to it alone {} times{}",
             times(together.sqrt()),
             block.channel.name(),
-            block.run + 1,
+            data.number(block.run).unwrap_or(1),
             times(own.sqrt()),
             parameter_words(data, &alone, block.channel)
         );
@@ -101,7 +101,7 @@ fn parameter_words(data: &Data, alone: &[Hypothesis], channel: Channel) -> Strin
 fn values(data: &Data, alone: &[Hypothesis], parameter: BaseParameter) -> Vec<(usize, f64)> {
     let each = data.parts.iter().zip(alone).enumerate();
     each.filter(|(_, (part, _))| part.needs(parameter))
-        .map(|(run, (_, fitted))| (run + 1, fitted.parameters[parameter.index()]))
+        .map(|(run, (_, fitted))| (data.number(run).unwrap_or(1), fitted.parameters[parameter.index()]))
         .collect()
 }
 

@@ -11,7 +11,6 @@ use crate::least_squares;
 use crate::machine::BaseParameter;
 use crate::model::Model;
 use crate::monitor::Monitor;
-use crate::recording::Kind;
 use crate::signals::Finding;
 
 /// Rounds in which the bare machine and the noise of its voltages are estimated from one another, and how far (ln) its inductances may
@@ -120,8 +119,7 @@ pub fn weak_parameters(data: &Data, base: &Hypothesis) -> Vec<String> {
 /// Whether effects are hard to tell apart on this recording, of which the parameters `weak` are not pinned down: one is asked for at a time
 /// then. That r_s stays open makes no grid of operating points poor: its drop may be small there, or taken off.
 pub fn is_poor(data: &Data, weak: &[String]) -> bool {
-    let small =
-        |name: &String| data.signals.kind == Kind::OperatingPoints && name == BaseParameter::RS.name();
+    let small = |name: &String| data.is_steady() && name == BaseParameter::RS.name();
     !weak.iter().all(small) || reach::stays_at_one_point(&data.signals)
 }
 

@@ -20,8 +20,7 @@ pub fn fault(data: &Data, base: &Hypothesis) -> Option<Finding> {
     let times = |excess: &Excess| excess.left / excess.variation;
     let worst = excesses(data, base).into_iter().max_by(|a, b| times(a).total_cmp(&times(b)))?;
     let (unit, name) = (worst.channel.unit(), worst.channel.name());
-    let place =
-        if data.parts.is_empty() { String::new() } else { format!(" of recording {}", worst.run + 1) };
+    let place = data.number(worst.run).map_or(String::new(), |number| format!(" of recording {number}"));
     Some(Finding {
         finding: format!(
             "the best dq-model that was found leaves {:.3} {unit} in {name}{place}, and {name} itself varies by {:.3} {unit} only{}",

@@ -21,6 +21,7 @@ use super::{
 use crate::effect::{Role, Site};
 use crate::effects::EffectId;
 use crate::error::Result;
+use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
 use crate::recording::Kind;
 use crate::signals::{self, Finding};
@@ -101,7 +102,7 @@ pub fn conclude(
         decide::doubt(&mut ranked, data.options.ceiling_unknown);
     }
     // Steady points have no dynamics to tell an effect from base parameters that can stand in for all of its strength.
-    let steady = data.signals.kind == Kind::OperatingPoints;
+    let steady = data.is_steady();
     let ties = if steady { own.ties() } else { Vec::new() };
     let asymmetric = own.effect(EffectId::AsymmetricFriction);
     if verdict == Verdict::Named && ties.iter().any(|tie| tie.doubtful && !outcome.needs(tie.effect)) {
@@ -163,6 +164,11 @@ pub fn conclude(
         outcome.path.truncate(1);
         after = before.clone();
     }
+    let few = reach::held_at_few_currents(data);
+    if few.is_some() && verdict == Verdict::Unknown {
+        // Two numbers explain two levels, whatever they stand for.
+        verdict = Verdict::Undetermined;
+    }
     let best = &outcome.best;
     // What stays unknown is at least described, so that the model predicts.
     let described = match verdict {
@@ -201,6 +207,9 @@ pub fn conclude(
     let next_experiment =
         prescribe::next_experiment(data, &ranked, &outcome, (verdict, &remaining), weak, monitor)?;
     let mut data_quality = quality(data, weak, &ties, refuted);
+    data_quality.extend(few);
+    let [r_s, psi_m] = [BaseParameter::RS, BaseParameter::PsiM].map(|p| best.fitted.own()[p.index()]);
+    data_quality.extend(data.runs().iter().find_map(|run| run.signals.of_clock(r_s, psi_m)));
     data_quality.extend(plausible::against_nameplate(data, &model_outputs.base()));
     data_quality.extend(stated_load::may_be_off(data, &asymmetric));
     data_quality.extend(contradiction.map(|c| c.finding));
@@ -373,7 +382,7 @@ fn quality(data: &Data, weak: &[String], found: &[Tie], refuted: bool) -> Vec<Fi
     let noise: Vec<Vec<Finding>> = data.runs().iter().map(|run| run.input.findings(&run.signals)).collect();
     findings.extend(signals::join::findings(noise.iter().map(Vec::as_slice)));
     findings.extend(ties::findings(found));
-    if data.signals.kind == Kind::OperatingPoints {
+    if data.signals.kind == Kind::OperatingPoints && data.signals.averaged == 1 {
         findings.push(Finding {
             finding: "the samples are far apart compared with the electrical time constants".into(),
             consequence: "they are taken as steady operating points; nothing is said about transients or ripple".into(),

@@ -50,8 +50,11 @@ pub struct Data {
     pub options: DiagnosisOptions,
     /// When a fit to it ends.
     pub settings: Settings,
-    /// The recordings, if there are several; the rest then describes all of them.
+    /// The recordings, if there are several; the rest then describes all of them. What a recording shows of the motion and of steady points are
+    /// two parts.
     pub parts: Vec<Data>,
+    /// The recording from which each part comes, from zero.
+    pub origins: Vec<usize>,
 }
 
 impl Data {
@@ -106,7 +109,7 @@ impl Data {
             })
             .collect();
         let (input, whitening) = (InputNoise::default(), None);
-        let (held_out, parts) = (None, Vec::new());
+        let (held_out, parts, origins) = (None, Vec::new(), Vec::new());
         Self {
             signals,
             windows,
@@ -121,12 +124,24 @@ impl Data {
             options: *options,
             settings: SETTINGS,
             parts,
+            origins,
         }
     }
 
     /// The recordings, each by itself.
     pub fn runs(&self) -> &[Data] {
         if self.parts.is_empty() { std::slice::from_ref(self) } else { &self.parts }
+    }
+
+    /// Number of the recording from which part `run` comes, from one; none where there is only one recording.
+    pub fn number(&self, run: usize) -> Option<usize> {
+        let several = self.origins.iter().any(|origin| *origin > 0);
+        several.then(|| self.origins[run] + 1)
+    }
+
+    /// Whether its voltages are those of steady points.
+    pub fn is_steady(&self) -> bool {
+        self.runs().iter().any(|run| run.signals.kind == Kind::OperatingPoints)
     }
 
     /// The recording that holds most: voltages before motion, then the longest.

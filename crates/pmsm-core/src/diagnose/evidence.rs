@@ -154,9 +154,12 @@ pub fn price(samples: &[f64], options: &DiagnosisOptions) -> f64 {
 
 /// Independent samples of each channel of one recording.
 fn of_run(run: &Data) -> impl Iterator<Item = f64> {
-    // Steady points and rows at open terminals have no memory: each counts.
+    // Steady points and rows at open terminals have no memory: each counts. Means of a waveform's rows count as its rows do.
     let steady = matches!(run.signals.kind, Kind::OperatingPoints | Kind::OpenCircuit);
-    let correlated = if steady { 1.0 } else { run.options.rows_per_sample };
+    let correlated = match run.signals.averaged {
+        1 if steady => 1.0,
+        rows => (run.options.rows_per_sample / rows as f64).max(1.0),
+    };
     let samples = (run.counted() as f64 / correlated).max(run.options.fewest_samples);
     run.floors.iter().map(move |_| samples)
 }

@@ -12,8 +12,8 @@ use crate::experiment::split;
 use crate::input_noise::InputNoise;
 use crate::machine::{BaseParameter, Machine};
 use crate::noise::Floor;
-use crate::recording::{Kind, Recording};
-use crate::signals::{Finding, Signals};
+use crate::recording::{Kind, Load, Recording};
+use crate::signals::{self, Finding, Signals};
 use crate::start;
 
 /// Prepares recordings of one machine.
@@ -59,19 +59,43 @@ fn prepared(
     let numbered = |(at, recording): (usize, &&Recording)| {
         read(recording, machine, why).map_err(|e| within(e, at, recordings.len()))
     };
-    let mut signals: Vec<Signals> = recordings.iter().enumerate().map(numbered).collect::<Result<_>>()?;
-    if signals.is_empty() {
+    let whole: Vec<Signals> = recordings.iter().enumerate().map(numbered).collect::<Result<_>>()?;
+    if whole.is_empty() {
         return Err(Error::unusable("no recording was given", "give at least one"));
+    }
+    let (mut signals, mut origins) = (Vec::new(), Vec::new());
+    for (at, (own, recording)) in whole.into_iter().zip(recordings).enumerate() {
+        let parts = in_parts(own, recording, machine);
+        origins.extend(parts.iter().map(|_| at));
+        signals.extend(parts);
     }
     if signals.len() == 1 {
         return Data::new(signals.remove(0), machine, options);
     }
     distinct(recordings)?;
-    combinable(&signals)?;
+    combinable(&signals, &origins)?;
     let common = agree_on_temperatures(&mut signals);
-    let start = first_values(&signals, machine)?;
+    let start = first_values(&signals, &origins, machine)?;
     let parts = signals.into_iter().map(|s| Data::started(s, machine, start, options)).collect();
-    Ok(Data::joined(parts, common))
+    Ok(Data::joined(parts, origins, common))
+}
+
+/// A recording as what is compared of it: as it is, or where v_q was logged without v_d its motion and its steady points of the q equation.
+fn in_parts(mut signals: Signals, recording: &Recording, machine: &Machine) -> Vec<Signals> {
+    if !recording.has_q_alone() {
+        return vec![signals];
+    }
+    let Some(mut points) = signals.q_points(recording, machine) else {
+        signals.q_unused();
+        return vec![signals];
+    };
+    signals.findings.splice(0..0, std::mem::take(&mut points.findings));
+    if signals.load != Load::Locked {
+        return vec![signals, points];
+    }
+    // A held rotor has no motion to tell of.
+    points.findings = signals.findings;
+    vec![points]
 }
 
 fn within(error: Error, at: usize, count: usize) -> Error {
@@ -93,18 +117,21 @@ fn distinct(recordings: &[&Recording]) -> Result<()> {
     Ok(())
 }
 
-/// Steady points have other equations than waveforms: the fit of one says nothing of the transients of the other.
-fn combinable(signals: &[Signals]) -> Result<()> {
+/// Steady points have other equations than the voltages of waveforms: the fit of one says nothing of the transients of the other. The motion
+/// alone goes with both.
+fn combinable(signals: &[Signals], origins: &[usize]) -> Result<()> {
     let steady = |s: &Signals| s.kind == Kind::OperatingPoints;
-    let first = steady(&signals[0]);
-    match signals.iter().position(|s| steady(s) != first) {
+    let with_voltages = |s: &&Signals| s.kind != Kind::Mechanical;
+    let Some(first) = signals.iter().find(with_voltages).map(steady) else { return Ok(()) };
+    let other = |s: &Signals| with_voltages(&s) && steady(s) != first;
+    match signals.iter().position(other) {
         None => Ok(()),
         Some(at) => {
             let what = |steady: bool| if steady { "steady operating points" } else { "a waveform" };
             let problem = Error::Column {
                 column: "t".into(),
                 problem: format!(
-                    "at a sample period of {} s these are {}, recording 1 holds {}: they have other equations and \
+                    "at a sample period of {} s these are {}, another recording holds {}: they have other equations and \
                      cannot be fitted together",
                     signals[at].period,
                     what(!first),
@@ -112,7 +139,7 @@ fn combinable(signals: &[Signals]) -> Result<()> {
                 ),
                 fix: "diagnose the operating points and the waveforms each by themselves".into(),
             };
-            Err(within(problem, at, signals.len()))
+            Err(within(problem, origins[at], signals.len()))
         }
     }
 }
@@ -142,37 +169,56 @@ fn agree_on_temperatures(signals: &mut [Signals]) -> Vec<Finding> {
 }
 
 /// Base parameters to start from: the mean of what the recordings say that contain them.
-fn first_values(signals: &[Signals], machine: &Machine) -> Result<[f64; BASE]> {
-    let each: Vec<Result<[f64; BASE]>> = signals.iter().map(|s| start::values(s, machine)).collect();
+fn first_values(signals: &[Signals], origins: &[usize], machine: &Machine) -> Result<[f64; BASE]> {
+    let alone: Vec<Result<[f64; BASE]>> = signals.iter().map(|s| start::values(s, machine)).collect();
+    let tells = |each: &[Result<[f64; BASE]>], p: BaseParameter| -> Vec<f64> {
+        let shown = each.iter().zip(signals).filter(|(_, s)| start::needed(s, p));
+        shown.filter_map(|(x, _)| x.as_ref().ok().map(|x| x[p.index()])).collect()
+    };
+    // One that does not show a parameter takes it from those that do.
+    let mut helped = machine.clone();
+    for p in BaseParameter::ALL.into_iter().filter(|p| machine.get(*p).is_none()) {
+        if let Some(value) = mean(&tells(&alone, p)) {
+            helped = helped.with(p, value)?;
+        }
+    }
+    let again = |(own, s): (Result<[f64; BASE]>, &Signals)| {
+        own.or_else(|error| start::values(s, &helped).map_err(|_| error))
+    };
+    let each: Vec<Result<[f64; BASE]>> = alone.into_iter().zip(signals).map(again).collect();
     let mut out = [0.0; BASE];
     for p in BaseParameter::ALL {
         let shows = |s: &Signals| start::needed(s, p);
-        let told: Vec<f64> = each
-            .iter()
-            .zip(signals)
-            .filter(|(_, s)| shows(s))
-            .filter_map(|(x, _)| x.as_ref().ok().map(|x| x[p.index()]))
-            .collect();
+        let told = tells(&each, p);
         let untold = each.iter().find_map(|x| x.as_ref().ok()).map(|x| x[p.index()]);
-        out[p.index()] = match (machine.get(p), told.len(), untold) {
+        out[p.index()] = match (machine.get(p), mean(&told), untold) {
             (Some(value), ..) => value,
-            (None, 0, Some(value)) if !signals.iter().any(shows) => value,
-            (None, 0, _) => {
+            (None, None, Some(value)) if !signals.iter().any(shows) => value,
+            (None, None, _) => {
                 let failed = each.iter().enumerate().find_map(|(at, x)| Some((at, x.as_ref().err()?)));
                 let (at, error) = failed.expect("a recording that contains it was refused");
-                return Err(within(error.clone(), at, signals.len()));
+                return Err(within(error.clone(), origins[at], 1 + origins.iter().max().unwrap_or(&0)));
             }
-            (None, count, _) => told.iter().sum::<f64>() / count as f64,
+            (None, Some(told), _) => told,
         };
     }
     Ok(out)
 }
 
+fn mean(x: &[f64]) -> Option<f64> {
+    (!x.is_empty()).then(|| x.iter().sum::<f64>() / x.len() as f64)
+}
+
 impl Data {
     /// Several prepared recordings, with what is to be said of them as a whole.
-    pub(super) fn joined(parts: Vec<Self>, common: Vec<Finding>) -> Self {
-        let signals: Vec<&Signals> = parts.iter().map(|p| &p.signals).collect();
-        let mut signals = Signals::end_to_end(&signals);
+    pub(super) fn joined(parts: Vec<Self>, origins: Vec<usize>, common: Vec<Finding>) -> Self {
+        let each: Vec<&Signals> = parts.iter().map(|p| &p.signals).collect();
+        let mut signals = Signals::end_to_end(&each);
+        // What was found is said by recordings, not by their parts.
+        let count = 1 + origins.iter().max().unwrap_or(&0);
+        let mut found = vec![Vec::new(); count];
+        each.iter().zip(&origins).for_each(|(s, origin)| found[*origin].extend(s.findings.iter().cloned()));
+        signals.findings = signals::join::findings(found.iter().map(Vec::as_slice));
         signals.findings.extend(common);
         let mut windows = Vec::new();
         let mut at = 0;
@@ -194,6 +240,7 @@ impl Data {
             poor: false,
             held_out: None,
             parts,
+            origins,
         };
         out.pool_floors();
         out
@@ -338,7 +385,7 @@ mod tests {
             names.map(|n| (n.to_string(), turning.column(n).unwrap().to_vec())).collect()
         };
         let mechanical = Recording::new(columns(&|n| motion.contains(&n)), Some(turning.load())).unwrap();
-        let held = Recording::new(columns(&|_| true), Some(crate::recording::Load::Locked)).unwrap();
+        let held = Recording::new(columns(&|_| true), Some(Load::Locked)).unwrap();
         assert_eq!((mechanical.kind(), held.kind()), (Kind::Mechanical, Kind::Electrical));
         let machine = setup(sweep(60.0, 90.0), Vec::new()).nameplate;
         let answer = diagnose(&[&mechanical, &held], &machine, None, &Default::default(), &Silent).unwrap();
@@ -384,7 +431,7 @@ mod tests {
     fn findings_carry_the_number_of_their_recording() {
         let finding = |x: &str| Finding { finding: x.into(), consequence: "c".into(), fix: "f".into() };
         let (one, two) = (vec![finding("gaps"), finding("noise")], vec![finding("noise")]);
-        let said = crate::signals::join::findings([&one[..], &two[..]].into_iter());
+        let said = signals::join::findings([&one[..], &two[..]].into_iter());
         let words: Vec<&str> = said.iter().map(|f| f.finding.as_str()).collect();
         assert_eq!(words, ["recording 1: gaps", "noise"]);
     }

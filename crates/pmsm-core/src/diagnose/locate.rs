@@ -91,14 +91,15 @@ pub fn locate(data: &Data, base: &Hypothesis) -> Vec<Located> {
             let seen = if channel.is_electrical() { &residual } else { &plain };
             let part = &seen.as_slice()[blocks[most].rows.clone()];
             let share = own.iter().map(|b| excess[*b]).sum::<f64>() / total;
-            let runs: Vec<usize> = shown.iter().map(|b| blocks[*b].run + 1).collect();
+            let number = |run: usize| data.number(run).unwrap_or(1);
+            let runs: Vec<usize> = shown.iter().map(|b| number(blocks[*b].run)).collect();
             let recordings = if shown.len() < own.len() { runs } else { Vec::new() };
             let run = blocks[most].run;
             let mut at = describe(&data.runs()[run], *channel, part, excess[most], share);
             if own.len() > 1 {
                 at.sentence = at.sentence.replacen(
                     &format!(" in {}", channel.name()),
-                    &format!(" in {}{}", channel.name(), where_words(run + 1, own.len(), &recordings)),
+                    &format!(" in {}{}", channel.name(), where_words(number(run), own.len(), &recordings)),
                     1,
                 );
             }

@@ -12,7 +12,7 @@ use crate::effects::EffectId;
 use crate::least_squares;
 use crate::machine::BaseParameter;
 use crate::uncertainty;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 
 /// Parameters that one effect's outputs may depend on.
@@ -53,10 +53,10 @@ impl<'a> Outputs<'a> {
                 let (before, at) = (speed * n, speed * n..(speed + 1) * n);
                 let electrical = linear.jacobian.select_columns(&first).rows(0, before).into_owned();
                 let c_e =
-                    uncertainty::covariance(&electrical, &linear.residual.rows(0, before).into_owned(), n);
+                    of_held(data, true, (&electrical, &linear.residual.rows(0, before).into_owned()), n);
                 let rows = linear.jacobian.rows(at.start, n);
                 let (j_e, j_m) = (rows.select_columns(&first), rows.select_columns(&second));
-                let c_m = uncertainty::covariance(&j_m, &linear.residual.rows(at.start, n).into_owned(), n);
+                let c_m = of_held(data, false, (&j_m, &linear.residual.rows(at.start, n).into_owned()), n);
                 let all = vec![true; second.len()];
                 let inverse = least_squares::covariance(&j_m.tr_mul(&j_m), None, &all).map(finite);
                 let shaken = torque_noise::scores(data, hypothesis, &j_m);
@@ -99,7 +99,7 @@ impl<'a> Outputs<'a> {
         let mut first = self.hypothesis.own().len();
         let nuisances = &self.hypothesis.nuisances;
         for (run, nuisance) in nuisances.iter().enumerate() {
-            let of = if nuisances.len() > 1 { format!("_of_{}", run + 1) } else { String::new() };
+            let of = self.data.number(run).map_or(String::new(), |number| format!("_of_{number}"));
             let mut push = |name: String, index: usize, unit: &str| {
                 let value = self.hypothesis.parameters[index];
                 load.push((name, estimate(value, self.variance_of(index, index), unit, None)));
@@ -218,6 +218,24 @@ fn shown(estimate: Estimate) -> Estimate {
 /// What is not determined carries nothing over to other parameters.
 fn finite(x: f64) -> f64 {
     if x.is_finite() { x } else { 0.0 }
+}
+
+/// Covariance from the rows of the recordings that hold electrical (or mechanical) channels: those of the others are zero, and would
+/// crowd the blocks by which the scatter is judged.
+fn of_held(
+    data: &Data,
+    electrical: bool,
+    (jacobian, residual): (&DMatrix<f64>, &DVector<f64>),
+    n: usize,
+) -> DMatrix<f64> {
+    let runs = data.runs().iter().enumerate().filter(|(_, run)| run.has(electrical));
+    let held: Vec<usize> = runs.flat_map(|(run, _)| data.samples_of(run)).collect();
+    if held.len() == n {
+        return uncertainty::covariance(jacobian, residual, n);
+    }
+    let rows: Vec<usize> =
+        (0..residual.len() / n).flat_map(|c| held.iter().map(move |k| c * n + k)).collect();
+    uncertainty::covariance(&jacobian.select_rows(&rows), &residual.select_rows(&rows), held.len())
 }
 
 fn estimate(value: f64, variance: f64, unit: &str, why: Option<String>) -> Estimate {

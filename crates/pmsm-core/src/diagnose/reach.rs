@@ -2,7 +2,7 @@
 
 use super::data::Data;
 use super::locate::Region;
-use crate::recording::Kind;
+use crate::recording::{Kind, Load};
 use crate::signals::{Finding, Signals};
 
 /// Time over which signals are averaged, so that ripple is no change of the operating point, s.
@@ -12,6 +12,8 @@ const FEWEST: usize = 8;
 /// A recording stays at one operating point if these means change by less than this share of the largest value: controllers and slow
 /// drifts change less, any manoeuvre changes more.
 const ONE: f64 = 0.1;
+/// Share of the points that a level holds at least.
+const ON_THE_WAY: f64 = 0.02;
 /// Share of the larger run's largest value by which it must go beyond the other for that to be told.
 const BEYOND: f64 = 0.2;
 
@@ -29,6 +31,30 @@ pub fn stays_at_one_point(signals: &Signals) -> bool {
     let currents = || signals.i.iter().flatten().map(|x| change(x) / cx.i_max);
     let torque = || signals.tau_e.iter().map(|x| change(x) / cx.tau_max);
     change(&signals.omega_e) <= ONE * cx.omega_e_max && currents().chain(torque()).all(|change| change <= ONE)
+}
+
+/// A finding if steady points of a held rotor lie at one or two levels of i_q only.
+pub fn held_at_few_currents(data: &Data) -> Option<Finding> {
+    let signals = &data.signals;
+    if signals.load != Load::Locked || !data.is_steady() {
+        return None;
+    }
+    let [_, q] = signals.i.as_ref()?;
+    let mut sorted: Vec<f64> = q.iter().copied().filter(|x| x.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    // Levels lie apart by more than what counts as the same point; a few points on the way between them are none.
+    let levels = sorted.chunk_by(|a, b| b - a <= ONE * signals.context.i_max);
+    let count = levels.filter(|level| level.len() as f64 > ON_THE_WAY * sorted.len() as f64).count();
+    (count <= 2).then(|| Finding {
+        finding: format!(
+            "the held rotor was recorded at {count} level{} of i_q only",
+            if count == 1 { "" } else { "s" }
+        ),
+        consequence:
+            "r_s, a dead time and an offset of current or voltage cannot be told apart: r_s holds all of them"
+                .into(),
+        fix: "hold at least three levels of i_q in each direction".into(),
+    })
 }
 
 /// What makes up an operating point.

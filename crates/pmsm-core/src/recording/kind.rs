@@ -6,7 +6,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// Sample period from which a recording is a list of operating points rather than a waveform, s.
-const OPERATING_POINT_PERIOD: f64 = 0.05;
+pub const OPERATING_POINT_PERIOD: f64 = 0.05;
 
 /// Which questions a recording can answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -67,6 +67,13 @@ pub(super) fn of(columns: &BTreeMap<&'static str, Vec<f64>>, period: f64, load: 
         "is missing, so that neither the electrical nor the mechanical equation can be tested",
         missing.1,
     ))
+}
+
+/// Whether the voltages of both axes are zero throughout while currents flow.
+pub(super) fn is_shorted(columns: &BTreeMap<&'static str, Vec<f64>>) -> bool {
+    let dead = |name: &str| columns.get(name).is_some_and(|x| x.iter().all(|v| *v == 0.0));
+    let alive = |name: &str| columns.get(name).is_some_and(|x| x.iter().any(|v| *v != 0.0));
+    dead("v_d") && dead("v_q") && alive("i_d") && alive("i_q")
 }
 
 /// Whether voltages were measured at terminals through which no current flows: the logged currents are zero throughout, or

@@ -28,6 +28,7 @@ impl Signals {
             segments,
             period: largest(parts, |s| s.period),
             control_period: first.control_period,
+            averaged: 1,
             within: None,
             stator_held: first.stator_held,
             phase_voltages: first.phase_voltages,
@@ -130,7 +131,7 @@ fn scales(parts: &[&Signals]) -> Context {
             .completed_phase
             .filter(|_| parts.iter().all(|s| s.context.completed_phase == parts[0].context.completed_phase)),
         load_known: parts.iter().all(|s| s.context.load_known),
-        steady: parts[0].context.steady,
+        steady: parts.iter().any(|s| s.context.steady),
         has_temperature: parts.iter().all(|s| s.context.has_temperature),
         has_magnet_temperature: parts.iter().all(|s| s.context.has_magnet_temperature),
     }

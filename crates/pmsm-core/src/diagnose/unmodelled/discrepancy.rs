@@ -142,7 +142,7 @@ impl Choices {
         let count = |parts: &Vec<Part>| parts.iter().map(Part::count).sum::<usize>();
         let each: Vec<Vec<usize>> = smooth.iter().map(|parts| place(count(parts))).collect();
         let mut columns: Vec<Vec<usize>> = std::iter::once(Vec::new()).chain(each).collect();
-        let lags = side == Side::Electrical && data.has(true) && data.signals.kind != Kind::OperatingPoints;
+        let lags = side == Side::Electrical && data.has(true) && !data.is_steady();
         let mut with = |more: Vec<usize>| {
             let larger: Vec<Vec<usize>> = columns.iter().map(|own| [&own[..], &more].concat()).collect();
             columns.extend(larger.into_iter().filter(|_| !more.is_empty()));
