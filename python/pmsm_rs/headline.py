@@ -63,6 +63,9 @@ def _a(quantity: str) -> str:
 
 def _first_sentence(answer: DiagnosisValues) -> str:
     """The verdict with what remains beside the effects that were found."""
+    if answer.verdict == "undetermined" and answer.reason and _is_of_points(answer):
+        told = f"Only parameters can be told: {answer.reason}" if answer.base else answer.reason
+        return f"{told[0].upper()}{told[1:]}."
     if answer.verdict == "undetermined" and answer.reason:
         return f"Nothing can be said of the motor: {answer.reason}."
     if answer.verdict == "no_mismatch" and answer.remaining:
@@ -78,6 +81,11 @@ def _first_sentence(answer: DiagnosisValues) -> str:
     if rest and answer.verdict in {"named", "ambiguous", "partial"}:
         return f"{_verdict(answer).rstrip('.')}; {rest}, so another cause is at work as well."
     return _verdict(answer)
+
+
+def _is_of_points(answer: DiagnosisValues) -> bool:
+    """Whether steady points were read of which nothing was asked but parameters."""
+    return answer.recording_kind is not None and not answer.noise_floor
 
 
 def _rest(answer: DiagnosisValues) -> str:

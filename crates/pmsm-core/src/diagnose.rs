@@ -28,6 +28,7 @@ mod motion;
 mod options;
 mod outputs;
 mod pace;
+mod parameters_alone;
 mod plausible;
 mod power;
 mod prescribe;
@@ -35,12 +36,14 @@ mod reach;
 pub mod remaining;
 mod searching;
 pub mod select;
+mod short_circuit;
 pub mod shortlist;
 mod stated_load;
 #[cfg(test)]
 mod testing;
 mod ties;
 mod torque_noise;
+mod torque_points;
 mod torque_sign;
 mod transfer;
 mod turns;
@@ -83,6 +86,14 @@ pub fn diagnose(
             "the validation run is the recording itself: it judges nothing",
             "give another run of the same machine, or none",
         ));
+    }
+    if let [points] = recordings {
+        if let Some(answer) = short_circuit::answer(points, machine, options)? {
+            return Ok(answer);
+        }
+        if torque_points::are(points) {
+            return torque_points::answer(points, machine, options);
+        }
     }
     let mut whole = join::prepare(recordings, machine, options)?;
     if let Some(finding) = bare::silent(&whole) {

@@ -47,6 +47,7 @@ pub mod random;
 pub mod real;
 pub mod recording;
 pub mod rk4;
+mod robust;
 pub mod signals;
 pub mod simulate;
 pub mod start;

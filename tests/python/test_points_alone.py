@@ -1,0 +1,98 @@
+"""Steady points that show parameters alone: shorted terminals, and torque without voltages. Formulas are the
+test's own.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pmsm_rs as pm
+import pytest
+from pmsm_rs.headline import headline
+
+R_S, L_D, L_Q, PSI_M, N_P = 0.02, 1.5e-4, 4e-4, 0.05, 4
+
+
+def shorted(rows: int, angle: float = 0.0, seed: int = 2) -> dict[str, np.ndarray]:
+    """Currents of shorted terminals over speed, with 0.2 % of noise; `angle` (rad) bounds a random error of
+    the rotor angle.
+    """
+    rng = np.random.default_rng(seed)
+    omega = np.geomspace(15.0, 1500.0, rows)
+    currents = []
+    for w in omega:
+        voltages = np.array([[R_S, -w * L_Q], [w * L_D, R_S]])
+        d, q = np.linalg.solve(voltages, [0.0, -w * PSI_M])
+        c, s = np.cos(x := rng.uniform(-angle, angle)), np.sin(x)
+        currents.append([c * d - s * q, s * d + c * q] * (1.0 + 0.002 * rng.standard_normal(2)))
+    i_d, i_q = np.array(currents).T
+    zero = np.zeros(rows)
+    return {"t": 10.0 * np.arange(rows), "i_d": i_d, "i_q": i_q, "v_d": zero, "v_q": zero, "omega_e": omega}
+
+
+def shaft(columns: dict[str, np.ndarray]) -> np.ndarray:
+    """The torque that brakes the shorted machine, by the heat in its winding, and some drag."""
+    heat = 1.5 * R_S * (columns["i_d"] ** 2 + columns["i_q"] ** 2)
+    torque: np.ndarray = -heat * N_P / columns["omega_e"] - 0.3
+    return torque
+
+
+def test_five_shorted_points_show_the_winding_where_the_flux_is_known() -> None:
+    answer = pm.diagnose(pm.Recording(**shorted(5)), pm.Machine(n_p=N_P, psi_m=PSI_M))
+    for name, true in (("r_s", R_S), ("l_d", L_D), ("l_q", L_Q)):
+        assert answer.base[name].value == pytest.approx(true, rel=0.03)
+    assert (answer.verdict, answer.effects, answer.ranking) == ("undetermined", (), ())
+    assert headline(answer).startswith("Only parameters can be told: the terminals are shorted")
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5])
+def test_a_torque_gives_shorted_points_their_scale_even_where_the_angle_is_wrong(angle: float) -> None:
+    columns = shorted(14, angle)
+    columns["tau_m"] = shaft(columns)
+    answer = pm.diagnose(pm.Recording(**columns), pm.Machine(n_p=N_P))
+    for name, true in (("r_s", R_S), ("l_d", L_D), ("l_q", L_Q), ("psi_m", PSI_M)):
+        assert answer.base[name].value == pytest.approx(true, rel=0.05)
+    said = any("their angle is off" in f["finding"] for f in answer.data_quality)
+    assert said == bool(angle)
+
+
+def test_shorted_points_without_a_scale_say_what_is_needed() -> None:
+    answer = pm.diagnose(pm.Recording(**shorted(8)), pm.Machine(n_p=N_P))
+    assert not answer.base
+    ratio = re.search(r"r_s/psi_m = ([\d.]+) A/s", answer.reason or "")
+    assert ratio is not None
+    assert float(ratio[1]) == pytest.approx(R_S / PSI_M, rel=0.02)
+    assert answer.reason is not None
+    assert "give psi_m under [machine], or map the measured torque to tau_m" in answer.reason
+
+
+def dyno(outliers: int, seed: int = 5) -> dict[str, np.ndarray]:
+    """A map over i_q and speed in both directions of rotation, with friction and wild readings."""
+    rng = np.random.default_rng(seed)
+    i_q, omega = (x.ravel() for x in np.meshgrid(np.linspace(-20.0, 20.0, 9), np.linspace(-300.0, 300.0, 10)))
+    i_d = 0.2 * rng.standard_normal(i_q.size)
+    tau = 1.5 * N_P * (PSI_M + (L_D - L_Q) * i_d) * i_q - 2e-4 * omega - 0.08 * np.sign(omega)
+    tau += 0.01 * rng.standard_normal(i_q.size)
+    tau[rng.choice(i_q.size, outliers, replace=False)] += 5.0
+    return {"t": 2.0 * np.arange(i_q.size), "i_d": i_d, "i_q": i_q, "omega_m": omega, "tau_m": tau}
+
+
+@pytest.mark.parametrize("outliers", [0, 6])
+def test_a_torque_map_shows_flux_and_friction(outliers: int) -> None:
+    machine = pm.Machine(n_p=N_P, l_d=L_D, l_q=L_Q, psi_m=1.05 * PSI_M)
+    answer = pm.diagnose(pm.Recording(**dyno(outliers)), machine)
+    assert answer.base["psi_m"].value == pytest.approx(PSI_M, rel=0.005)
+    assert answer.base["b"].value == pytest.approx(2e-4, rel=0.1)
+    drag = re.search(r"constant drag of ([\d.]+) N m", answer.reason or "")
+    assert drag is not None
+    assert float(drag[1]) == pytest.approx(0.08, rel=0.1)
+    assert (answer.verdict, answer.effects, answer.ranking) == ("undetermined", (), ())
+    wild = [f for f in answer.data_quality if f["consequence"] == "they have no weight"]
+    assert bool(wild) == bool(outliers)
+    assert "Only parameters can be told" in headline(answer)
+
+
+def test_a_torque_map_that_contradicts_the_nameplate_says_so() -> None:
+    answer = pm.diagnose(pm.Recording(**dyno(0)), pm.Machine(n_p=N_P, psi_m=4.0 * PSI_M))
+    assert any("the nameplate states" in f["finding"] for f in answer.data_quality)
