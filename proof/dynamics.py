@@ -87,6 +87,9 @@ def rotor_torque(y: np.ndarray, i_m: np.ndarray, p: Parameters) -> float:
 def angle_error(th: float, w: float, p: Parameters) -> float:
     """Measured minus true electrical angle (rad) at the mechanical angle th (rad) and speed w (rad/s)."""
     error = p.angle_offset + p.eccentricity * math.sin(th + p.phase_ecc)
+    if p.skew_1 != 0.0 or p.skew_2 != 0.0:
+        th_e = p.n_p * th
+        error += p.skew_1 * math.sin(th_e + p.phase_skew_1) + p.skew_2 * math.sin(2.0 * th_e + p.phase_skew_2)
     if p.flaw != 0.0:
         error += p.flaw * math.exp(-((short_way(th - p.place_flaw) / p.width_flaw) ** 2))
     return error - p.late * p.n_p * w * abs(w)
@@ -96,6 +99,10 @@ def angle_error(th: float, w: float, p: Parameters) -> float:
 def angle_error_slope(th: float, p: Parameters) -> float:
     """Change of the angle's error with the mechanical angle th, in electrical rad per rad."""
     slope = p.eccentricity * math.cos(th + p.phase_ecc)
+    if p.skew_1 != 0.0 or p.skew_2 != 0.0:
+        th_e = p.n_p * th
+        slope += p.n_p * p.skew_1 * math.cos(th_e + p.phase_skew_1)
+        slope += 2.0 * p.n_p * p.skew_2 * math.cos(2.0 * th_e + p.phase_skew_2)
     if p.flaw != 0.0:
         away = short_way(th - p.place_flaw)
         slope -= 2.0 * p.flaw * away / p.width_flaw**2 * math.exp(-((away / p.width_flaw) ** 2))

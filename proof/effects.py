@@ -19,6 +19,7 @@ CATALOGUE: dict[str, dict[str, float]] = {
     "quadratic_drag": {"k": 0.0},
     "cogging_torque": {"tau_cog": 0.0, "order_mech": 24.0, "phase": 0.0, "second_rel": 0.0},
     "load_torque_pulsation": {"tau_pul": 0.0, "per_rev": 1.0, "phase": 0.0},
+    "gravity_torque": {"tau_g": 0.0, "phase": 0.0},
     "time_varying_load": {"amplitude": 0.0, "f": 2.0, "phase": 0.0},
     "two_mass_shaft": {"f_antires": 0.0, "f_res": 0.0, "damping": 0.02},
     "back_emf_harmonics": {"e5_rel": 0.0, "e7_rel": 0.0, "phase5": 0.0, "phase7": 0.0},
@@ -38,6 +39,12 @@ CATALOGUE: dict[str, dict[str, float]] = {
     "current_gain_imbalance": {"g_a": 0.0, "g_b": 0.0, "g_c": 0.0},
     "encoder_angle_offset": {"offset_el_rad": 0.0},
     "encoder_eccentricity": {"amplitude_el_rad": 0.0, "phase": 0.0},
+    "encoder_harmonics": {
+        "amplitude_1_el_rad": 0.0,
+        "phase_1": 0.0,
+        "amplitude_2_el_rad": 0.0,
+        "phase_2": 0.0,
+    },
     # outside the package's catalogue
     **{name: form.parameters for name, form in FORMS.items()},
 }
@@ -53,6 +60,7 @@ EQUATION: dict[str, tuple[str, ...]] = {
             "quadratic_drag",
             "cogging_torque",
             "load_torque_pulsation",
+            "gravity_torque",
             "time_varying_load",
             "two_mass_shaft",
         ),
@@ -74,7 +82,13 @@ EQUATION: dict[str, tuple[str, ...]] = {
     ),
     **dict.fromkeys(("saturation_d", "cross_saturation", "iron_loss", "voltage_delay"), ("d", "q")),
     **dict.fromkeys(
-        ("current_offset", "current_gain_imbalance", "encoder_angle_offset", "encoder_eccentricity"),
+        (
+            "current_offset",
+            "current_gain_imbalance",
+            "encoder_angle_offset",
+            "encoder_eccentricity",
+            "encoder_harmonics",
+        ),
         ("sensor",),
     ),
     **{name: form.equations for name, form in FORMS.items()},
@@ -147,6 +161,8 @@ def build(machine: Machine, effects: Effects, *, locked: bool = False) -> Parame
             p["second_cog"] = v["second_rel"]
         elif name == "load_torque_pulsation":
             p.update(tau_pul=v["tau_pul"], order_pul=v["per_rev"], phase_pul=v["phase"])
+        elif name == "gravity_torque":
+            p.update(tau_grav=v["tau_g"], phase_grav=v["phase"])
         elif name == "time_varying_load":
             p.update(tau_var=v["amplitude"], f_var=v["f"], phase_var=v["phase"])
         elif name == "two_mass_shaft" and v["f_antires"] > 0.0:
@@ -191,6 +207,9 @@ def build(machine: Machine, effects: Effects, *, locked: bool = False) -> Parame
             p["angle_offset"] = v["offset_el_rad"]
         elif name == "encoder_eccentricity":
             p.update(eccentricity=v["amplitude_el_rad"], phase_ecc=v["phase"])
+        elif name == "encoder_harmonics":
+            p.update(skew_1=v["amplitude_1_el_rad"], phase_skew_1=v["phase_1"])
+            p.update(skew_2=v["amplitude_2_el_rad"], phase_skew_2=v["phase_2"])
         elif name in FORMS:
             p.update(FORMS[name].plant(m, v))
     return Parameters(**p)

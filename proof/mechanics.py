@@ -68,6 +68,8 @@ def mechanics(t: float, y: np.ndarray, tau_e: float, tau_load: float, p: Paramet
         rotor += p.tau_cog * (math.cos(a) + p.second_cog * math.cos(2.0 * a))
     if p.tau_pul != 0.0:
         load += p.tau_pul * math.cos(p.order_pul * (th - y[4]) + p.phase_pul)
+    if p.tau_grav != 0.0:
+        load += p.tau_grav * math.cos(th - y[4] + p.phase_grav)
     if p.tau_var != 0.0:
         load += p.tau_var * math.sin(2.0 * math.pi * p.f_var * t + p.phase_var)
     dy[2], dy[4], dy[5] = w, 0.0, 0.0

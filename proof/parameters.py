@@ -121,6 +121,8 @@ class Parameters(NamedTuple):
     tau_pul: float = 0.0
     order_pul: float = 1.0
     phase_pul: float = 0.0
+    tau_grav: float = 0.0
+    phase_grav: float = 0.0
     tau_var: float = 0.0
     f_var: float = 1.0
     phase_var: float = 0.0
@@ -158,6 +160,10 @@ class Parameters(NamedTuple):
     angle_offset: float = 0.0
     eccentricity: float = 0.0
     phase_ecc: float = 0.0
+    skew_1: float = 0.0
+    phase_skew_1: float = 0.0
+    skew_2: float = 0.0
+    phase_skew_2: float = 0.0
     late: float = 0.0
     flaw: float = 0.0
     width_flaw: float = 1.0

@@ -18,6 +18,7 @@ COMPARED: dict[str, tuple[tuple[str, ...], ...]] = {
     "cogging_torque": (("tau_cog",), ("order_mech",)),
     "two_mass_shaft": (("f_antires", "f_res"),),
     "load_torque_pulsation": (("tau_pul",),),
+    "gravity_torque": (("tau_g",),),
     "time_varying_load": (("amplitude",), ("f",)),
     "back_emf_harmonics": (("e5_rel", "e7_rel"),),
     "iron_loss": (("r_c",),),
@@ -28,6 +29,7 @@ COMPARED: dict[str, tuple[tuple[str, ...], ...]] = {
     "current_offset": (("o_a", "o_b", "o_c"),),
     "encoder_angle_offset": (("offset_el_rad",),),
     "encoder_eccentricity": (("amplitude_el_rad",),),
+    "encoder_harmonics": (("amplitude_1_el_rad", "amplitude_2_el_rad"),),
 }
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from . import bench, limits, splits
 from .effects import CATALOGUE, ONE_LOAD, ONE_OF
 from .manoeuvres import LOADS
+from .strengths import RULES
 
 Slot = tuple[str, str, str]
 # family -> (kind, log, simulator) -> cases of a set of 600; the first three families make up half of it
@@ -32,7 +33,8 @@ FAMILIES: dict[str, dict[Slot, float]] = {
     "foreign": {("foreign", "full", "plant"): 50.0, ("foreign beside", "full", "plant"): 50.0},
     "limits": {("clean", "limits", "plant"): 70.0, ("limited", "limits", "plant"): 30.0},
 }
-KNOWN = tuple(k for k in CATALOGUE if not k.startswith("x_"))
+# effects that are drawn: those for which `strengths` says how strong
+KNOWN = tuple(k for k in CATALOGUE if k in RULES and not k.startswith("x_"))
 # what a limited log can show: the ringing of a shaft does not pass a slow or a coarse one
 SHOWN = tuple(k for k in KNOWN if k != "two_mass_shaft")
 # what the other simulators have equations of their own for

@@ -6,7 +6,7 @@ use pmsm_core::effect::{Context, Need, Role};
 use pmsm_core::effects::{ALL, EffectId};
 
 /// Every identifier of the file contract with the results whose names are binding.
-const CONTRACT: [(&str, &[&str]); 26] = [
+const CONTRACT: [(&str, &[&str]); 28] = [
     ("coulomb_friction", &["tau_c"]),
     ("stribeck_friction", &["tau_c", "tau_s", "w_s"]),
     ("asymmetric_friction", &[]),
@@ -14,6 +14,7 @@ const CONTRACT: [(&str, &[&str]); 26] = [
     ("quadratic_drag", &["k"]),
     ("cogging_torque", &["tau_cog", "order_mech"]),
     ("load_torque_pulsation", &["tau_pul"]),
+    ("gravity_torque", &["tau_g"]),
     ("time_varying_load", &["amplitude", "f"]),
     ("two_mass_shaft", &["f_antires", "f_res"]),
     ("back_emf_harmonics", &["e5_rel", "e7_rel"]),
@@ -33,6 +34,7 @@ const CONTRACT: [(&str, &[&str]); 26] = [
     ("current_gain_imbalance", &[]),
     ("encoder_angle_offset", &["offset_el_rad"]),
     ("encoder_eccentricity", &["amplitude_el_rad"]),
+    ("encoder_harmonics", &["amplitude_1_el_rad", "amplitude_2_el_rad"]),
 ];
 
 /// Scales of recordings from a fast scope to a slow logger.

@@ -188,6 +188,7 @@ fn scales(setup: &Setup, base: &[f64; BASE]) -> Result<Context> {
         omega_e_max,
         tau_max: 1.5 * n_p * psi_max * set.i_limit,
         psi_max,
+        swing: TAU,
         duration: setup.manoeuvre.duration,
         period: set.period,
         v_dc: set.v_dc,

@@ -72,11 +72,19 @@ pub enum Need {
     Transients,
     /// A rotor that turns.
     Motion,
+    /// A shaft that turns round, at least once.
+    Turn,
+    /// A shaft that turns to and fro, through [`LEAST_SWING`] at least and less than a turn.
+    Swing,
     /// Terminals through which current flows.
     Current,
     /// Operating points or transients over a measured temperature or long enough to heat up by themselves.
     Time,
 }
+
+/// Least angle through which a shaft must swing to show more of a torque over its angle than a straight line, rad: 30°, over which the
+/// curve of a sine leaves its tangent by 1 %.
+pub const LEAST_SWING: f64 = std::f64::consts::FRAC_PI_6;
 
 /// The description of an effect, from which Python, command line and documentation are generated.
 #[derive(Debug, Clone, Copy)]
@@ -120,6 +128,8 @@ pub struct Context {
     pub tau_max: f64,
     /// Largest flux linkage, V s.
     pub psi_max: f64,
+    /// Mechanical angle between the ends of the shaft's motion, rad.
+    pub swing: f64,
     /// Duration, s.
     pub duration: f64,
     /// Sample period, s.

@@ -149,6 +149,7 @@ catalogue! {
     quadratic_drag::QuadraticDrag,
     cogging_torque::CoggingTorque,
     load_torque_pulsation::LoadTorquePulsation,
+    gravity_torque::GravityTorque,
     time_varying_load::TimeVaryingLoad,
     two_mass_shaft::TwoMassShaft,
     back_emf_harmonics::BackEmfHarmonics,
@@ -168,6 +169,7 @@ catalogue! {
     current_gain_imbalance::CurrentGainImbalance,
     encoder_angle_offset::EncoderAngleOffset,
     encoder_eccentricity::EncoderEccentricity,
+    encoder_harmonics::EncoderHarmonics,
 }
 
 impl EffectId {

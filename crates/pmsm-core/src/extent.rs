@@ -35,6 +35,13 @@ pub fn longest([d, q]: [&[f64]; 2]) -> f64 {
     at.map_or(0.0, |k| d[k].hypot(q[k]))
 }
 
+/// From the smallest of `x` to the largest, zero of nothing.
+pub fn span(x: &[f64]) -> f64 {
+    let ends = |[low, high]: [f64; 2], x: &f64| [low.min(*x), high.max(*x)];
+    let [low, high] = x.iter().fold([f64::INFINITY, f64::NEG_INFINITY], ends);
+    (high - low).max(0.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -46,7 +53,8 @@ mod tests {
         assert_eq!((longest([&[], &[]]), longest([&[f64::NAN; 3], &[1.0; 3]])), (0.0, 0.0));
         let mut x = [1.0; 20];
         (x[3], x[13]) = (f64::NAN, -4.0);
-        assert_eq!(peak(&x), 4.0);
+        assert_eq!((peak(&x), span(&x)), (4.0, 5.0));
+        assert_eq!((span(&[]), span(&[f64::NAN]), span(&[2.0])), (0.0, 0.0, 0.0));
     }
 
     proptest! {

@@ -303,6 +303,7 @@ impl Signals {
                 omega_e_max: 0.0,
                 tau_max: 0.0,
                 psi_max: 0.0,
+                swing: 0.0,
                 duration: recording.duration(),
                 period: recording.period(),
                 v_dc: machine.v_dc.unwrap_or(0.0),

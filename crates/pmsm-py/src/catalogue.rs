@@ -15,6 +15,7 @@ const SERVO: Context = Context {
     omega_e_max: 712.0,
     tau_max: 67.0,
     psi_max: 0.3,
+    swing: 178.0,
     duration: 1.0,
     period: 1e-4,
     zero_sequence: 0.0,

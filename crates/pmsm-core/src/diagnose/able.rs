@@ -1,9 +1,10 @@
 //! Which effects recordings can be asked about.
 
 use super::data::Data;
-use crate::effect::{Need, Site};
+use crate::effect::{LEAST_SWING, Need, Site};
 use crate::effects::{self, EffectId};
 use crate::recording::{Kind, Load};
+use std::f64::consts::TAU;
 
 /// Effects that the recording can be asked about, and the others with the reason.
 pub fn able(data: &Data) -> (Vec<EffectId>, Vec<(EffectId, String)>) {
@@ -53,9 +54,13 @@ fn hidden(data: &Data, effect: EffectId) -> Option<String> {
         }
         _ => {}
     }
-    let turning = signals.context.omega_e_max > 1.0;
+    let (turning, swing) = (signals.context.omega_e_max > 1.0, signals.context.swing);
     info.needs.iter().find_map(|need| match need {
         Need::Motion if !turning => Some("the rotor does not turn".to_string()),
+        Need::Turn if swing < TAU => Some("the shaft does not turn round".to_string()),
+        Need::Swing if swing < LEAST_SWING => {
+            Some(format!("the shaft swings through less than {:.0}°", LEAST_SWING.to_degrees()))
+        }
         Need::Current if signals.kind == Kind::OpenCircuit => {
             Some("no current flows through open terminals".to_string())
         }
@@ -97,6 +102,9 @@ fn lacking(data: &Data, effect: EffectId) -> Option<String> {
             Some("the rotor angle was not recorded".to_string())
         }
         Need::Angle if !signals.angle_known => Some("the rotor angle was not recorded".to_string()),
+        Need::Swing if signals.context.swing >= TAU => {
+            Some("the shaft turns round, where such a load is a load_torque_pulsation of order 1".to_string())
+        }
         Need::Transients if steady => {
             Some("operating points do not show what happens within a revolution".to_string())
         }
@@ -105,4 +113,48 @@ fn lacking(data: &Data, effect: EffectId) -> Option<String> {
         }
         _ => None,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
+    use crate::drive::Manoeuvre;
+
+    /// To and fro with speeds up to `fastest`, rad/s: through 0.2·`fastest`, rad.
+    fn swinging(fastest: f64) -> Manoeuvre {
+        speeds(0.8, &[(0.0, 0.0), (0.2, fastest), (0.6, -fastest), (0.8, 0.0)])
+    }
+
+    #[test]
+    fn a_weight_is_asked_about_on_a_part_of_a_turn_and_a_pulsation_where_the_shaft_turns_round() {
+        let (weight, pulsation) = (EffectId::GravityTorque, EffectId::LoadTorquePulsation);
+        for (fastest, asked, why) in [
+            (1.0, None, "through less than 30°"),
+            (6.0, Some(weight), "does not turn round"),
+            (60.0, Some(pulsation), "a load_torque_pulsation of order 1"),
+        ] {
+            let (data, _) = data(&setup(swinging(fastest), Vec::new()));
+            let (able, unfit) = able(&data);
+            let both = [weight, pulsation];
+            assert_eq!(both.into_iter().find(|e| able.contains(e)), asked, "{fastest}");
+            let reasons = unfit.iter().filter(|(e, _)| both.contains(e)).map(|(_, why)| why.as_str());
+            assert!(reasons.clone().any(|reason| reason.ends_with(why)), "{:?}", reasons.collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn a_weight_does_not_stand_in_for_dry_friction() {
+        let (data, base) = data(&setup(swinging(4.0), vec![choice("coulomb_friction", "tau_c", 1.0)]));
+        let left = |effect: EffectId| {
+            let fitted = fitted(&data, &base, effect);
+            for (p, x) in effect.info().parameters.iter().zip(&fitted.own()[6..]) {
+                let cx = fitted.model.context();
+                assert!(((p.low)(cx)..=(p.high)(cx)).contains(x), "{effect:?} {} {x}", p.name);
+            }
+            fitted.squares.last().unwrap().1
+        };
+        let (friction, weight) = (left(EffectId::CoulombFriction), left(EffectId::GravityTorque));
+        assert!(friction < 1.3 && weight > 3.0, "{friction} {weight}");
+    }
 }

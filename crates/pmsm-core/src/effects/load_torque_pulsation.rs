@@ -30,10 +30,10 @@ impl Effect for LoadTorquePulsation {
         equation: "τ_pul·cos(k θ_m + φ)",
         source: "Holtz & Springob, IEEE Trans. Industrial Electronics 43 (1996) 330",
         fingerprint: "A line at a low order per mechanical revolution in the speed, strongest at low speed",
-        look_alikes: &["encoder_eccentricity", "cogging_torque", "time_varying_load"],
+        look_alikes: &["encoder_eccentricity", "cogging_torque", "gravity_torque", "time_varying_load"],
         contains: &[],
         site: Site::Mechanical,
-        needs: &[Need::Angle, Need::Transients, Need::Motion],
+        needs: &[Need::Angle, Need::Transients, Need::Motion, Need::Turn],
         parameters: &[
             part("a", "cosine part"),
             part("b", "sine part"),

@@ -15,6 +15,7 @@ pub const CX: Context = Context {
     omega_e_max: 600.0,
     tau_max: 10.0,
     psi_max: 0.3,
+    swing: 100.0,
     duration: 6.0,
     period: 8e-5,
     v_dc: 540.0,

@@ -121,6 +121,7 @@ fn scales(parts: &[&Signals]) -> Context {
         omega_e_max: most(|c| c.omega_e_max),
         tau_max: most(|c| c.tau_max),
         psi_max: most(|c| c.psi_max),
+        swing: most(|c| c.swing),
         duration: most(|c| c.duration),
         period: most(|c| c.period),
         v_dc: most(|c| c.v_dc),

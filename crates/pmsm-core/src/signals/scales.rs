@@ -1,7 +1,7 @@
 //! Scales of a run: the largest values that it takes, and the fastest electrical rate.
 
 use super::Signals;
-use crate::extent::{longest, peak};
+use crate::extent::{longest, peak, span};
 use crate::machine::{BaseParameter, Machine};
 
 impl Signals {
@@ -15,6 +15,7 @@ impl Signals {
             cx.v_dc = 3f64.sqrt() * cx.v_max;
         }
         cx.omega_e_max = peak(&self.omega_e).max(1e-6);
+        cx.swing = span(&self.theta_m);
         // Without a nameplate the back-EMF at the highest speed bounds the flux.
         let psi_m = machine.get(BaseParameter::PsiM).unwrap_or(cx.v_max / cx.omega_e_max.max(1.0));
         let l = machine.get(BaseParameter::LQ).or(machine.get(BaseParameter::LD)).unwrap_or(0.0);
