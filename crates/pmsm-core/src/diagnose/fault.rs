@@ -17,6 +17,9 @@ use crate::experiment::Channel;
 use crate::machine::BaseParameter;
 use crate::model::Model;
 
+/// Share of the excess that sensors must explain for it to be laid at them where something else is left.
+const MOST: f64 = 0.5;
+
 /// Where it sits, on the validation run if that alone shows it.
 pub fn located(data: &Data, judge: Option<&Data>, outcome: &Outcome, verdict: Verdict) -> Vec<Located> {
     let base = &outcome.base.fitted;
@@ -32,7 +35,12 @@ pub fn located(data: &Data, judge: Option<&Data>, outcome: &Outcome, verdict: Ve
     let named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
     let sites: Vec<Site> = outcome.best.fitted.effects().iter().map(|e| e.info().site).collect();
     if named && sites.first() == Some(&Site::Sensor) {
-        in_the_sensor(&mut located);
+        in_the_sensor(&mut located, 1.0);
+    } else if verdict == Verdict::Partial && sites.iter().all(|site| *site == Site::Sensor) {
+        let explained = 1.0 - verdict::excess(&outcome.best.fitted) / verdict::excess(base);
+        if explained > MOST {
+            in_the_sensor(&mut located, explained);
+        }
     } else if named && sites.contains(&Site::Electrical) && !sites.contains(&Site::Mechanical) {
         if located.iter().all(in_the_motion) {
             located.extend(absorbed(data, base, &outcome.best.fitted));
@@ -66,14 +74,15 @@ fn charge_the_currents(located: &mut [Located], how: &str) {
     located.sort_by(|a, b| b.share.total_cmp(&a.share));
 }
 
-/// What one wrong sensor explains of all equations is its own.
-fn in_the_sensor(located: &mut Vec<Located>) {
+/// What one wrong sensor explains of all equations is its own: this share of the excess.
+fn in_the_sensor(located: &mut Vec<Located>, explained: f64) {
     if let Some(strongest) = located.first().cloned() {
+        let how_much = if explained < 1.0 { format!("{:.1} % of it", 100.0 * explained) } else { "it".into() };
         let sentence = format!(
-            "The measurement is wrong, not the motor. {} A single sensor error explains it in all equations.",
+            "The measurement is wrong, not the motor. {} A sensor error explains {how_much} in all equations.",
             strongest.sentence
         );
-        let share = located.iter().map(|l| l.share).sum();
+        let share = explained * located.iter().map(|l| l.share).sum::<f64>();
         located.insert(0, Located { equation: "sensor".into(), share, sentence, ..strongest });
     }
 }
