@@ -77,7 +77,8 @@ fn charge_the_currents(located: &mut [Located], how: &str) {
 /// What one wrong sensor explains of all equations is its own: this share of the excess.
 fn in_the_sensor(located: &mut Vec<Located>, explained: f64) {
     if let Some(strongest) = located.first().cloned() {
-        let how_much = if explained < 1.0 { format!("{:.1} % of it", 100.0 * explained) } else { "it".into() };
+        let how_much =
+            if explained < 1.0 { format!("{:.1} % of it", 100.0 * explained) } else { "it".into() };
         let sentence = format!(
             "The measurement is wrong, not the motor. {} A sensor error explains {how_much} in all equations.",
             strongest.sentence
