@@ -105,7 +105,7 @@ mod tests {
                         .fold(0.0, f64::max)
                 })
                 .fold(f64::INFINITY, f64::min);
-            close(least / CX.tau_max, 1.0, 1e-12);
+            close(least / CX.tau_max, 1.0, 1e-4);
         }
         close(largest(&Context { swing: 40.0, ..CX }), CX.tau_max, 1e-15);
         // Hardly any swing leaves no room for a sine and a cosine that cancel each other.
