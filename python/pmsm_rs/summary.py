@@ -67,7 +67,7 @@ def diagnosis(answer: DiagnosisValues) -> str:
     if answer.cannot_see:
         what = "these recordings" if answer.recordings else "this recording"
         lines += ["", f"What {what} cannot see"]
-        lines += [hung("  ", f"{listed(effects)}: {why}") for why, effects in _by_reason(answer)]
+        lines += [hung("  ", text) for text in _unseen(answer)]
     if answer.next_experiment:
         lines += ["", "Next", hung("  ", answer.next_experiment)]
     return "\n".join(lines)
@@ -93,12 +93,18 @@ def _converted(answer: DiagnosisValues | IdentificationValues) -> list[str]:
     return [hung("  ", f"nameplate: {'; '.join(clauses)}")] if clauses else []
 
 
-def _by_reason(answer: DiagnosisValues) -> list[tuple[str, list[str]]]:
-    """What cannot be seen, one entry per reason."""
+def _unseen(answer: DiagnosisValues) -> list[str]:
+    """What cannot be seen, one sentence per reason. That of the verdict stands in the first sentence."""
     grouped: dict[str, list[str]] = {}
     for item in answer.cannot_see:
         grouped.setdefault(item["why"], []).append(item["effect"])
-    return list(grouped.items())
+    told = answer.reason or ""
+    return [
+        "All effects of the catalogue, for the reason above."
+        if len(grouped) == 1 and told.startswith(why)
+        else f"{listed(effects)}: {why}"
+        for why, effects in grouped.items()
+    ]
 
 
 def _parameters(entries: list[tuple[str, object]]) -> list[str]:

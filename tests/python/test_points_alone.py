@@ -44,6 +44,8 @@ def test_five_shorted_points_show_the_winding_where_the_flux_is_known() -> None:
         assert answer.base[name].value == pytest.approx(true, rel=0.03)
     assert (answer.verdict, answer.effects, answer.ranking) == ("undetermined", (), ())
     assert headline(answer).startswith("Only parameters can be told: the terminals are shorted")
+    assert str(answer).count("the terminals are shorted") == 2, "in the headline and in the data's quality"
+    assert "All effects of the catalogue, for the reason above." in str(answer)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.5])
