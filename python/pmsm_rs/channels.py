@@ -135,6 +135,10 @@ def _to_star_point(
 
 
 def current(columns: Columns, alive: list[str], file: str | None) -> Vector:
+    """The space vector of the currents in A, shape (rows,), from two or three phases that are `alive`.
+
+    Raises DataError where there is only one.
+    """
     if len(alive) < 2:
         raise refuse(
             DataError,

@@ -1,8 +1,10 @@
 //! Which effects recordings can be asked about.
 
 use super::data::Data;
-use crate::effect::{LEAST_SWING, Need, Site};
+use crate::base::BASE;
+use crate::effect::{Context, Env, LEAST_SWING, Need, Site};
 use crate::effects::{self, EffectId};
+use crate::model::Model;
 use crate::recording::{Kind, Load};
 use std::f64::consts::TAU;
 
@@ -48,7 +50,7 @@ fn hidden(data: &Data, effect: EffectId) -> Option<String> {
         }
         (Site::Mechanical, _) if signals.load == Load::Locked => return Some("the rotor is held".into()),
         (_, Kind::Electrical) if signals.angle_from_voltages => {
-            if let Some(why) = taken_up(effect) {
+            if let Some(why) = taken_up(&signals.context, effect) {
                 return Some(why);
             }
         }
@@ -70,23 +72,37 @@ fn hidden(data: &Data, effect: EffectId) -> Option<String> {
 
 /// Why an angle that was taken from the voltages and currents themselves hides an effect: it was laid so that the model without effects
 /// explains them over each turn. What repeats over the turn is left; what is the same all around it has become an error of the angle.
-fn taken_up(effect: EffectId) -> Option<String> {
-    match effect {
-        EffectId::EncoderAngleOffset | EffectId::EncoderEccentricity => {
-            return Some("the rotor angle was taken from the voltages themselves".into());
-        }
+fn taken_up(context: &Context, effect: EffectId) -> Option<String> {
+    if errs_in_angle(context, effect) {
+        return Some("the rotor angle was taken from the voltages themselves".into());
+    }
+    if effect == EffectId::CurrentOffset {
         // A constant current through r_s and a constant voltage make the flux linkage drift alike, and that drift was taken out.
-        EffectId::CurrentOffset => {
-            return Some(
-                "it cannot be told from offsets of the voltages, which were taken out with the angle".into(),
-            );
-        }
-        _ => {}
+        return Some(
+            "it cannot be told from offsets of the voltages, which were taken out with the angle".into(),
+        );
     }
     let repeats = effect.info().needs.iter().any(|need| matches!(need, Need::Angle | Need::AngleOrSteady));
     (!repeats).then(|| {
         "it cannot be told from an error of the rotor angle, which was taken from the voltages".into()
     })
+}
+
+/// Whether an effect makes the measured angle err.
+fn errs_in_angle(context: &Context, effect: EffectId) -> bool {
+    let model = Model::new(*context, &[effect]);
+    let typical = effect.info().parameters.iter().map(|p| (p.typical)(context));
+    let p: Vec<f64> = std::iter::repeat_n(0.0, BASE).chain(typical).collect();
+    let theta_e = 1.0;
+    let env = Env {
+        t: 0.0,
+        omega_e: 0.0,
+        theta_e,
+        theta_m: theta_e / context.n_p,
+        heating: 0.0,
+        magnet_heating: 0.0,
+    };
+    model.sensor(&p, &env).angle != 0.0
 }
 
 /// What a recording lacks for an effect to be simulated on it, if anything.
@@ -141,6 +157,17 @@ mod tests {
             let reasons = unfit.iter().filter(|(e, _)| both.contains(e)).map(|(_, why)| why.as_str());
             assert!(reasons.clone().any(|reason| reason.ends_with(why)), "{:?}", reasons.collect::<Vec<_>>());
         }
+    }
+
+    #[test]
+    fn where_the_angle_was_taken_from_the_voltages_no_sensor_of_it_is_asked_about() {
+        let context = data(&setup(swinging(60.0), Vec::new())).0.signals.context;
+        let asked: Vec<EffectId> = effects::ALL
+            .iter()
+            .copied()
+            .filter(|e| e.info().site == Site::Sensor && taken_up(&context, *e).is_none())
+            .collect();
+        assert_eq!(asked, [EffectId::CurrentGainImbalance]);
     }
 
     #[test]

@@ -72,11 +72,11 @@ pub struct Ends<'a> {
 /// Those of the least-squares fits.
 pub fn budgets(data: &Data, judge: Option<&Data>, ends: &Ends, monitor: &dyn Monitor) -> Result<Vec<Budget>> {
     let effects = ends.set.effects();
-    let rough = data.to_within(ROUGHLY);
     let mapped = !ends.told.0.model.map_parameters().is_empty();
     if monitor.cancelled() || effects.is_empty() && !mapped {
         return Ok(Vec::new());
     }
+    let rough = data.to_within(ROUGHLY);
     let on = |fitted: Hypothesis| -> Result<On> {
         let there = judge.map(|judge| transfer(judge, &fitted, monitor)).transpose()?;
         Ok((fitted, there))

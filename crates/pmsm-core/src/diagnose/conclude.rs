@@ -13,7 +13,6 @@ use super::select::Outcome;
 use super::ties::{self, Tie};
 use super::transfer::transfer;
 use super::unmodelled::Earned;
-use super::verdict::Judged;
 use super::{
     able, agree, baseline, budget, each, fault, plausible, power, prescribe, reach, remaining, stated_load,
     unmodelled, verdict,
@@ -134,7 +133,7 @@ pub fn conclude(
         let mut earned = unmodelled::earned(data, judge, &outcome.best.fitted, monitor)?;
         earned.set = final_estimate(data, &earned.set, monitor)?;
         let nearest = earned.nearest.as_ref().map(|set| step(data, set));
-        verdict = beside_a_map(&mut outcome, &mut ranked, earned);
+        verdict = decide::beside_discrepancy(&mut outcome, &mut ranked, earned);
         if verdict != Verdict::Unknown {
             (after, remaining) = left_by(&outcome.best.fitted)?;
         }
@@ -152,7 +151,11 @@ pub fn conclude(
         let share = 1.0 - data.options.unknown;
         let probabilities =
             ranked.iter().filter(known).map(|c| (c.effect, (c.probability / share).min(1.0))).collect();
-        verdict = beside_a_map(&mut outcome, &mut ranked, Earned { set, probabilities, nearest: None });
+        verdict = decide::beside_discrepancy(
+            &mut outcome,
+            &mut ranked,
+            Earned { set, probabilities, nearest: None },
+        );
         if verdict != Verdict::Unknown {
             (after, remaining) = left_by(&outcome.best.fitted)?;
         }
@@ -265,39 +268,6 @@ fn final_estimate(data: &Data, set: &Hypothesis, monitor: &dyn Monitor) -> Resul
 fn cannot_tell(data: &Data, set: &Hypothesis) -> bool {
     let electrical = set.effects().iter().any(|e| e.info().site != Site::Mechanical);
     data.poor && (electrical || reach::stays_at_one_point(&data.signals))
-}
-
-/// The verdict where a set has more than noise left: the effects that explain what a map cannot are named beside it, and make up the set
-/// from then on.
-fn beside_a_map(outcome: &mut Outcome, ranked: &mut [Ranked], earned: Earned) -> Verdict {
-    let options = *outcome.evidence.options();
-    let kept = earned.set.effects();
-    if kept.is_empty() {
-        decide::doubt(ranked, options.ceiling_unknown);
-        return Verdict::Unknown;
-    }
-    let set = Judged { fitted: earned.set, held_out: Vec::new(), refuted: false };
-    for candidate in ranked.iter_mut() {
-        match earned.probabilities.iter().find(|(effect, _)| *effect == candidate.effect) {
-            Some((_, probability)) => {
-                candidate.probability = (1.0 - options.unknown) * probability;
-                candidate.judged = set.clone();
-            }
-            None => candidate.probability = candidate.probability.min(options.ceiling_unknown),
-        }
-    }
-    ranked.sort_by_key(|candidate| !kept.contains(&candidate.effect));
-    let sure = |c: &Ranked| c.equivalent.is_empty() && c.probability >= options.named;
-    let mut of_set = ranked.iter().filter(|candidate| kept.contains(&candidate.effect));
-    let verdict = if of_set.all(sure) { Verdict::Partial } else { Verdict::Ambiguous };
-    if verdict == Verdict::Ambiguous {
-        decide::doubt(ranked, options.ceiling_doubtful);
-    }
-    let goes = |step: &Judged| step.fitted.effects().iter().all(|e| kept.contains(e));
-    outcome.path.retain(|step| goes(step) && step.fitted.effects().len() < kept.len());
-    outcome.path.push(set.clone());
-    outcome.best = set;
-    verdict
 }
 
 /// Whether the model owes its place to a mechanical effect none of whose parameters exceeds its own standard error: what it takes away is

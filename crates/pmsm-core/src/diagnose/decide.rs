@@ -1,7 +1,8 @@
-//! From the selected set to a verdict, with rivals and posterior probabilities.
+//! From the selected set to a verdict, with rivals and posterior probabilities, and from what of it stands beside a discrepancy.
 
 use super::answer::Verdict;
 use super::select::Outcome;
+use super::unmodelled::Earned;
 use super::verdict::Judged;
 use crate::effects::EffectId;
 
@@ -71,6 +72,39 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
     };
     order(&mut ranked, &effects);
     (verdict, ranked)
+}
+
+/// The verdict where a set has more than noise left: the effects that explain what a map cannot are named beside it, and make up the set
+/// from then on.
+pub fn beside_discrepancy(outcome: &mut Outcome, ranked: &mut [Ranked], earned: Earned) -> Verdict {
+    let options = *outcome.evidence.options();
+    let kept = earned.set.effects();
+    if kept.is_empty() {
+        doubt(ranked, options.ceiling_unknown);
+        return Verdict::Unknown;
+    }
+    let set = Judged { fitted: earned.set, held_out: Vec::new(), refuted: false };
+    for candidate in ranked.iter_mut() {
+        match earned.probabilities.iter().find(|(effect, _)| *effect == candidate.effect) {
+            Some((_, probability)) => {
+                candidate.probability = (1.0 - options.unknown) * probability;
+                candidate.judged = set.clone();
+            }
+            None => candidate.probability = candidate.probability.min(options.ceiling_unknown),
+        }
+    }
+    ranked.sort_by_key(|candidate| !kept.contains(&candidate.effect));
+    let sure = |c: &Ranked| c.equivalent.is_empty() && c.probability >= options.named;
+    let mut of_set = ranked.iter().filter(|candidate| kept.contains(&candidate.effect));
+    let verdict = if of_set.all(sure) { Verdict::Partial } else { Verdict::Ambiguous };
+    if verdict == Verdict::Ambiguous {
+        doubt(ranked, options.ceiling_doubtful);
+    }
+    let goes = |step: &Judged| step.fitted.effects().iter().all(|e| kept.contains(e));
+    outcome.path.retain(|step| goes(step) && step.fitted.effects().len() < kept.len());
+    outcome.path.push(set.clone());
+    outcome.best = set;
+    verdict
 }
 
 /// Nothing is more probable than that.

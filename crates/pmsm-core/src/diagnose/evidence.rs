@@ -94,8 +94,8 @@ impl Evidence {
             && (elsewhere || !self.shown_elsewhere(larger, smaller))
     }
 
-    /// Whether what `larger` explains and `smaller` does not is more than what `larger` leaves of each recording, where that is more than
-    /// noise and no more than the forms of right effects may leave: what they leave is not hunted with further effects.
+    /// Whether `larger` explains more beyond `smaller` than it leaves, on each recording. It is asked only where more than noise is left, but
+    /// no more than the forms of right effects may leave: no further effect is named for that.
     pub fn more_than_remains(&self, larger: &Judged, smaller: &Judged) -> bool {
         let excess = |set: &Hypothesis| verdict::beyond_chance(set).map(|x| x.max(0.0)).sum::<f64>();
         let most = verdict::largest_excess(&larger.fitted).max(larger.held_out_excess());

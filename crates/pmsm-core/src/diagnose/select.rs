@@ -172,12 +172,13 @@ impl Search<'_> {
             self.data.signals.kind == Kind::OperatingPoints && set.excess() <= self.data.options.mismatch
         };
         while best.fitted.effects().len() < self.most && !noise(&best) && !self.monitor.cancelled() {
-            let larger = self.extended(&best, &absent(able, &best))?;
+            let scorer = Scorer::new(self.data, &best.fitted);
+            let larger = self.extended(&scorer, &best, &absent(able, &best))?;
             let sets = larger.iter().filter_map(|(_, set)| set.as_ref());
             let next = sets.min_by(|a, b| cost(a).total_cmp(&cost(b))).cloned();
             let worth = next.filter(|next| cost(next) < cost(&best));
             let beside = match &worth {
-                Some(next) => self.beside(&best, next, &larger, &cost),
+                Some(next) => self.beside(&scorer, (&best, next), &larger, &cost),
                 None => Vec::new(),
             };
             if singles.is_empty() {
@@ -244,8 +245,8 @@ impl Search<'_> {
     /// another: as they were fitted, the best first. No more than there may be.
     fn beside(
         &self,
-        parent: &Judged,
-        next: &Judged,
+        scorer: &Scorer,
+        (parent, next): (&Judged, &Judged),
         larger: &Tried,
         cost: &dyn Fn(&Judged) -> f64,
     ) -> Vec<Prospect> {
@@ -262,19 +263,17 @@ impl Search<'_> {
         let gains = |(_, with): &(Prospect, f64)| *with + self.data.options.decisive < cost(parent);
         let mut others: Vec<(Prospect, f64)> = others.into_iter().filter(gains).collect();
         others.sort_by(|a, b| a.1.total_cmp(&b.1));
-        let scorer = Scorer::new(self.data, &parent.fitted);
         for (prospect, _) in others {
             let room = next.fitted.effects().len() + taken.len() <= self.most;
             if room && scorer.share_beside(&taken, &prospect) >= APART {
                 taken.push(prospect);
             }
         }
-        taken.split_off(1)
+        taken.into_iter().skip(1).collect()
     }
 
     /// Scores `candidates` beside a set and refits it with each of the best of them.
-    fn extended(&self, parent: &Judged, candidates: &[EffectId]) -> Result<Tried> {
-        let scorer = Scorer::new(self.data, &parent.fitted);
+    fn extended(&self, scorer: &Scorer, parent: &Judged, candidates: &[EffectId]) -> Result<Tried> {
         let score = |effect: &EffectId| match self.monitor.cancelled() {
             true => Prospect::nothing(*effect, parent.fitted.model.context()),
             false => scorer.score(*effect),

@@ -6,6 +6,7 @@
 
 mod lasting;
 mod projector;
+mod trials;
 
 use super::data::Data;
 use super::fitting;
@@ -24,13 +25,6 @@ use rayon::prelude::*;
 /// Shapes that are looked at together at most, and columns that hold what they do.
 const SHAPES: usize = 8;
 const COLUMNS: usize = 12;
-
-/// Strengths, over the typical one, at which an effect is tried whose trace changes with it, and factors by which the best is refined.
-const STRENGTHS: [f64; 2] = [0.3, 1.0];
-const FINER: [f64; 6] = [1.25, 1.12, 1.06, 2.0, 1.1, 1.03];
-
-/// Score below which the best is not refined.
-const LEAST_TRIAL: f64 = 0.01;
 
 /// The most promising start for fitting one more effect.
 #[derive(Debug, Clone)]
@@ -112,88 +106,6 @@ impl<'a> Scorer<'a> {
         all.sort_by(|a, b| b.score.total_cmp(&a.score));
         all.truncate(count);
         all
-    }
-
-    /// The score of an effect whose trace changes with its strength: of exact simulations over a grid of shapes and strengths, and of a
-    /// finer one around the best.
-    fn score_of_trials(&self, effect: EffectId) -> Prospect {
-        let context = self.hypothesis.model.context();
-        let parameters = effect.info().parameters;
-        let nothing = Prospect::nothing(effect, context);
-        let with = |shape: &Vec<f64>, share: f64| -> Vec<f64> {
-            let scaled = shape.iter().zip(parameters).map(|(x, p)| match p.role {
-                Role::Amplitude => ((p.typical)(context) * share).clamp((p.low)(context), (p.high)(context)),
-                _ => x.clamp((p.low)(context), (p.high)(context)),
-            });
-            scaled.collect()
-        };
-        let best_of = |trials: Vec<Vec<f64>>, nothing: Prospect| -> Prospect {
-            let scored: Vec<f64> = trials.par_iter().map(|own| self.trial(effect, own)).collect();
-            let best = trials.into_iter().zip(scored).max_by(|a, b| a.1.total_cmp(&b.1));
-            match best {
-                Some((start, score)) if score > nothing.score => Prospect { effect, start, score },
-                _ => nothing,
-            }
-        };
-        let probes = effect.probes(context);
-        let coarse = probes.iter().flat_map(|shape| STRENGTHS.map(|share| with(shape, share))).collect();
-        let mut best = best_of(coarse, nothing);
-        for step in FINER {
-            if best.score < LEAST_TRIAL {
-                break;
-            }
-            let around = |k: usize, times: f64| {
-                let mut own = best.start.clone();
-                own[k] = (own[k] * times).clamp((parameters[k].low)(context), (parameters[k].high)(context));
-                own
-            };
-            let open = (0..parameters.len()).filter(|k| parameters[*k].role != Role::Fixed);
-            let mut finer: Vec<Vec<f64>> =
-                open.flat_map(|k| [around(k, step), around(k, 1.0 / step)]).collect();
-            finer.dedup();
-            best = best_of(finer, best);
-        }
-        best
-    }
-
-    /// Mean square that an effect explains at these parameters, by exact simulation, whatever was fitted giving way to first order.
-    fn trial(&self, effect: EffectId, own: &[f64]) -> f64 {
-        let hypothesis = self.hypothesis;
-        let projector = self.projector(effect);
-        let mut effects = hypothesis.effects();
-        effects.push(effect);
-        let model = Model::new(*hypothesis.model.context(), &effects);
-        let mut parameters = [hypothesis.own(), own].concat();
-        let mut nuisances = Vec::with_capacity(hypothesis.nuisances.len());
-        for (nuisance, left_open) in
-            split(&hypothesis.nuisances, &hypothesis.parameters[hypothesis.own().len()..])
-        {
-            let run = &self.data.runs()[nuisances.len()];
-            let initial = if run.has(false) { run.initial_states(&model) } else { 0 };
-            parameters.extend(left_open);
-            parameters.extend(std::iter::repeat_n(0.0, initial - nuisance.initial));
-            nuisances.push(Nuisance { initial, ..nuisance });
-        }
-        let mut channels = projector.channels.clone();
-        let moves = effect.info().site == Site::Mechanical;
-        if moves {
-            channels.iter_mut().for_each(|run| run.retain(|(c, _)| !c.is_electrical()));
-        }
-        let experiment = self.data.experiment(&model, &nuisances, channels).with_plain_speed();
-        let seen = experiment.residual(&parameters);
-        // The currents follow the measured speed: what moves the rotor otherwise leaves them as they are.
-        let residual = match moves {
-            true => {
-                let mut whole = projector.left.clone();
-                let speed = whole.len() - seen.len();
-                whole.rows_mut(speed, seen.len()).copy_from(&seen);
-                whole
-            }
-            false => seen,
-        };
-        let free = &residual - &projector.basis * tall::tr_mul_vector(&projector.basis, &residual);
-        let gain = projector.residual.norm_squared() - free.norm_squared();
-        if gain.is_finite() { gain / self.data.counted() as f64 } else { 0.0 }
     }
 
     /// The best of some `shapes`, or `nothing` where none explains anything.

@@ -40,30 +40,19 @@ pub fn answer(recording: &Recording, machine: &Machine, options: &DiagnosisOptio
     };
     let balance = Balance::new(machine, &signals, d, q);
     let line = robust::line(&balance.columns, &balance.right(tau_m));
-    let Some(line) = line.filter(|line| line.found[0].abs() > SHOWN * line.error[0]) else {
-        let why = said("the torque does not follow i_q in these points".into());
-        return Ok(parameters_alone::answer(
-            (why, Kind::Mechanical),
-            &[],
-            machine,
-            signals.findings,
-            options,
-        ));
+    let follows = |line: &Line| line.found[0].abs() > SHOWN * line.error[0];
+    let line = match line.filter(follows) {
+        Some(line) if line.found[0] > 0.0 => line,
+        other => {
+            let why = if other.is_some() {
+                turned_round()
+            } else {
+                said("the torque does not follow i_q in these points".into())
+            };
+            let why = (why, Kind::Mechanical);
+            return Ok(parameters_alone::answer(why, &[], machine, signals.findings, options));
+        }
     };
-    if line.found[0] < 0.0 {
-        let why = Finding {
-            finding: "the measured torque counts against i_q: the flux of the magnet would be negative".into(),
-            consequence: "as it is logged no machine makes such a torque".into(),
-            fix: "turn it round with tau_m = { from = \"...\", scale = -1 } under [columns], or i_q and the speed in the same manner".into(),
-        };
-        return Ok(parameters_alone::answer(
-            (why, Kind::Mechanical),
-            &[],
-            machine,
-            signals.findings,
-            options,
-        ));
-    }
     let psi_m = line.found[0];
     let mut shown: Vec<Shown> = vec![(BaseParameter::PsiM, psi_m, line.error[0])];
     shown.extend(balance.place("b").map(|at| (BaseParameter::B, line.found[at], line.error[at])));
@@ -78,6 +67,15 @@ pub fn answer(recording: &Recording, machine: &Machine, options: &DiagnosisOptio
     findings.extend(wild(&line));
     findings.extend(balance.held.clone());
     Ok(parameters_alone::answer((why, Kind::Mechanical), &shown, machine, findings, options))
+}
+
+/// That the torque has the wrong sign.
+fn turned_round() -> Finding {
+    Finding {
+        finding: "the measured torque counts against i_q: the flux of the magnet would be negative".into(),
+        consequence: "as it is logged no machine makes such a torque".into(),
+        fix: "turn it round with tau_m = { from = \"...\", scale = -1 } under [columns], or i_q and the speed in the same manner".into(),
+    }
 }
 
 /// That nothing more is told, and why.

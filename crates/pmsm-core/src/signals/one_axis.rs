@@ -88,8 +88,8 @@ impl Signals {
         }
     }
 
-    /// What an error of one row between the times of v_q and of the speed does to r_s, as where the speed changes in step with i_q the induced
-    /// voltage of such a time counts as a drop over the winding; `None` for less than a part in a hundred.
+    /// What an error of one row between the times of v_q and of the speed does to r_s; `None` for less than a part in a hundred. Where the
+    /// speed changes in step with i_q, the voltage that is induced in such a time counts as a drop over the winding.
     pub fn of_clock(&self, r_s: f64, psi_m: f64) -> Option<Finding> {
         let (Some([_, q]), true) = (&self.i, self.averaged > 1) else { return None };
         let (mut product, mut square) = (0.0, 0.0);
