@@ -153,6 +153,7 @@ impl Search<'_> {
             best = better;
         }
         let evidence = self.evidence().limited(std::iter::once(&best));
+        seen.extend(singles.iter().filter_map(|(_, set)| set.clone()));
         let path = path(&base, &best, &seen, &evidence);
         Ok(Outcome { base, singles, best, swaps, unfit, shown, evidence, path })
     }
