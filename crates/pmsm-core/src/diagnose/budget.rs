@@ -16,9 +16,6 @@ use crate::monitor::Monitor;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Nats that a fit without one of the effects, or with it alone, may leave.
-const ROUGHLY: f64 = 0.3;
-
 /// What an effect takes away, shares of the excess mean square of the bare machine.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Part {
@@ -76,7 +73,7 @@ pub fn budgets(data: &Data, judge: Option<&Data>, ends: &Ends, monitor: &dyn Mon
     if monitor.cancelled() || effects.is_empty() && !mapped {
         return Ok(Vec::new());
     }
-    let rough = data.to_within(ROUGHLY);
+    let rough = data.roughly();
     let on = |fitted: Hypothesis| -> Result<On> {
         let there = judge.map(|judge| transfer(judge, &fitted, monitor)).transpose()?;
         Ok((fitted, there))

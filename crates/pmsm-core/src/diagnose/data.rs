@@ -181,12 +181,13 @@ impl Data {
         Some((self.masked(odd), self.masked(even)))
     }
 
-    /// The same recording for fits that may end this many nats of evidence before their minimum.
-    pub fn to_within(&self, nats: f64) -> Self {
+    /// The same recording for fits that are only compared: they may end [`ROUGHLY`] so many nats of evidence before their minimum.
+    pub fn roughly(&self) -> Self {
         let rows = self.counted() * self.floors.len().max(1);
-        let tolerance = 2.0 * self.options.rows_per_sample * nats / rows.max(1) as f64;
+        let tolerance = 2.0 * self.options.rows_per_sample * ROUGHLY / rows.max(1) as f64;
         let cost_tolerance = tolerance.clamp(SETTINGS.cost_tolerance, LARGEST_TOLERANCE);
-        let settings = Settings { cost_tolerance, stall_tolerance: cost_tolerance, ..SETTINGS };
+        let settings =
+            Settings { max_iterations: FEW, cost_tolerance, stall_tolerance: cost_tolerance, ..SETTINGS };
         Self { settings, ..self.clone() }
     }
 
@@ -319,6 +320,10 @@ fn known(
     }
 }
 
+/// Nats that a fit may leave where sets are compared: what decides is many times that.
+const ROUGHLY: f64 = 0.3;
+/// Most iterations of such a fit: one that needs more is led by what is missing.
+const FEW: usize = 8;
 /// Largest share of the cost that a fit may leave.
 const LARGEST_TOLERANCE: f64 = 1e-3;
 

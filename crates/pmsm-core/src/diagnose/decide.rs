@@ -2,7 +2,7 @@
 
 use super::answer::Verdict;
 use super::select::Outcome;
-use super::unmodelled::Earned;
+use super::unmodelled::{Earned, Wider};
 use super::verdict::Judged;
 use crate::effects::EffectId;
 
@@ -76,7 +76,7 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
 
 /// The verdict where a set has more than noise left: the effects that explain what a map cannot are named beside it, and make up the set
 /// from then on.
-pub fn beside_discrepancy(outcome: &mut Outcome, ranked: &mut [Ranked], earned: Earned) -> Verdict {
+pub fn beside_discrepancy(outcome: &mut Outcome, ranked: &mut Vec<Ranked>, earned: Earned) -> Verdict {
     let options = *outcome.evidence.options();
     let kept = earned.set.effects();
     if kept.is_empty() {
@@ -84,6 +84,11 @@ pub fn beside_discrepancy(outcome: &mut Outcome, ranked: &mut [Ranked], earned: 
         return Verdict::Unknown;
     }
     let set = Judged { fitted: earned.set, held_out: Vec::new(), refuted: false };
+    for &effect in &kept {
+        if ranked.iter().all(|candidate| candidate.effect != effect) {
+            ranked.push(Ranked { effect, probability: 0.0, equivalent: Vec::new(), judged: set.clone() });
+        }
+    }
     for candidate in ranked.iter_mut() {
         match earned.probabilities.iter().find(|(effect, _)| *effect == candidate.effect) {
             Some((_, probability)) => {
@@ -93,12 +98,30 @@ pub fn beside_discrepancy(outcome: &mut Outcome, ranked: &mut [Ranked], earned: 
             None => candidate.probability = candidate.probability.min(options.ceiling_unknown),
         }
     }
+    for Wider { narrow, wide, share } in earned.wider {
+        let of_both =
+            earned.probabilities.iter().find(|(e, _)| *e == narrow).map_or(0.0, |(_, p)| *p) / (1.0 - share);
+        let told = (1.0 - options.unknown) * of_both * share;
+        // What is decisively less likely is no equivalent.
+        let close = (1.0 / share - 1.0).ln() < options.decisive;
+        for candidate in ranked.iter_mut() {
+            if candidate.effect == wide {
+                candidate.probability = told;
+            } else if candidate.effect == narrow && close {
+                candidate.equivalent.push(wide);
+            }
+        }
+    }
     ranked.sort_by_key(|candidate| !kept.contains(&candidate.effect));
     let sure = |c: &Ranked| c.equivalent.is_empty() && c.probability >= options.named;
     let mut of_set = ranked.iter().filter(|candidate| kept.contains(&candidate.effect));
     let verdict = if of_set.all(sure) { Verdict::Partial } else { Verdict::Ambiguous };
     if verdict == Verdict::Ambiguous {
-        doubt(ranked, options.ceiling_doubtful);
+        // What is sure by itself stays so: another name in doubt says nothing of it.
+        ranked
+            .iter_mut()
+            .filter(|c| !sure(c))
+            .for_each(|c| doubt(std::slice::from_mut(c), options.ceiling_doubtful));
     }
     let goes = |step: &Judged| step.fitted.effects().iter().all(|e| kept.contains(e));
     outcome.path.retain(|step| goes(step) && step.fitted.effects().len() < kept.len());
@@ -216,6 +239,33 @@ mod tests {
         let (.., dry_is, drag_is) = told(3.0, 1.4);
         let without = 1.0 - DiagnosisOptions::default().unknown - dry_is - drag_is;
         assert!(without > 0.001 && without < dry_is, "{dry_is} {drag_is}");
+    }
+
+    #[test]
+    fn a_special_case_beside_a_discrepancy_shares_its_probability_with_the_wider_effect() {
+        let (dry, wide, other) =
+            (EffectId::CoulombFriction, EffectId::StribeckFriction, EffectId::VoltageDelay);
+        let told = |share: f64| {
+            let mut outcome = outcome(judged(&[], 9.0), judged(&[wide, other], 3.0), Vec::new());
+            let mut ranked = decide(&outcome, false).1;
+            let earned = Earned {
+                set: judged(&[dry, other], 3.0).fitted,
+                probabilities: vec![(dry, 0.99 * (1.0 - share)), (other, 0.99)],
+                wider: vec![Wider { narrow: dry, wide, share }],
+                nearest: None,
+            };
+            let verdict = beside_discrepancy(&mut outcome, &mut ranked, earned);
+            let of = |e: EffectId| ranked.iter().find(|r| r.effect == e).unwrap();
+            let probabilities = [dry, wide, other].map(|e| of(e).probability);
+            (verdict, probabilities, of(dry).equivalent.clone())
+        };
+        let (verdict, [dry_is, wide_is, other_is], equivalent) = told(0.01);
+        assert_eq!((verdict, equivalent), (Verdict::Partial, Vec::new()));
+        assert!(dry_is > 0.9 && wide_is < 0.02 && other_is > 0.9);
+        // Another name in doubt says nothing of what is sure by itself.
+        let (verdict, [dry_is, wide_is, other_is], equivalent) = told(0.4);
+        assert_eq!((verdict, equivalent), (Verdict::Ambiguous, vec![wide]));
+        assert!(dry_is <= 0.5 && wide_is > 0.3 && wide_is < dry_is && other_is > 0.9);
     }
 
     #[test]

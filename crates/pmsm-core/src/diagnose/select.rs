@@ -28,8 +28,6 @@ pub use exchange::Swap;
 use subset::left_out;
 pub use subset::{in_place, reduced, special_cases};
 
-/// Nats that a fit may leave while sets grow: what decides is many times that.
-const ROUGHLY: f64 = 0.3;
 /// Effects with which the whole set is refitted before the best of them is gone on from.
 const REFITTED: usize = 3;
 /// Share of the leading score from which an effect of the same side is refitted, too.
@@ -119,7 +117,7 @@ impl Search<'_> {
         let base = self.judge(base)?;
         let (able, unfit) = able::able(self.data);
         let mut seen = vec![base.clone()];
-        let rough = self.data.to_within(ROUGHLY);
+        let rough = self.data.roughly();
         let growing = Search {
             data: &rough,
             held_out: self.held_out.clone(),
@@ -176,6 +174,7 @@ impl Search<'_> {
             let scorer = Scorer::new(self.data, &best.fitted);
             let larger = self.extended(&scorer, &best, &absent(able, &best))?;
             let sets = larger.iter().filter_map(|(_, set)| set.as_ref());
+            let sets = sets.filter(|set| self.explains_its_part(&set.fitted, &best.fitted));
             let next = sets.min_by(|a, b| cost(a).total_cmp(&cost(b))).cloned();
             let worth = next.filter(|next| cost(next) < cost(&best));
             let beside = match &worth {
@@ -189,7 +188,7 @@ impl Search<'_> {
             if !beside.is_empty() && !self.monitor.cancelled() {
                 let fitted = self.with_all(&next, &beside)?;
                 let all = Judged { fitted, held_out: Vec::new(), refuted: false };
-                if cost(&all) < cost(&next) {
+                if cost(&all) < cost(&next) && self.explains_its_part(&all.fitted, &next.fitted) {
                     seen.push(next);
                     next = all;
                 }
@@ -200,6 +199,24 @@ impl Search<'_> {
             self.monitor.report("effects", 0.2 + 0.6 * share);
         }
         Ok((best, singles))
+    }
+
+    /// Whether the effects that `larger` has more take away what the leading one of so many as there may still be must: of several effects
+    /// that together explain the rest of a channel, one explains at least their mean. Where nothing does, the rest is not in the catalogue,
+    /// and what trades one channel for another describes it no better. What the forms of right effects may leave is not asked about.
+    fn explains_its_part(&self, larger: &Hypothesis, smaller: &Hypothesis) -> bool {
+        let excess = |set: &Hypothesis| verdict::beyond_chance(set).map(|x| x.max(0.0)).collect::<Vec<f64>>();
+        let (before, after) = (excess(smaller), excess(larger));
+        let options = &self.data.options;
+        if before.iter().all(|x| *x <= options.remaining_times.powi(2) - 1.0) {
+            return true;
+        }
+        let room = options.most_effects.saturating_sub(smaller.effects().len()).max(1) as f64;
+        let leads = before
+            .iter()
+            .zip(&after)
+            .any(|(before, after)| (before - after) * room >= *before && before > after);
+        leads && after.iter().sum::<f64>() < before.iter().sum()
     }
 
     /// A set with those of its effects that have a whole number among their parameters, such as an order, at the number with which the whole
@@ -400,6 +417,24 @@ mod tests {
     #[test]
     fn a_clean_machine_gets_no_effect() {
         assert_eq!(selected(Vec::new()), []);
+    }
+
+    #[test]
+    fn what_leads_must_explain_its_part_of_a_rest_that_the_catalogue_could_explain() {
+        let (data, base) = testing::data(&setup(speeds(0.6, &[(0.1, 60.0)]), Vec::new()));
+        let left = |squares: [f64; 3]| {
+            let mut set = base.clone();
+            set.squares.iter_mut().zip(squares).for_each(|((_, s), x)| *s = x);
+            set
+        };
+        let explains_its_part = |before, after| search(&data).explains_its_part(&left(after), &left(before));
+        // Ten effects could explain this rest, so the first explains a tenth of it.
+        assert!(explains_its_part([1.0, 1.0, 101.0], [1.0, 1.0, 80.0]));
+        assert!(!explains_its_part([1.0, 1.0, 101.0], [1.0, 1.0, 95.0]));
+        // What leaves more on the whole describes nothing, though one channel gains.
+        assert!(!explains_its_part([31.0, 1.0, 51.0], [71.0, 1.0, 21.0]));
+        // Of what the forms of right effects leave the evidence alone decides.
+        assert!(explains_its_part([1.0, 1.0, 2.0], [1.0, 1.0, 1.95]));
     }
 
     #[test]

@@ -34,7 +34,7 @@ use choice::Choice;
 use serde::Serialize;
 
 pub use choice::MOST_WORTH;
-pub use earned::{Earned, earned, without_motion};
+pub use earned::{Earned, Wider, earned, without_motion};
 pub use rival::rival;
 
 /// Parts laid on one side at most, one after the other.
@@ -149,10 +149,13 @@ fn laid(
         for _ in 0..PARTS {
             let Some(choice) = choice::choose(data, &current, side, &places, monitor) else { break };
             let richer = with_prior(&ridged, &current, &choice);
-            let judged = Trial { data: &richer, judge, monitor };
+            let judged = Trial { data: &richer.roughly(), judge, monitor };
             let Some(fitted) = judged.improves(&current, &choice, side)? else { break };
             (current, ridged) = (fitted, richer);
         }
+    }
+    if current.model.map().is_some() {
+        current = fitting::on_from(&ridged, &current, monitor)?;
     }
     let share = share::taken_away(data, judge, best, &current, monitor)?;
     if share <= 0.0 {

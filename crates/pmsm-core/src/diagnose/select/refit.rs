@@ -13,7 +13,7 @@ use crate::monitor::Monitor;
 
 /// A fit that takes away less than this share of what its score promised is tried once more: with the shapes held until the rest has
 /// settled, and then from a fraction of the strength.
-const KEPT_PROMISE: f64 = 0.5;
+const KEPT_PROMISE: f64 = 0.1;
 const FAINTER: f64 = 0.1;
 /// Score from which a promise counts.
 const LEAST_PROMISE: f64 = 0.02;

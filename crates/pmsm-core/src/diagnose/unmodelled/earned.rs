@@ -24,8 +24,20 @@ pub struct Earned {
     pub set: Hypothesis,
     /// Posterior probability of each of its effects beside a map.
     pub probabilities: Vec<(EffectId, f64)>,
+    /// Wider effects in whose place one of the set stands, with the share of its probability that they take.
+    pub wider: Vec<Wider>,
     /// The set with that effect of the catalogue whose form comes nearest to what else moves the rotor, if one was considered.
     pub nearest: Option<Hypothesis>,
+}
+
+/// An effect of which one of a set is a special case.
+pub struct Wider {
+    /// The special case, which is in the set.
+    pub narrow: EffectId,
+    /// The wider effect, which is not.
+    pub wide: EffectId,
+    /// Probability that it is the wider one, if it is one of the two.
+    pub share: f64,
 }
 
 /// The effects of `best` that explain what a smooth term cannot: those of an equation with nothing but noise left as they are, the others as
@@ -37,16 +49,27 @@ pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dy
     let elsewhere = |set: &Hypothesis| -> Result<Option<(&Data, Hypothesis)>> {
         judge.map(|judge| Ok((judge, transfer(judge, set, monitor)?))).transpose()
     };
-    let set = narrowed(data, best.clone(), &elsewhere, monitor)?;
-    let (set, of_motion) = beside_a_smooth_term(data, set, Side::Mechanical, &elsewhere, monitor)?;
-    let nearest = nearest(data, best, &set, monitor)?;
-    let (set, of_currents) = beside_a_smooth_term(data, set, Side::Electrical, &elsewhere, monitor)?;
-    let probability = |effect: EffectId| {
+    let rough = data.roughly();
+    let (set, mut wider) = narrowed(&rough, best.clone(), &elsewhere, monitor)?;
+    let (set, of_motion) = beside_a_smooth_term(&rough, set, Side::Mechanical, &elsewhere, monitor)?;
+    let nearest = nearest(&rough, best, &set, monitor)?;
+    let (mut set, of_currents) = beside_a_smooth_term(&rough, set, Side::Electrical, &elsewhere, monitor)?;
+    if set.effects() != best.effects() {
+        set = fitting::on_from(data, &set, monitor)?;
+    }
+    let of_effect = |effect: EffectId| {
         let asked = of_motion.iter().chain(&of_currents).find(|(e, _)| *e == effect);
-        (effect, 1.0 / (1.0 + (-asked.map_or(f64::INFINITY, |(_, nats)| *nats)).exp()))
+        let narrower: f64 = wider.iter().filter(|w| w.narrow == effect).map(|w| 1.0 - w.share).product();
+        (effect, narrower * probability(asked.map_or(f64::INFINITY, |(_, nats)| *nats)))
     };
-    let probabilities = set.effects().into_iter().map(probability).collect();
-    Ok(Earned { set, probabilities, nearest })
+    let probabilities = set.effects().into_iter().map(of_effect).collect();
+    wider.retain(|w| set.effects().contains(&w.narrow));
+    Ok(Earned { set, probabilities, wider, nearest })
+}
+
+/// Probability of what so many nats speak for.
+fn probability(nats: f64) -> f64 {
+    1.0 / (1.0 + (-nats).exp())
 }
 
 /// The set without its effects of the motion, fitted anew.
@@ -70,13 +93,15 @@ fn seen<'a>(data: &'a Data, set: &'a Hypothesis, other: Option<&'a (&Data, Hypot
     std::iter::once((data, set)).chain(other.map(|(judge, set)| (*judge, set))).collect()
 }
 
-/// The set with a special case in place of each wider mechanical effect that is not worth more than it beside a smooth torque.
+/// The set with a special case in place of each wider mechanical effect that is not worth more than it beside a smooth torque, and how likely
+/// these are all the same.
 fn narrowed<'a>(
     data: &Data,
     mut set: Hypothesis,
     elsewhere: &Transferred<'a>,
     monitor: &dyn Monitor,
-) -> Result<Hypothesis> {
+) -> Result<(Hypothesis, Vec<Wider>)> {
+    let mut wider = Vec::new();
     for wide in set.effects().into_iter().filter(|e| e.info().site == Site::Mechanical) {
         for narrow in special_cases(wide) {
             if set.effects().contains(&narrow)
@@ -91,12 +116,14 @@ fn narrowed<'a>(
             let (runs, fewer) =
                 (seen(data, &set, of_set.as_ref()), seen(data, &simpler, of_simpler.as_ref()));
             let cost = cost_beside_discrepancy(&runs, &runs).zip(cost_beside_discrepancy(&fewer, &runs));
-            if cost.is_some_and(|(wide, narrow)| narrow < wide + data.options.decisive) {
+            let gain = cost.map(|(of_wide, of_narrow)| of_narrow - of_wide);
+            if let Some(gain) = gain.filter(|gain| *gain < data.options.decisive) {
+                wider.push(Wider { narrow, wide, share: probability(gain) });
                 set = simpler;
             }
         }
     }
-    Ok(set)
+    Ok((set, wider))
 }
 
 /// The set without the effects on one side that a smooth term replaces, and what each of the others is worth beside one, nats.
