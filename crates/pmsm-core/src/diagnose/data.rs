@@ -186,8 +186,7 @@ impl Data {
         let rows = self.counted() * self.floors.len().max(1);
         let tolerance = 2.0 * self.options.rows_per_sample * ROUGHLY / rows.max(1) as f64;
         let cost_tolerance = tolerance.clamp(SETTINGS.cost_tolerance, LARGEST_TOLERANCE);
-        let settings =
-            Settings { max_iterations: FEW, cost_tolerance, stall_tolerance: cost_tolerance, ..SETTINGS };
+        let settings = Settings { cost_tolerance, stall_tolerance: cost_tolerance, ..SETTINGS };
         Self { settings, ..self.clone() }
     }
 
@@ -322,8 +321,6 @@ fn known(
 
 /// Nats that a fit may leave where sets are compared: what decides is many times that.
 const ROUGHLY: f64 = 0.3;
-/// Most iterations of such a fit: one that needs more is led by what is missing.
-const FEW: usize = 8;
 /// Largest share of the cost that a fit may leave.
 const LARGEST_TOLERANCE: f64 = 1e-3;
 
