@@ -1,0 +1,244 @@
+//! A set grown by the effects that explain most of what it leaves.
+
+use super::subset::left_out;
+use super::{Search, Tried, absent};
+use crate::diagnose::fitting;
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::shortlist::{Prospect, Scorer};
+use crate::diagnose::verdict::{self, Judged};
+use crate::effect::{Role, Site};
+use crate::effects::EffectId;
+use crate::error::Result;
+use crate::recording::Kind;
+use rayon::prelude::*;
+
+/// Effects with which the whole set is refitted before the best of them is gone on from.
+const REFITTED: usize = 3;
+/// Share of the leading score from which an effect of the same side is refitted, too.
+const RIVAL: f64 = 0.5;
+/// Share of what an effect explains to first order that it must still explain beside others to be taken up along with them.
+const APART: f64 = 0.5;
+/// Score (mean square in units of what is left in each channel) below which nothing is refitted.
+const LEAST_SCORE: f64 = 0.002;
+
+impl Search<'_> {
+    /// Adds effects one at a time as long as the evidence of the recording grows: the largest set, and what came of the first effects tried.
+    pub(super) fn grow(
+        &self,
+        base: &Judged,
+        able: &[EffectId],
+        seen: &mut Vec<Judged>,
+    ) -> Result<(Judged, Tried)> {
+        let mut best = base.clone();
+        let mut singles = Vec::new();
+        let evidence = self.evidence();
+        let cost = |set: &Judged| evidence.cost_on_recording(&set.fitted);
+        if let Some(from) = &self.from {
+            let fitted = fitting::carried_over(self.data, from, self.monitor)?;
+            best = Judged { fitted, held_out: Vec::new(), refuted: false };
+        }
+        // Of steady points the noise is known from a few neighbours alone: what may be noise is not looked into.
+        let noise = |set: &Judged| {
+            self.data.signals.kind == Kind::OperatingPoints && set.excess() <= self.data.options.mismatch
+        };
+        while best.fitted.effects().len() < self.most && !noise(&best) && !self.monitor.cancelled() {
+            let scorer = Scorer::new(self.data, &best.fitted);
+            let larger = self.extended(&scorer, &best, &absent(able, &best))?;
+            let sets = larger.iter().filter_map(|(_, set)| set.as_ref());
+            let sets = sets.filter(|set| self.explains_its_part(&set.fitted, &best.fitted));
+            let next = sets.min_by(|a, b| cost(a).total_cmp(&cost(b))).cloned();
+            let worth = next.filter(|next| cost(next) < cost(&best));
+            let beside = match &worth {
+                Some(next) => self.beside(&scorer, (&best, next), &larger, &cost),
+                None => Vec::new(),
+            };
+            if singles.is_empty() {
+                singles = larger;
+            }
+            let Some(mut next) = worth else { break };
+            if !beside.is_empty() && !self.monitor.cancelled() {
+                let fitted = self.with_all(&next, &beside)?;
+                let all = Judged { fitted, held_out: Vec::new(), refuted: false };
+                if cost(&all) < cost(&next) && self.explains_its_part(&all.fitted, &next.fitted) {
+                    seen.push(next);
+                    next = all;
+                }
+            }
+            best = self.renewed(next)?;
+            seen.push(best.clone());
+            let share = best.fitted.effects().len() as f64 / self.data.options.most_effects as f64;
+            self.monitor.report("effects", 0.2 + 0.6 * share);
+        }
+        Ok((best, singles))
+    }
+
+    /// Whether the effects that `larger` has more take away what the leading one of so many as there may still be must: of several effects
+    /// that together explain the rest of a channel, one explains at least their mean. Where nothing does, the rest is not in the catalogue,
+    /// and what trades one channel for another describes it no better. What the forms of right effects may leave is not asked about.
+    fn explains_its_part(&self, larger: &Hypothesis, smaller: &Hypothesis) -> bool {
+        let excess = |set: &Hypothesis| verdict::beyond_chance(set).map(|x| x.max(0.0)).collect::<Vec<f64>>();
+        let (before, after) = (excess(smaller), excess(larger));
+        let options = &self.data.options;
+        if before.iter().all(|x| *x <= options.remaining_times.powi(2) - 1.0) {
+            return true;
+        }
+        let room = options.most_effects.saturating_sub(smaller.effects().len()).max(1) as f64;
+        let leads = before
+            .iter()
+            .zip(&after)
+            .any(|(before, after)| (before - after) * room >= *before && before > after);
+        leads && after.iter().sum::<f64>() < before.iter().sum()
+    }
+
+    /// A set with those of its effects that have a whole number among their parameters, such as an order, at the number with which the whole
+    /// set does best: it was chosen when the others were not there. The numbers that lead to first order are refitted.
+    fn renewed(&self, mut set: Judged) -> Result<Judged> {
+        let effects = set.fitted.effects();
+        if set.excess() <= self.data.options.mismatch {
+            return Ok(set);
+        }
+        let evidence = self.evidence();
+        let chosen = |e: &EffectId| e.info().parameters.iter().any(|p| p.role == Role::Fixed);
+        for effect in effects.iter().copied().filter(chosen) {
+            let Some((model, parameters, free)) = left_out(&set.fitted, effect) else { continue };
+            if effects.len() == 1 || self.monitor.cancelled() {
+                continue;
+            }
+            let nuisances = set.fitted.nuisances.clone();
+            let without = Hypothesis::on(self.data, model, parameters, free, nuisances);
+            let prospects = Scorer::new(self.data, &without).leading(effect, REFITTED);
+            let slot =
+                set.fitted.model.slots().iter().find(|s| s.effect == effect).expect("it is in the set");
+            let own = set.fitted.parameters[slot.parameters.clone()].to_vec();
+            let same = |prospect: &&Prospect| {
+                let each = effect.info().parameters.iter().zip(&own).zip(&prospect.start);
+                each.filter(|((p, _), _)| p.role == Role::Fixed).all(|((_, a), b)| a == b)
+            };
+            // Beside a number that leads by far no other is asked about.
+            let present = prospects.iter().find(same).map_or(0.0, |p| p.score);
+            let rivals = |p: &&Prospect| !same(p) && p.score > RIVAL * present;
+            let without = Judged { fitted: without, ..set.clone() };
+            let asked: Vec<&Prospect> = prospects.iter().filter(rivals).collect();
+            let tried: Vec<Option<Hypothesis>> =
+                asked.par_iter().map(|prospect| self.refit(&without, prospect)).collect::<Result<_>>()?;
+            for fitted in tried.into_iter().flatten() {
+                if evidence.cost_on_recording(&fitted) < evidence.cost_on_recording(&set.fitted) {
+                    set = Judged { fitted, held_out: Vec::new(), refuted: false };
+                }
+            }
+        }
+        Ok(set)
+    }
+
+    /// The refitted effects that are worth their place by themselves and, to first order, beside the one that `next` took up and beside one
+    /// another: as they were fitted, the best first. No more than there may be.
+    fn beside(
+        &self,
+        scorer: &Scorer,
+        (parent, next): (&Judged, &Judged),
+        larger: &Tried,
+        cost: &dyn Fn(&Judged) -> f64,
+    ) -> Vec<Prospect> {
+        let as_fitted = |(prospect, set): &(Prospect, Option<Judged>)| {
+            let set = set.as_ref()?;
+            let slot = set.fitted.model.slots().last()?;
+            let start = set.fitted.parameters[slot.parameters.clone()].to_vec();
+            Some((Prospect { start, ..prospect.clone() }, cost(set)))
+        };
+        let Some(added) = next.fitted.effects().last().copied() else { return Vec::new() };
+        let (lead, others): (Vec<_>, Vec<_>) =
+            larger.iter().filter_map(as_fitted).partition(|(p, _)| p.effect == added);
+        let mut taken: Vec<Prospect> = lead.into_iter().map(|(p, _)| p).collect();
+        let gains = |(_, with): &(Prospect, f64)| *with + self.data.options.decisive < cost(parent);
+        let mut others: Vec<(Prospect, f64)> = others.into_iter().filter(gains).collect();
+        others.sort_by(|a, b| a.1.total_cmp(&b.1));
+        for (prospect, _) in others {
+            let room = next.fitted.effects().len() + taken.len() <= self.most;
+            if room && scorer.share_beside(&taken, &prospect) >= APART {
+                taken.push(prospect);
+            }
+        }
+        taken.into_iter().skip(1).collect()
+    }
+
+    /// Scores `candidates` beside a set and refits it with each of the best of them.
+    fn extended(&self, scorer: &Scorer, parent: &Judged, candidates: &[EffectId]) -> Result<Tried> {
+        let score = |effect: &EffectId| match self.monitor.cancelled() {
+            true => Prospect::nothing(*effect, parent.fitted.model.context()),
+            false => scorer.score(*effect),
+        };
+        let mut prospects: Vec<Prospect> = candidates.par_iter().map(score).collect();
+        prospects.sort_by(|a, b| b.score.total_cmp(&a.score));
+        // Those that lead on their side, and those that may be what leads.
+        let mut leading: Vec<EffectId> = Vec::new();
+        for moves in [true, false] {
+            let side =
+                || prospects.iter().filter(|p| is_mechanical(p.effect) == moves && p.score > LEAST_SCORE);
+            let top = side().next().map_or(0.0, |p| p.score);
+            leading.extend(side().take(REFITTED).filter(|p| p.score >= RIVAL * top).map(|p| p.effect));
+        }
+        // The steps of an unknown load can do what a friction does whose torque jumps at reversals: no score tells.
+        if parent.fitted.nuisances.iter().any(|nuisance| nuisance.steps() > 0) {
+            leading.extend(candidates.iter().filter(|effect| effect.jumps()));
+        }
+        let refit = |prospect: Prospect| -> Result<(Prospect, Option<Judged>)> {
+            let asked = leading.contains(&prospect.effect) && !self.monitor.cancelled();
+            let set = if asked { self.refit(parent, &prospect)? } else { None };
+            Ok((prospect, set.map(|fitted| Judged { fitted, held_out: Vec::new(), refuted: false })))
+        };
+        prospects.into_par_iter().map(refit).collect()
+    }
+}
+
+fn is_mechanical(effect: EffectId) -> bool {
+    effect.info().site == Site::Mechanical
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{rich, search};
+    use super::*;
+    use crate::diagnose::testing::{self, choice, setup, speeds};
+    use crate::monitor::Silent;
+
+    #[test]
+    fn what_leads_must_explain_its_part_of_a_rest_that_the_catalogue_could_explain() {
+        let (data, base) = testing::data(&setup(speeds(0.6, &[(0.1, 60.0)]), Vec::new()));
+        let left = |squares: [f64; 3]| {
+            let mut set = base.clone();
+            set.squares.iter_mut().zip(squares).for_each(|((_, s), x)| *s = x);
+            set
+        };
+        let explains_its_part = |before, after| search(&data).explains_its_part(&left(after), &left(before));
+        // Ten effects could explain this rest, so the first explains a tenth of it.
+        assert!(explains_its_part([1.0, 1.0, 101.0], [1.0, 1.0, 80.0]));
+        assert!(!explains_its_part([1.0, 1.0, 101.0], [1.0, 1.0, 95.0]));
+        // What leaves more on the whole describes nothing, though one channel gains.
+        assert!(!explains_its_part([31.0, 1.0, 51.0], [71.0, 1.0, 21.0]));
+        // Of what the forms of right effects leave the evidence alone decides.
+        assert!(explains_its_part([1.0, 1.0, 2.0], [1.0, 1.0, 1.95]));
+    }
+
+    #[test]
+    fn an_order_chosen_before_the_others_were_known_is_corrected() {
+        let both = vec![choice("cogging_torque", "a_1", 0.2), choice("coulomb_friction", "tau_c", 0.3)];
+        let (data, base) = testing::data(&setup(rich(), both));
+        let (cogging, friction) = (EffectId::CoggingTorque, EffectId::CoulombFriction);
+        let model = crate::model::Model::new(data.signals.context, &[friction, cogging]);
+        let typical = |e: EffectId| -> Vec<f64> {
+            e.info().parameters.iter().map(|p| (p.typical)(&data.signals.context)).collect()
+        };
+        let mut start = [base.own(), &typical(friction), &typical(cogging)].concat();
+        let order = start.len() - 1;
+        assert_eq!(cogging.info().parameters.last().map(|p| p.role), Some(Role::Fixed));
+        let right = start[order];
+        start[order] = right / 3.0;
+        let fitted = fitting::fit(&data, &model, &start, false, &Silent).unwrap();
+        let wrong = Judged { fitted, held_out: Vec::new(), refuted: false };
+        assert!(wrong.excess() > data.options.mismatch && wrong.fitted.own()[order] == right / 3.0);
+        let found = search(&data).renewed(wrong).unwrap();
+        let slot = found.fitted.model.slots().iter().find(|s| s.effect == cogging).unwrap();
+        assert_eq!(found.fitted.own()[slot.parameters.end - 1], right);
+        assert!(found.excess() < data.options.mismatch, "{:?}", found.fitted.squares);
+    }
+}
