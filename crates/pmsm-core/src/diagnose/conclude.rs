@@ -154,7 +154,7 @@ pub fn conclude(
         verdict = decide::beside_discrepancy(
             &mut outcome,
             &mut ranked,
-            Earned { set, probabilities, wider: Vec::new(), nearest: None },
+            Earned { set, probabilities, alternatives: Vec::new(), nearest: None },
         );
         if verdict != Verdict::Unknown {
             (after, remaining) = left_by(&outcome.best.fitted)?;

@@ -181,7 +181,7 @@ impl Data {
         Some((self.masked(odd), self.masked(even)))
     }
 
-    /// The same recording for fits that are only compared, which may end a third of a nat of evidence before their minimum.
+    /// The same recording for fits that are only compared, which may end 0.3 nats of evidence before their minimum.
     pub fn roughly(&self) -> Self {
         let rows = self.counted() * self.floors.len().max(1);
         let tolerance = 2.0 * self.options.rows_per_sample * ROUGHLY / rows.max(1) as f64;

@@ -2,7 +2,7 @@
 
 use super::answer::Verdict;
 use super::select::Outcome;
-use super::unmodelled::{Earned, Wider};
+use super::unmodelled::{Alternative, Earned};
 use super::verdict::Judged;
 use crate::effects::EffectId;
 
@@ -98,17 +98,16 @@ pub fn beside_discrepancy(outcome: &mut Outcome, ranked: &mut Vec<Ranked>, earne
             None => candidate.probability = candidate.probability.min(options.ceiling_unknown),
         }
     }
-    for Wider { narrow, wide, share } in earned.wider {
-        let of_both =
-            earned.probabilities.iter().find(|(e, _)| *e == narrow).map_or(0.0, |(_, p)| *p) / (1.0 - share);
-        let told = (1.0 - options.unknown) * of_both * share;
+    for Alternative { present, absent, share } in earned.alternatives {
+        let of_both = ranked.iter().find(|c| c.effect == present).map_or(0.0, |c| c.probability);
         // What is decisively less likely is no equivalent.
         let close = (1.0 / share - 1.0).ln() < options.decisive;
         for candidate in ranked.iter_mut() {
-            if candidate.effect == wide {
-                candidate.probability = told;
-            } else if candidate.effect == narrow && close {
-                candidate.equivalent.push(wide);
+            if candidate.effect == absent {
+                candidate.probability = of_both * share;
+            } else if candidate.effect == present {
+                candidate.probability = of_both * (1.0 - share);
+                candidate.equivalent.extend(close.then_some(absent));
             }
         }
     }
@@ -118,10 +117,9 @@ pub fn beside_discrepancy(outcome: &mut Outcome, ranked: &mut Vec<Ranked>, earne
     let verdict = if of_set.all(sure) { Verdict::Partial } else { Verdict::Ambiguous };
     if verdict == Verdict::Ambiguous {
         // What is sure by itself stays so: another name in doubt says nothing of it.
-        ranked
-            .iter_mut()
-            .filter(|c| !sure(c))
-            .for_each(|c| doubt(std::slice::from_mut(c), options.ceiling_doubtful));
+        for candidate in ranked.iter_mut().filter(|c| !sure(c)) {
+            candidate.probability = candidate.probability.min(options.ceiling_doubtful);
+        }
     }
     let goes = |step: &Judged| step.fitted.effects().iter().all(|e| kept.contains(e));
     outcome.path.retain(|step| goes(step) && step.fitted.effects().len() < kept.len());
@@ -250,8 +248,8 @@ mod tests {
             let mut ranked = decide(&outcome, false).1;
             let earned = Earned {
                 set: judged(&[dry, other], 3.0).fitted,
-                probabilities: vec![(dry, 0.99 * (1.0 - share)), (other, 0.99)],
-                wider: vec![Wider { narrow: dry, wide, share }],
+                probabilities: vec![(dry, 0.99), (other, 0.99)],
+                alternatives: vec![Alternative { present: dry, absent: wide, share }],
                 nearest: None,
             };
             let verdict = beside_discrepancy(&mut outcome, &mut ranked, earned);

@@ -34,7 +34,7 @@ use choice::Choice;
 use serde::Serialize;
 
 pub use choice::MOST_WORTH;
-pub use earned::{Earned, Wider, earned, without_motion};
+pub use earned::{Alternative, Earned, earned, without_motion};
 pub use rival::rival;
 
 /// Parts laid on one side at most, one after the other.

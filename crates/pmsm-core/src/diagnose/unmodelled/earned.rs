@@ -24,19 +24,19 @@ pub struct Earned {
     pub set: Hypothesis,
     /// Posterior probability of each of its effects beside a map.
     pub probabilities: Vec<(EffectId, f64)>,
-    /// Wider effects in whose place one of the set stands, with the share of its probability that they take.
-    pub wider: Vec<Wider>,
+    /// What may be in place of one of its effects: a wider one, or a special case.
+    pub alternatives: Vec<Alternative>,
     /// The set with that effect of the catalogue whose form comes nearest to what else moves the rotor, if one was considered.
     pub nearest: Option<Hypothesis>,
 }
 
-/// An effect of which one of a set is a special case.
-pub struct Wider {
-    /// The special case, which is in the set.
-    pub narrow: EffectId,
-    /// The wider effect, which is not.
-    pub wide: EffectId,
-    /// Probability that it is the wider one, if it is one of the two.
+/// An effect and its special case, of which one is in a set.
+pub struct Alternative {
+    /// The more probable one, which is in the set.
+    pub present: EffectId,
+    /// The other one.
+    pub absent: EffectId,
+    /// Probability that it is the other one, if it is one of the two.
     pub share: f64,
 }
 
@@ -50,7 +50,7 @@ pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dy
         judge.map(|judge| Ok((judge, transfer(judge, set, monitor)?))).transpose()
     };
     let rough = data.roughly();
-    let (set, mut wider) = narrowed(&rough, best.clone(), &elsewhere, monitor)?;
+    let (set, mut alternatives) = narrowed(&rough, best.clone(), &elsewhere, monitor)?;
     let (set, of_motion) = beside_a_smooth_term(&rough, set, Side::Mechanical, &elsewhere, monitor)?;
     let nearest = nearest(&rough, best, &set, monitor)?;
     let (mut set, of_currents) = beside_a_smooth_term(&rough, set, Side::Electrical, &elsewhere, monitor)?;
@@ -59,12 +59,11 @@ pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dy
     }
     let of_effect = |effect: EffectId| {
         let asked = of_motion.iter().chain(&of_currents).find(|(e, _)| *e == effect);
-        let narrower: f64 = wider.iter().filter(|w| w.narrow == effect).map(|w| 1.0 - w.share).product();
-        (effect, narrower * probability(asked.map_or(f64::INFINITY, |(_, nats)| *nats)))
+        (effect, probability(asked.map_or(f64::INFINITY, |(_, nats)| *nats)))
     };
     let probabilities = set.effects().into_iter().map(of_effect).collect();
-    wider.retain(|w| set.effects().contains(&w.narrow));
-    Ok(Earned { set, probabilities, wider, nearest })
+    alternatives.retain(|a| set.effects().contains(&a.present));
+    Ok(Earned { set, probabilities, alternatives, nearest })
 }
 
 /// Probability of what so many nats speak for.
@@ -93,15 +92,15 @@ fn seen<'a>(data: &'a Data, set: &'a Hypothesis, other: Option<&'a (&Data, Hypot
     std::iter::once((data, set)).chain(other.map(|(judge, set)| (*judge, set))).collect()
 }
 
-/// The set with a special case in place of each wider mechanical effect that is not worth more than it beside a smooth torque, and how likely
-/// these are all the same.
+/// The set with the special case of a mechanical effect in place of it, where that has more evidence beside a smooth torque. What was not
+/// chosen comes back with its probability.
 fn narrowed<'a>(
     data: &Data,
     mut set: Hypothesis,
     elsewhere: &Transferred<'a>,
     monitor: &dyn Monitor,
-) -> Result<(Hypothesis, Vec<Wider>)> {
-    let mut wider = Vec::new();
+) -> Result<(Hypothesis, Vec<Alternative>)> {
+    let mut alternatives = Vec::new();
     for wide in set.effects().into_iter().filter(|e| e.info().site == Site::Mechanical) {
         for narrow in special_cases(wide) {
             if set.effects().contains(&narrow)
@@ -116,14 +115,16 @@ fn narrowed<'a>(
             let (runs, fewer) =
                 (seen(data, &set, of_set.as_ref()), seen(data, &simpler, of_simpler.as_ref()));
             let cost = cost_beside_discrepancy(&runs, &runs).zip(cost_beside_discrepancy(&fewer, &runs));
-            let gain = cost.map(|(of_wide, of_narrow)| of_narrow - of_wide);
-            if let Some(gain) = gain.filter(|gain| *gain < data.options.decisive) {
-                wider.push(Wider { narrow, wide, share: probability(gain) });
+            let Some((of_wide, of_narrow)) = cost else { continue };
+            let share = probability(-(of_narrow - of_wide).abs());
+            let (present, absent) = if of_narrow < of_wide { (narrow, wide) } else { (wide, narrow) };
+            alternatives.push(Alternative { present, absent, share });
+            if present == narrow {
                 set = simpler;
             }
         }
     }
-    Ok((set, wider))
+    Ok((set, alternatives))
 }
 
 /// The set without the effects on one side that a smooth term replaces, and what each of the others is worth beside one, nats.
