@@ -229,7 +229,7 @@ mod tests {
     #[test]
     fn friction_is_not_taken_for_a_load_that_steps_at_every_reversal() {
         let answer = stepping(vec![choice("coulomb_friction", "tau_c", 0.15)]);
-        assert_eq!(answer.verdict, Verdict::Named, "{:?}", answer.model);
+        assert_eq!(answer.verdict, Verdict::Named, "{:?}", answer.ranking);
         assert_eq!(answer.model.effects, ["coulomb_friction"]);
         // One step there is; of a weak one more the noise may persuade, of three more at the reversals not.
         assert!(steps(&answer) <= 2, "{:?}", answer.model.base);

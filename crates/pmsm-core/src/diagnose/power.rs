@@ -200,9 +200,15 @@ fn trace(
             without[index] = 0.0;
         }
     }
-    let experiment = scorer.experiment();
-    let step = left - experiment.residual(&without);
-    let mut trace = freed(&others, &DMatrix::from_columns(&[step]));
+    let freed_of_others = |step: DVector<f64>| freed(&others, &DMatrix::from_columns(&[step]));
+    let mut trace = freed_of_others(left - scorer.experiment().residual(&without));
+    let moved = own.iter().map(|k| best.parameters[best.free[*k]] - without[best.free[*k]]);
+    let linear = freed_of_others(jacobian.select_columns(&own) * DVector::from_iterator(own.len(), moved));
+    // A strength that other parameters make up for moves the rotor so far that their columns do not reach: the way there by
+    // columns does.
+    if linear.norm_squared() < trace.norm_squared() {
+        trace = linear;
+    }
     if trace.iter().any(|x| !x.is_finite()) {
         // Without the effect the model cannot be evaluated: nothing can stand in for it.
         trace.fill(0.0);

@@ -204,7 +204,7 @@ mod tests {
             // A name may stand beside the torque only where it is there.
             let alone = present.is_empty();
             let honest = answer.verdict == Verdict::Unknown || answer.verdict == Verdict::Partial && !alone;
-            assert!(honest && !sure, "{:?} {:?}", answer.verdict, answer.ranking);
+            assert!(honest && !sure, "{present:?} {:?} {:?}", answer.verdict, answer.ranking);
             // Where a candidate was found, it is said what lies beside it.
             assert!(answer.ranking.iter().all(|c| c.probability < 0.4) || !answer.remaining.is_empty());
         }

@@ -161,8 +161,10 @@ impl<'a> Scorer<'a> {
                 let left = right.rows_range(begun.clone())
                     + gram.view_range(begun.clone(), 0..count) * bounded.rows(0, count);
                 let among = gram.view_range(begun.clone(), begun.clone()).into_owned();
-                let Some(step) = solve(&among, &left, &length[begun.clone()]) else { continue };
-                bounded.rows_range_mut(begun).copy_from(&-step);
+                // Of states that do nothing at zero strength none is known.
+                if let Some(step) = solve(&among, &left, &length[begun.clone()]) {
+                    bounded.rows_range_mut(begun).copy_from(&-step);
+                }
             }
             // ‖r‖² − ‖r + F·b‖², with the free columns F and the bounded step b.
             let gain = -(bounded.dot(&right) * 2.0 + bounded.dot(&(&gram * &bounded)));

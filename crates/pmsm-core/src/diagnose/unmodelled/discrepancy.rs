@@ -36,14 +36,14 @@ const CELLS: usize = 20_000_000;
 pub(super) type Seen<'a> = (&'a Data, &'a Hypothesis);
 
 /// What each effect on one side of a set explains beside the discrepancy, nats; zero, an even chance, where no solution tells. It is not
-/// asked of rotors with states of their own, which nothing smooth replaces, nor of names that cover any function. `runs` are the recording
-/// and the validation run, each with the same set.
+/// asked of a shaft, whose trace changes with its strength and which nothing smooth replaces, nor of names that cover any function. `runs`
+/// are the recording and the validation run, each with the same set.
 pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f64)> {
     let (data, set) = runs[0];
     let choices = Choices::new(data, set, side);
     let machine = machine_parameters(data, set, side);
     let normals: Vec<Normal> = runs.iter().map(|run| Normal::new(*run, side, &machine, &choices)).collect();
-    let asked = |slot: &&Slot| side.has(slot.effect) && slot.effect.mechanical_state_count() == 0;
+    let asked = |slot: &&Slot| side.has(slot.effect) && slot.effect.is_first_order();
     let solved = || {
         let samples = samples(&normals)?;
         let (whole, beside) = choices.least(&normals, machine.len(), &samples)?;
@@ -63,8 +63,13 @@ pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f6
         };
         let back: Vec<(usize, f64)> = own.iter().map(|k| (*k, back(k))).collect();
         let without: Vec<Normal> = normals.iter().map(|normal| normal.moved(&back)).collect();
-        let (fewer, _) = choices.least(&without, machine.len() - own.len(), samples)?;
+        let (fewer, instead) = choices.least(&without, machine.len() - own.len(), samples)?;
         let lost = choices.excess(&without, machine.len() - own.len(), NONE)?;
+        // A smooth term is an approximation, as the form of an effect is: what it misses of itself names nothing.
+        let explained = choices.excess(&without, machine.len() - own.len(), instead)? - remains;
+        if explained < slot.effect.form().powi(2) * (alone - remains) {
+            return Some(f64::NEG_INFINITY);
+        }
         if lost - alone < data.options.beside_remainder * remains {
             // What remains is of unknown cause, which may well be that of this part, too.
             return Some(f64::NEG_INFINITY);
