@@ -146,8 +146,6 @@ catalogue! {
     stribeck_friction::StribeckFriction,
     asymmetric_friction::AsymmetricFriction,
     load_dependent_friction::LoadDependentFriction,
-    presliding_friction::PreslidingFriction,
-    concave_friction::ConcaveFriction,
     quadratic_drag::QuadraticDrag,
     cogging_torque::CoggingTorque,
     load_torque_pulsation::LoadTorquePulsation,

@@ -17,7 +17,7 @@ pub struct DiagnosisOptions {
     pub fewest_samples: f64,
     /// Mean square over that of the noise floor below which a model earns nothing: a floor is known to a tenth.
     pub floor_known_to: f64,
-    /// What an effect costs by itself, nats: of the thirty of the catalogue about one or two are there, prior odds of 1 to 20. Physics that no
+    /// What an effect costs by itself, nats: of the two dozen of the catalogue about one is there, prior odds of 1 to 20. Physics that no
     /// catalogue holds is as rare.
     pub effect_cost: f64,
     /// What a coefficient of a map costs, nats: its own prior holds it back.

@@ -127,9 +127,6 @@ impl Search<'_> {
             let loses = |s: &Shown| loses(s, *replaced, *nats);
             let mut rivals: Vec<&Shown> = shown.iter().filter(|s| loses(s) < FIRST_ORDER).collect();
             rivals.sort_by(|a, b| loses(a).total_cmp(&loses(b)));
-            // What is wider than another rival is asked after that one.
-            let asked_for: Vec<EffectId> = rivals.iter().map(|s| s.effect).collect();
-            rivals.sort_by_key(|s| asked_for.iter().any(|narrow| s.effect.contains(*narrow)));
             tasks.extend(rivals.into_iter().take(RIVALS).map(|s| (*replaced, s.effect, fewer)));
         }
         let refit = |(replaced, by, fewer): &(EffectId, EffectId, &Judged)| -> Result<Option<Swap>> {

@@ -13,9 +13,8 @@ use std::f64::consts::{PI, TAU};
 
 /// Splines over one variable: degree and pieces.
 const CURVE: (usize, usize) = (3, 4);
-/// And of a torque, since friction may have a hump at one speed, which may be narrow.
+/// And of a torque, since friction may have a hump at one speed.
 const FINE: [(usize, usize); 2] = [(3, 12), (3, 28)];
-const NARROW_HUMP: (usize, usize) = (3, 84);
 /// Pieces of a smooth torque over the speed in each direction, the smoothest first, and the half-width about standstill within which they are
 /// narrow, share of the largest speed: forms of friction differ there.
 const SMOOTHNESS: [(usize, f64); 6] = [(3, 0.0), (3, DENSE), (9, 0.0), (9, DENSE), (28, 0.0), (28, DENSE)];
@@ -60,9 +59,6 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
         pairs.push((line(x, CURVE), None));
         if side == Side::Mechanical {
             pairs.extend(FINE.map(|size| (line(x, size), None)));
-            if x.0 == Variable::OmegaE {
-                pairs.push((line(x, NARROW_HUMP), None));
-            }
             if x.0 == Variable::OmegaE && x.1 < 0.0 && x.2 > 0.0 {
                 pairs.push((dense(x), None));
             }

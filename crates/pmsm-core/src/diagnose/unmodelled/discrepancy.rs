@@ -49,11 +49,11 @@ pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f6
         let (whole, beside) = choices.least(&normals, machine.len(), &samples)?;
         let remains = choices.excess(&normals, machine.len(), beside)?;
         let alone = choices.excess(&normals, machine.len(), NONE)?;
-        Some((samples, whole, remains, alone))
+        Some((samples, whole, beside, remains, alone))
     };
     let solved = solved();
     let worth = |slot: &Slot| -> Option<f64> {
-        let (samples, whole, remains, alone) = solved.as_ref()?;
+        let (samples, whole, beside, remains, alone) = solved.as_ref()?;
         let own: Vec<usize> = (0..machine.len()).filter(|k| slot.parameters.contains(&machine[*k])).collect();
         // At zero strength an effect is not there: its strengths go all the way back, and its shapes tell nothing any more.
         let back = |k: &usize| {
@@ -63,10 +63,10 @@ pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f6
         };
         let back: Vec<(usize, f64)> = own.iter().map(|k| (*k, back(k))).collect();
         let without: Vec<Normal> = normals.iter().map(|normal| normal.moved(&back)).collect();
-        let (fewer, instead) = choices.least(&without, machine.len() - own.len(), samples)?;
+        let (fewer, _) = choices.least(&without, machine.len() - own.len(), samples)?;
         let lost = choices.excess(&without, machine.len() - own.len(), NONE)?;
         // A smooth term is an approximation, as the form of an effect is: what it misses of itself names nothing.
-        let explained = choices.excess(&without, machine.len() - own.len(), instead)? - remains;
+        let explained = choices.excess(&without, machine.len() - own.len(), *beside)? - remains;
         if explained < slot.effect.form().powi(2) * (alone - remains) {
             return Some(f64::NEG_INFINITY);
         }
