@@ -133,7 +133,7 @@ impl<'a> Outputs<'a> {
                 } else {
                     Some("held at the nameplate value: the recording does not contain it".to_string())
                 };
-                // What an effect is wrong by in its form the base parameters that it is fitted with make up for.
+                // Base parameters absorb part of the error in the form of the effects that they are fitted with.
                 let form = if self.hypothesis.effects().is_empty() { 1.0 } else { FORM };
                 let variance = self.variance_of(index, index) * form * form + (BETWEEN_ROWS * value).powi(2);
                 let low = p.physical_range().0;
@@ -287,8 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn a_base_parameter_is_known_no_closer_than_what_happens_between_rows_and_no_closer_than_the_form_of_an_effect()
-     {
+    fn an_interval_of_the_base_holds_what_happens_between_rows_and_the_form_of_effects() {
         let manoeuvre = speeds(0.5, &[(0.1, 90.0), (0.3, -80.0)]);
         let (data, base) = data(&setup(manoeuvre, vec![choice("coulomb_friction", "tau_c", 0.3)]));
         let found = fitted(&data, &base, EffectId::CoulombFriction);

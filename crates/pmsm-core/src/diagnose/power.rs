@@ -204,8 +204,8 @@ fn trace(
     let mut trace = freed_of_others(left - scorer.experiment().residual(&without));
     let moved = own.iter().map(|k| best.parameters[best.free[*k]] - without[best.free[*k]]);
     let linear = freed_of_others(jacobian.select_columns(&own) * DVector::from_iterator(own.len(), moved));
-    // A strength that other parameters make up for moves the rotor so far that their columns do not reach: the way there by
-    // columns does.
+    // Taking an effect away may move the rotor further than the columns of the other parameters describe. What these can make up for
+    // then shows only to first order.
     if linear.norm_squared() < trace.norm_squared() {
         trace = linear;
     }

@@ -161,7 +161,7 @@ impl<'a> Scorer<'a> {
                 let left = right.rows_range(begun.clone())
                     + gram.view_range(begun.clone(), 0..count) * bounded.rows(0, count);
                 let among = gram.view_range(begun.clone(), begun.clone()).into_owned();
-                // Of states that do nothing at zero strength none is known.
+                // States that do nothing at zero strength have columns of zeros: they begin at zero.
                 if let Some(step) = solve(&among, &left, &length[begun.clone()]) {
                     bounded.rows_range_mut(begun).copy_from(&-step);
                 }

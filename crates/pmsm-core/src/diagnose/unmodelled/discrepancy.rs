@@ -65,7 +65,7 @@ pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f6
         let without: Vec<Normal> = normals.iter().map(|normal| normal.moved(&back)).collect();
         let (fewer, _) = choices.least(&without, machine.len() - own.len(), samples)?;
         let lost = choices.excess(&without, machine.len() - own.len(), NONE)?;
-        // A smooth term is an approximation, as the form of an effect is: what it misses of itself names nothing.
+        // A smooth term is an approximation, as the form of an effect is. What explains less than its error earns no name.
         let explained = choices.excess(&without, machine.len() - own.len(), *beside)? - remains;
         if explained < slot.effect.form().powi(2) * (alone - remains) {
             return Some(f64::NEG_INFINITY);
