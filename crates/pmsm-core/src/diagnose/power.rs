@@ -312,7 +312,10 @@ impl Survey<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::fitting;
     use crate::diagnose::testing::{choice, data, fitted, narrow, setup, speeds};
+    use crate::drive::Schedule;
+    use crate::model::Model;
     use crate::monitor::Silent;
 
     const ASKED: [EffectId; 4] =
@@ -341,6 +344,27 @@ mod tests {
         let (rich, base) = data(&setup(rich, Vec::new()));
         let seen = Traces::new(&rich, &base).survey(&ASKED, &worth(&base), false, &Silent);
         assert!(power(&seen, EffectId::CoulombFriction) > 0.9, "{seen:?}");
+    }
+
+    #[test]
+    fn what_another_parameter_makes_up_for_is_worth_nothing_however_strong_it_is() {
+        let mut manoeuvre = speeds(1.0, &[(0.1, 80.0), (0.4, -80.0), (0.6, -60.0), (0.9, 90.0)]);
+        manoeuvre.tau_load = Some(Schedule::constant(1.0).unwrap());
+        manoeuvre.load_kind = Some("unknown_constant".into());
+        let (data, base) = data(&setup(manoeuvre, vec![choice("coulomb_friction", "tau_c", 0.8)]));
+        let dry = fitted(&data, &base, EffectId::CoulombFriction);
+        let effects = [EffectId::CoulombFriction, EffectId::AsymmetricFriction];
+        let typical = effects[1].info().parameters.iter().map(|p| (p.typical)(&data.signals.context));
+        let start: Vec<f64> = dry.own().iter().copied().chain(typical).collect();
+        let model = Model::new(data.signals.context, &effects);
+        let mut both = fitting::fit(&data, &model, &start, false, &Silent).unwrap();
+        // A friction that always pushes back is a load by another name.
+        let place = effects[1].info().parameters.iter().position(|p| p.name == "tau_a").unwrap();
+        let (tau_a, tau_load) = (both.model.slots()[1].parameters.start + place, both.own().len());
+        both.parameters[tau_a] -= 2.0;
+        both.parameters[tau_load] += 2.0;
+        let worth = Traces::new(&data, &both).worth(&worth(&both));
+        assert!(worth[0].1 > 60.0 && worth[1].1 < 10.0, "{worth:?}");
     }
 
     #[test]
