@@ -31,6 +31,7 @@ mod pace;
 mod parameters_alone;
 mod plausible;
 mod power;
+mod predict;
 mod prescribe;
 mod reach;
 pub mod remaining;
@@ -59,6 +60,7 @@ use answer::Answer;
 use data::Data;
 use hold::Held;
 pub use options::DiagnosisOptions;
+pub use predict::{Horizon, predict};
 use transfer::transfer;
 use verdict::Judged;
 

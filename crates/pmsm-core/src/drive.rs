@@ -49,6 +49,7 @@ use crate::model::Model;
 use crate::monitor::Monitor;
 use crate::recording::{Load, Recording};
 use crate::signals::electrical_rate;
+use crate::specification::{MapPart, laid};
 use settings::Resolved;
 use std::f64::consts::TAU;
 
@@ -61,6 +62,10 @@ pub struct Setup {
     pub nameplate: Machine,
     /// Effects of the machine and its sensors.
     pub effects: Vec<Choice>,
+    /// Missing voltage or torque without a name.
+    pub map: Vec<MapPart>,
+    /// The scales at which the effects' parameters are meant, where they are not those of this drive.
+    pub scales: Option<Context>,
     /// Base parameters that change in time.
     pub drift: Drift,
     /// The drive.
@@ -78,6 +83,8 @@ impl Setup {
             nameplate: machine.clone(),
             machine,
             effects: Vec::new(),
+            map: Vec::new(),
+            scales: None,
             drift: std::array::from_fn(|_| None),
             drive: DriveSettings::default(),
             manoeuvre,
@@ -108,7 +115,10 @@ pub fn simulate(setup: &Setup, monitor: &dyn Monitor) -> Result<Simulation> {
             setup.machine.clone().with(parameter, *value)?;
         }
     }
-    let scales = scales(setup, &base)?;
+    let scales = match setup.scales {
+        Some(scales) => Context { n_p: f64::from(setup.machine.n_p), ..scales },
+        None => scales(setup, &base)?,
+    };
     let mut p = base.to_vec();
     let mut effects = Vec::with_capacity(setup.effects.len());
     for choice in &setup.effects {
@@ -122,7 +132,7 @@ pub fn simulate(setup: &Setup, monitor: &dyn Monitor) -> Result<Simulation> {
         effects.push(effect);
         p.extend(values);
     }
-    let model = Model::new(scales, &effects);
+    let model = laid(Model::new(scales, &effects), &setup.map, &mut p)?;
     let motor = Motor { model: &model, p: &p, drift: &setup.drift };
     let mut truth = Truth::new(&motor);
     let mut log = Log::default();

@@ -114,7 +114,8 @@ pub struct Info {
 }
 
 /// Scales of one machine and recording, from which bounds and regularisations follow.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Context {
     /// Pole pairs.
     pub n_p: f64,

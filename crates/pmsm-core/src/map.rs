@@ -13,10 +13,10 @@ mod factor;
 pub use factor::{Factor, MOST, Point, Spline, Variable};
 
 use crate::real::Real;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// An equation that a map adds to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Equation {
     /// Voltage equation of the d axis, V.
@@ -40,13 +40,14 @@ impl Equation {
 }
 
 /// One tensor product with its coefficients' equations.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Part {
     /// Equations it adds to, with coefficients of their own: voltage equations, or that of motion.
     pub equations: Vec<Equation>,
     /// The first factor; its functions count slowest among the coefficients.
     pub first: Factor,
     /// The second factor, if it depends on two variables.
+    #[serde(default)]
     pub second: Option<Factor>,
 }
 

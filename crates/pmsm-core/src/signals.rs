@@ -69,8 +69,10 @@ pub struct Signals {
     pub averaged: usize,
     /// What drives the motor within each sample, where that stands for several of the log.
     pub within: Option<Within>,
-    /// Whether the voltage is held in the stator's frame over a control period, as inverters do, and not in the rotor's.
-    pub stator_held: bool,
+    /// Where the voltage is held in the stator's frame over a control period, as inverters do, and not in the rotor's: what of it is logged.
+    pub stator_held: Option<Logged>,
+    /// Whether an angle in steps was taken for the lower end of its step, and moved to the middle.
+    pub middle_of_steps: bool,
     /// Whether the voltages were logged as those of the phases, in place of a command seen from the rotor.
     pub phase_voltages: bool,
     /// Whether the voltage of the d and of the q axis was logged.
@@ -266,7 +268,8 @@ impl Signals {
             control_period: machine.f_sample.map(|f| 1.0 / f),
             averaged: 1,
             within: None,
-            stator_held: false,
+            stator_held: None,
+            middle_of_steps: false,
             phase_voltages: v_d.is_none() || v_q.is_none(),
             v,
             axes,

@@ -5,10 +5,12 @@
 //! - [`mechanical`]: speed from the torque of the measured currents, in windows.
 //! - [`quasi_static`]: voltage left unexplained at each steady operating point.
 //! - [`coupled`]: currents and speed from voltage and load alone, the model (1)–(3) as the paper runs it.
+//! - [`response`]: the same without a recording, from voltages and a load of one's own.
 
 pub mod coupled;
 pub mod electrical;
 mod forms;
 pub mod mechanical;
 pub mod quasi_static;
+pub mod response;
 pub mod watched;

@@ -5,6 +5,7 @@ mod diagnosis;
 mod errors;
 mod fitness;
 mod machine;
+mod model;
 mod pools;
 mod recording;
 mod run;
@@ -35,6 +36,8 @@ mod _core {
     use super::fitness::PyFitness;
     #[pymodule_export]
     use super::machine::PyMachine;
+    #[pymodule_export]
+    use super::model::{equations, predict, respond};
     #[pymodule_export]
     use super::recording::PyRecording;
     #[pymodule_export]

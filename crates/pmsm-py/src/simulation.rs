@@ -6,8 +6,10 @@ use crate::recording::PyRecording;
 use crate::supervise;
 use numpy::PyArray1;
 use pmsm_core::drive::{Choice, Drift, DriveSettings, Manoeuvre, Schedule, Setup, simulate as core};
+use pmsm_core::effect::Context;
 use pmsm_core::error::Error;
 use pmsm_core::machine::BaseParameter;
+use pmsm_core::specification::MapPart;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde::Deserialize;
@@ -25,6 +27,10 @@ struct Settings {
     drift: BTreeMap<String, Schedule>,
     #[serde(default)]
     effects: Vec<Choice>,
+    #[serde(default)]
+    map: Vec<MapPart>,
+    #[serde(default)]
+    scales: Option<Context>,
 }
 
 /// Simulates a drive: the recording, its truth as JSON text, and true signals as a dict of arrays of shape (samples,).
@@ -45,6 +51,8 @@ pub fn simulate<'py>(
         machine: machine.0.clone(),
         nameplate: nameplate.0.clone(),
         effects: given.effects,
+        map: given.map,
+        scales: given.scales,
         drift: drift(given.drift).map_err(|error| to_python(py, &error))?,
         drive: given.drive,
         manoeuvre: given.manoeuvre,

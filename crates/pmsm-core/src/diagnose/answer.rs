@@ -7,6 +7,7 @@ use super::remaining::Remaining;
 use super::unmodelled::Unmodelled;
 use crate::effects;
 use crate::signals::Finding;
+use crate::specification::Specification;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -75,6 +76,21 @@ pub struct FoundModel {
     /// Where the verdict is `unknown`: what no candidate explains as a map without a name.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unmodelled: Option<Unmodelled>,
+    /// What is needed to simulate it again, to the bit; none where nothing was fitted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub specification: Option<Specification>,
+    /// Covariance of what was estimated; none where nothing was fitted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub covariance: Option<Covariance>,
+}
+
+/// Covariance of estimated parameters.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Covariance {
+    /// Their names: a base parameter's own, `EFFECT.PARAMETER` of an effect.
+    pub names: Vec<String>,
+    /// One row per name, in the products of their SI units; none where the recording does not show one.
+    pub matrix: Vec<Vec<Option<f64>>>,
 }
 
 /// One step on the way from the bare machine to the model.
@@ -200,7 +216,13 @@ impl Answer {
             budget: Vec::new(),
             reason: Some(why.reason()),
             ranking: Vec::new(),
-            model: FoundModel { effects: Vec::new(), base: BTreeMap::new(), unmodelled: None },
+            model: FoundModel {
+                effects: Vec::new(),
+                base: BTreeMap::new(),
+                unmodelled: None,
+                specification: None,
+                covariance: None,
+            },
             path: Vec::new(),
             next_experiment: None,
             noise_floor: BTreeMap::new(),

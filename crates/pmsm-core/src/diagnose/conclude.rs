@@ -24,6 +24,7 @@ use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
 use crate::recording::Kind;
 use crate::signals::{self, Finding};
+use crate::specification::{Reading, Specification};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -186,6 +187,7 @@ pub fn conclude(
     let settled = described.as_ref().map_or(&best.fitted, |(fitted, _)| fitted);
     let told = Outputs::new(data, settled);
     let model_outputs = &told;
+    let specification = specified(data, settled);
     let validation = before.zip(after).map(|((judge, before), (_, after))| (judge, before, after));
     let (bare, left) = validation.as_ref().map(|(_, before, after)| (before, after)).unzip();
     let ends = Ends { base: (&outcome.base.fitted, bare), set: &best.fitted, told: (settled, left) };
@@ -243,6 +245,8 @@ pub fn conclude(
         model: FoundModel {
             effects: outcome.order().iter().map(|e| e.id().to_string()).collect(),
             base: model_outputs.base(),
+            specification: Some(specification),
+            covariance: Some(model_outputs.covariance()),
             unmodelled: described.map(|(_, unmodelled)| unmodelled),
         },
         path: outcome.path.par_iter().map(|judged| step(data, &judged.fitted)).collect(),
@@ -254,6 +258,18 @@ pub fn conclude(
         recordings: each::recordings(data, &traces.recording),
         traces,
     })
+}
+
+/// A set with all that is needed to simulate it again.
+fn specified(data: &Data, set: &Hypothesis) -> Specification {
+    let signals = &data.leading().signals;
+    let reading = Reading {
+        electrical: data.has(true),
+        mechanical: data.has(false),
+        stator_held: signals.stator_held,
+        middle_of_steps: signals.middle_of_steps,
+    };
+    Specification { reading, ..Specification::of(&set.model, &set.parameters) }
 }
 
 /// The final estimate of a set. Weights by the colour of noise are for a model that lacks nothing: where they lead away from the recording
@@ -407,7 +423,8 @@ fn not_foreseen(on_validation: &Hypothesis, limit: f64) -> Option<Finding> {
 }
 
 /// Measured, before and after, with the operating point.
-fn traces(data: &Data, before: &Hypothesis, after: &Hypothesis) -> Columns {
+/// What was measured, and what two sets predict, with the operating points.
+pub fn traces(data: &Data, before: &Hypothesis, after: &Hypothesis) -> Columns {
     let mut columns = Columns::new();
     let s = &data.signals;
     columns.insert("t".into(), s.t.clone());

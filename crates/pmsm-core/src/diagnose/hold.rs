@@ -44,7 +44,7 @@ pub fn settle(
     monitor: &dyn Monitor,
 ) -> Result<Held> {
     let driven = data.has(true) && data.runs().iter().all(|run| run.signals.v.is_some());
-    if data.signals.stator_held || !driven || monitor.cancelled() {
+    if data.signals.stator_held.is_some() || !driven || monitor.cancelled() {
         return Ok(Held::Unasked);
     }
     let in_stator = |logged: Logged| -> Result<(Data, Hypothesis)> {

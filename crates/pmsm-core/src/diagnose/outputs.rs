@@ -1,6 +1,6 @@
 //! Parameters of a fitted hypothesis with their uncertainties.
 
-use super::answer::Estimate;
+use super::answer::{Covariance, Estimate};
 use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::ties::{self, Tie};
@@ -119,6 +119,30 @@ impl<'a> Outputs<'a> {
         }
         let base = self.base_parameters();
         base.into_iter().chain(load).collect()
+    }
+
+    /// Covariance of the base parameters and of the effects' own parameters that were estimated, widened as their intervals are.
+    pub fn covariance(&self) -> Covariance {
+        let model = &self.hypothesis.model;
+        let form = if model.slots().is_empty() { 1.0 } else { FORM };
+        let base = BaseParameter::ALL.into_iter().map(|p| (p.index(), p.name().to_string(), BETWEEN_ROWS));
+        let own = model.slots().iter().flat_map(|slot| {
+            let named = slot.parameters.clone().zip(slot.effect.info().parameters);
+            named.map(|(index, info)| {
+                let share = if info.role == Role::Amplitude { slot.effect.form() } else { 0.0 };
+                (index, format!("{}.{}", slot.effect.id(), info.name), share)
+            })
+        });
+        let told: Vec<(usize, String, f64)> = base.chain(own).filter(|x| self.free.contains(&x.0)).collect();
+        let entry = |a: &(usize, String, f64), b: &(usize, String, f64)| {
+            let scattered = self.variance_of(a.0, b.0) * form * form;
+            let more = if a.0 == b.0 { (a.2 * self.hypothesis.parameters[a.0]).powi(2) } else { 0.0 };
+            Some(scattered + more).filter(|x| x.is_finite())
+        };
+        Covariance {
+            matrix: told.iter().map(|a| told.iter().map(|b| entry(a, b)).collect()).collect(),
+            names: told.into_iter().map(|x| x.1).collect(),
+        }
     }
 
     fn base_parameters(&self) -> BTreeMap<String, Estimate> {

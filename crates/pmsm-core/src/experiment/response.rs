@@ -428,7 +428,7 @@ mod tests {
             (4e-4, 0.0067..1.0, 17),
         ] {
             let mut signals = reversing(h, &gap);
-            signals.stator_held = true;
+            signals.stator_held = Some(crate::signals::Logged::Command);
             let cut = |s: &Range<usize>| {
                 let end = s.end;
                 s.clone().step_by(length).map(move |k| k..(k + length).min(end)).collect::<Vec<_>>()

@@ -3,14 +3,14 @@
 
 use crate::effect::Env;
 use crate::real::Real;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
 /// Most functions of one factor.
 pub const MOST: usize = 32;
 
 /// A variable over which a map is laid.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Variable {
     /// Electrical angle, rad.
@@ -78,7 +78,7 @@ impl<T: Real> Point<T> {
 
 /// Uniform B-splines of degree 1, 2 or 3 (de Boor, A Practical Guide to Splines, 1978, chapter IX) over a range, whose ends
 /// hold outside it. On the range they are a partition of unity.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Spline {
     /// The variable.
     pub variable: Variable,
@@ -135,7 +135,8 @@ fn positive<T: Real>(x: T) -> T {
 }
 
 /// Functions of one variable.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Factor {
     /// cos and sin of `order`, 2·`order`, … `count`·`order` times an angle.
     Harmonics {

@@ -79,6 +79,13 @@ impl Model {
         if map { rotor.loss + self.mapped_torque(p, at) } else { rotor.loss }
     }
 
+    /// Torque of one effect without mechanical states of its own against positive rotation, N·m.
+    pub fn torque_of<T: Real>(&self, slot: &Slot, p: &[T], at: &Mechanical<T>) -> T {
+        let mut rotor = Rotor { inverse_inertia: T::one(), loss: T::zero(), load: at.tau_load };
+        slot.effect.rotor(&p[slot.parameters.clone()], &[], at, &self.context, &mut rotor);
+        rotor.loss
+    }
+
     /// Quasi-static start of the mechanical extra states at mechanical speed `omega_m`.
     #[inline(always)]
     pub fn mechanical_start<T: Real, const N: usize>(

@@ -13,7 +13,8 @@ const GAINS: usize = 8;
 const FARTHEST: f64 = 1.5;
 
 /// What a log holds of a voltage that stands still in the stator over a control period.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Logged {
     /// The vector that stands there, seen from where the rotor is in the middle of the period: a drive's own command.
     Command,
@@ -34,7 +35,7 @@ impl Signals {
         let held = self.held_period();
         let gains = slopes(&self.t, &self.omega_e, &self.segments, GAINS);
         let ahead = if self.phase_voltages { AHEAD.1 } else { AHEAD.0 };
-        if let (Some([v_d, v_q]), false) = (&mut self.v, self.stator_held) {
+        if let (Some([v_d, v_q]), None) = (&mut self.v, self.stator_held) {
             for ((d, q), (omega, gain)) in v_d.iter_mut().zip(v_q).zip(self.omega_e.iter().zip(gains)) {
                 let x = (0.5 * omega * held).abs().min(FARTHEST);
                 let longer = if x > 0.0 { x / x.sin() } else { 1.0 };
@@ -43,7 +44,7 @@ impl Signals {
                 [*d, *q] = rotate([*d, *q], longer * cos, longer * sin);
             }
         }
-        self.stator_held = true;
+        self.stator_held = Some(logged);
     }
 
     /// For how long a voltage is held, s.

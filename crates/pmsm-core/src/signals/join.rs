@@ -31,6 +31,7 @@ impl Signals {
             averaged: 1,
             within: None,
             stator_held: first.stator_held,
+            middle_of_steps: first.middle_of_steps,
             phase_voltages: first.phase_voltages,
             v: series(parts, |s| s.v.as_ref()),
             axes: [0, 1].map(|axis| parts.iter().any(|s| s.axes[axis])),

@@ -173,6 +173,7 @@ impl Signals {
     /// Takes an angle that comes in steps for the lower end of its step, as a counter tells it, and goes to the middle.
     pub fn to_middle_of_steps(&mut self) {
         let by = 0.5 * self.limits.angle_step;
+        self.middle_of_steps = true;
         self.theta_e.iter_mut().for_each(|x| *x += by);
         self.theta_m.iter_mut().for_each(|x| *x += by / self.n_p);
         if let (Some([a, b, c]), true) = (&self.phases, self.phase_currents) {

@@ -202,7 +202,7 @@ pub(super) fn run_sized<W: Real, const N: usize>(
                         let (s, c) = sensor.angle.sin_cos();
                         command = rotate(command, c, s);
                     }
-                    if signals.stator_held {
+                    if signals.stator_held.is_some() {
                         command = fading(command, env.omega_e, signals.held_period(), &base);
                     }
                 }

@@ -84,7 +84,7 @@ impl<'a, T: Real> Motor<'a, T> {
     /// while the current changes.
     #[inline(always)]
     fn voltage(&self, segment: &Range<usize>, k: usize) -> Option<[f64; 2]> {
-        if self.model.is_bypassed() || self.signals.stator_held {
+        if self.model.is_bypassed() || self.signals.stator_held.is_some() {
             mean_voltage(self.signals, segment, k)
         } else {
             None
@@ -110,7 +110,7 @@ impl<'a, T: Real> Motor<'a, T> {
                 v = Some(rotate(command, c, s));
             }
         }
-        if let (true, Some(v)) = (signals.stator_held, v) {
+        if let (true, Some(v)) = (signals.stator_held.is_some(), v) {
             let ripple = ripple(v, env.omega_e, signals.held_period(), base);
             i = [i[0] + ripple[0], i[1] + ripple[1]];
         }
