@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .fleet import Failure, Fleet, diagnose_many
     from .inspecting import Inspection, inspect
     from .loader import load
+    from .model import Model
     from .options import DiagnosisOptions
     from .recording import Recording
     from .registry import effects
@@ -54,6 +55,7 @@ _HOME = {
     "InternalError": "_core",
     "Machine": "_core",
     "MachineError": "_core",
+    "Model": "model",
     "NotIdentifiableError": "_core",
     "PmsmError": "_core",
     "Recording": "recording",
@@ -87,6 +89,7 @@ __all__ = [
     "InternalError",
     "Machine",
     "MachineError",
+    "Model",
     "NotIdentifiableError",
     "PmsmError",
     "Recording",

@@ -116,6 +116,27 @@ def identify(
     threads: int | None,
     progress: Callable[[str, float], None] | None,
 ) -> str: ...
+def predict(
+    recording: Recording,
+    machine: Machine,
+    specification: str,
+    *,
+    one_step: bool,
+    threads: int | None,
+    progress: Callable[[str, float], None] | None,
+) -> dict[str, NDArray[np.float64]]: ...
+def respond(
+    specification: str,
+    t: NDArray[np.float64],
+    v_d: NDArray[np.float64],
+    v_q: NDArray[np.float64],
+    tau_load: NDArray[np.float64],
+    *,
+    begin: Sequence[float],
+    heating: Sequence[float],
+    steps: int | None,
+) -> tuple[dict[str, NDArray[np.float64]], int]: ...
+def equations(specification: str, *, heating: Sequence[float]) -> str: ...
 def diagnose(
     recordings: Sequence[Recording],
     machine: Machine,

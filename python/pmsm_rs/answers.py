@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Any, overload
 
+from .model import Model
 from .results import DiagnosisValues, IdentificationValues
 
 if TYPE_CHECKING:
@@ -57,6 +58,13 @@ class Diagnosis(DiagnosisValues):
     samples, duration in s, kind, load, noise_floor and fit, and is empty for a single one.
     """
 
+    @property
+    def model(self) -> Model:
+        """The model that was settled on, to predict, simulate and export with; it reads like `model` of the
+        JSON answer.
+        """
+        return Model(self.data["model"])
+
     @overload
     def report(self, path: str | os.PathLike[str], title: str | None = None) -> None: ...
     @overload
@@ -74,6 +82,17 @@ class Diagnosis(DiagnosisValues):
             return page
         page.save(path)
         return None
+
+    def export(self, to: str, path: str | os.PathLike[str], **options: Any) -> list[str]:
+        """Writes the model for another tool, one of `pmsm_rs.export.KINDS`: machine, python, rust, fmu,
+        modelica, motulator, gem, mujoco, c-header.
+
+        Returns sentences that say what the tool cannot express and the file does not hold. Raises UsageError
+        as `pmsm_rs.export.export` does.
+        """
+        from .export import export
+
+        return export(self.model, to, path, **options)
 
     def trajectories(self, path: str | os.PathLike[str]) -> None:
         """Writes t and the measured, before and after values per channel as Parquet.

@@ -22,8 +22,8 @@ from .crew import INTERRUPTED, Crew, Makes, Run, Task, Told
 from .errors import expect_whole, refuse
 from .headline import headline, is_whole
 from .ledger import Ledger
+from .progress import Progress
 from .recording import DEFAULT_MAX_BYTES, Recording
-from .run import Progress
 from .summary import WIDTH, hung
 from .words import percent
 

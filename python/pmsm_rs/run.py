@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from ._core import DataError, Machine, NotIdentifiableError, Recording, UsageErr
 from .answers import Diagnosis, Identification
 from .errors import NothingToAsk, did_you_mean, expect_whole, fact, refuse
 from .options import DiagnosisOptions
+from .progress import Progress
 from .reading import Account, told, warnings
 from .words import lower_first
 
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 METHODS = ("pso", "lm", "pso+lm")
 PARAMETERS = ("r_s", "l_d", "l_q", "psi_m", "j", "b", "tau_load")
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from . import _core, atomic, simulation_config, tabular
 from ._core import Machine, MachineError, NotIdentifiableError, UsageError
+from .progress import Progress
 from .recording import Recording
-from .run import Progress
 
 
 @dataclass(frozen=True)

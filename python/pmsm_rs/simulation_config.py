@@ -85,6 +85,7 @@ def read(
         if file is not None
         else dict(config if isinstance(config, Mapping) else {})
     )
+    given, exact = _of_model(given, content)
     for key, value in given.items():
         below = content.get(key)
         merge = isinstance(below, Mapping) and isinstance(value, Mapping)
@@ -93,7 +94,28 @@ def read(
     built = _build(content, folder, errors)
     if errors or built is None:
         raise refuse(UsageError, "; ".join(errors), file=file, fix="correct the configuration")
+    built.settings.update(exact)
     return built
+
+
+def _of_model(
+    given: Mapping[str, Any], content: Mapping[str, Any]
+) -> tuple[Mapping[str, Any], dict[str, Any]]:
+    """The tables with the model of an answer, where one is given as effects, spelt out: its effects, and its
+    machine where no other is named. With them come the settings that only such a model has.
+    """
+    specification = getattr(given.get("effects"), "specification", None)
+    if not isinstance(specification, Mapping):
+        return given, {}
+    scales = specification["scales"]
+    chosen = {entry["effect"]: entry["parameters"] for entry in specification["effects"]}
+    spelt: dict[str, Any] = {**given, "effects": chosen}
+    if "machine" not in given and "machine" not in content:
+        spelt["machine"] = {"n_p": int(scales["n_p"]), **specification["base"]}
+        drive = {"v_dc": scales["v_dc"] or None, "i_limit": scales["i_max"] or None}
+        told = {name: value for name, value in drive.items() if value is not None}
+        spelt["drive"] = {**told, **dict(content.get("drive", {})), **dict(given.get("drive", {}))}
+    return spelt, {"map": list(specification.get("map", ())), "scales": scales}
 
 
 def _build(content: dict[str, Any], folder: Path, errors: list[str]) -> Configuration | None:

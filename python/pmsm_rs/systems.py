@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from . import _core
 from ._core import DataError, UsageError
 from .errors import did_you_mean, expect_whole, refuse
+from .progress import Progress
 from .results import Fit
-from .run import METHODS, ORDINARY, Progress, Swarm
+from .run import METHODS, ORDINARY, Swarm
 
 Array = NDArray[np.float64]
 Rhs = Callable[[float, Array, Any, dict[str, Any]], Sequence[Any]]

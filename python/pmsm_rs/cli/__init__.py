@@ -10,6 +10,7 @@ import click
 
 from . import terminal
 from .diagnosing import demo, diagnose, fleet
+from .exporting import export
 from .identifying import identify, track
 from .inspecting import inspect
 from .simulating import effects, reproduce, simulate
@@ -40,7 +41,7 @@ def cli() -> None:
     """
 
 
-for _command in (demo, inspect, simulate, identify, track, diagnose, fleet, reproduce, effects):
+for _command in (demo, inspect, simulate, identify, track, diagnose, fleet, export, reproduce, effects):
     cli.add_command(_command)
 
 

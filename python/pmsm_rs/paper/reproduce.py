@@ -10,7 +10,7 @@ from pathlib import Path
 from .. import atomic
 from .._core import UsageError
 from ..errors import did_you_mean, refuse
-from ..run import Progress
+from ..progress import Progress
 from . import FIGURES, figures, runs, setup, tables
 
 _LIMITS = (0.1, 0.2)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._core import Machine
-from ..run import Progress, Swarm
+from ..progress import Progress
+from ..run import Swarm
 from ..simulation import simulate
 from ..tracking import Tracker, WindowEstimate
 from . import setup

@@ -1,0 +1,54 @@
+"""The command that writes a model for other tools: export."""
+
+from __future__ import annotations
+
+import click
+
+from . import options
+
+# Those of `pmsm_rs.export.KINDS`, which a test compares; the help needs no more of the package.
+_KINDS = ("machine", "python", "rust", "fmu", "modelica", "motulator", "gem", "mujoco", "c-header")
+
+
+@click.command()
+@click.argument("answer", type=options.FILE, metavar="ANSWER.json")
+@click.option("--to", "kind", type=click.Choice(_KINDS), required=True, help="For which tool.")
+@click.option("-o", "--output", type=options.OUTPUT, required=True, metavar="FILE", help="Where it goes.")
+@click.option(
+    "--temperature",
+    type=click.FloatRange(-273.0, 1000.0),
+    metavar="DEGC",
+    help="Temperature of winding and magnets, where the model depends on a measured one.",
+)
+def export(answer: str, kind: str, output: str, temperature: float | None) -> int:
+    """Write the model of ANSWER.json for another tool.
+
+    \b
+    machine    corrected machine file
+    python     Python module that needs numpy alone
+    rust       Rust program on the crate pmsm-core
+    fmu        functional mock-up unit for co-simulation, FMI 2.0
+    modelica   Modelica model
+    motulator  Python module on motulator
+    gem        parameters for gym-electric-motor
+    mujoco     MuJoCo joint and actuator
+    c-header   compensation for a drive: C header in single precision
+
+    Make ANSWER.json with `pmsm-rs diagnose ... --json ANSWER.json`. What the tool cannot express is said, and
+    stands in the file.
+
+    \b
+    pmsm-rs export answer.json --to fmu -o motor.fmu
+    pmsm-rs export answer.json --to c-header -o motor.h
+    """
+    from ..atomic import apart
+    from ..export import export as write
+    from ..model import Model
+
+    apart([output], [answer])
+    given = {} if temperature is None else {"temperature": temperature}
+    left_out = write(Model.read(answer), kind, output, **given)
+    click.echo(f"{output}: {kind}")
+    for sentence in left_out:
+        click.echo(sentence)
+    return 0

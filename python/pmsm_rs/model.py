@@ -1,0 +1,347 @@
+"""The model of an answer in hand: what it predicts, how the motor responds, and what its equations are."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, Self
+
+from . import _core
+from ._core import Machine, UsageError
+from .errors import did_you_mean, refuse
+from .results import Estimate, estimates
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
+    from .progress import Progress
+    from .recording import Recording
+    from .simulation import Simulation
+
+    Columns = dict[str, NDArray[np.float64]]
+
+REFERENCE_TEMPERATURE = 20.0
+_BASE = ("r_s", "l_d", "l_q", "psi_m", "j", "b")
+
+
+class Model(Mapping[str, Any]):
+    """The motor model that a diagnosis settled on: the dq-model with the effects that were found.
+
+    It reads like the object `model` of the JSON answer (`model["effects"]`, `model["base"]`), and does what a
+    model does. `to_dict()` and `Model(mapping)` carry it through JSON without the loss of a bit.
+    """
+
+    def __init__(self, data: Mapping[str, Any]) -> None:
+        """From the object `model` of an answer, or from what `to_dict` gives.
+
+        Raises UsageError for what is neither.
+        """
+        if not isinstance(data, Mapping) or "base" not in data or "effects" not in data:
+            raise refuse(
+                UsageError, "this is no model of an answer", fix="give the object `model` of a JSON answer"
+            )
+        self._data = dict(data)
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Self:
+        """The model of the JSON answer in the file `path`. Raises UsageError where there is none."""
+        from .errors import opened
+
+        with opened(str(path), "answer") as file:
+            try:
+                content = json.loads(file.read_text(encoding="utf-8"))
+            except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+                raise refuse(
+                    UsageError,
+                    "this is no JSON answer",
+                    file=str(path),
+                    fix="write one with: pmsm-rs diagnose ... --json ANSWER.json",
+                ) from error
+        if isinstance(content, Mapping) and isinstance(content.get("model"), Mapping):
+            content = content["model"]
+        try:
+            return cls(content)
+        except UsageError as error:
+            raise refuse(
+                UsageError,
+                "there is no model in it",
+                file=str(path),
+                fix="write an answer with: pmsm-rs diagnose ... --json ANSWER.json",
+            ) from error
+
+    def __getitem__(self, key: str) -> Any:
+        return self._data[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._data)
+
+    def __len__(self) -> int:
+        return len(self._data)
+
+    def __repr__(self) -> str:
+        return f"<Model of {', '.join(self.effects) or 'the dq-model alone'}>"
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Ids of its effects."""
+        return tuple(self._data["effects"])
+
+    @property
+    def specification(self) -> Mapping[str, Any]:
+        """Values of all parameters as the equations have them, with the scales at which they are meant.
+
+        Raises UsageError where the answer has none, as nothing was fitted.
+        """
+        found = self._data.get("specification")
+        if not isinstance(found, Mapping):
+            raise refuse(
+                UsageError,
+                "this answer has no model that could be simulated: nothing was fitted to the recording",
+                fix="diagnose a recording of which more can be said",
+            )
+        return found
+
+    @property
+    def _text(self) -> str:
+        return json.dumps(self.specification, allow_nan=False)
+
+    @property
+    def parameters(self) -> dict[str, Estimate]:
+        """Estimates by name: those of the base under their own names, and each effect's parameters in the
+        equations as `EFFECT.PARAMETER`, with the standard error where the recording shows one.
+        """
+        own = estimates(self._data["base"])
+        errors = self._errors
+        for choice in self.specification["effects"]:
+            units = _units(choice["effect"])
+            for name, value in choice["parameters"].items():
+                path = f"{choice['effect']}.{name}"
+                stderr = errors.get(path)
+                interval = None if stderr is None else (value - 1.959964 * stderr, value + 1.959964 * stderr)
+                why = None if stderr is not None else "it was chosen, or the recording does not show it"
+                own[path] = Estimate(value, stderr, interval, units.get(name, "1"), why)
+        return own
+
+    @property
+    def _errors(self) -> dict[str, float]:
+        found = self._data.get("covariance")
+        if not found:
+            return {}
+        diagonal = [row[k] for k, row in enumerate(found["matrix"])]
+        named = zip(found["names"], diagonal, strict=True)
+        return {name: math.sqrt(x) for name, x in named if x is not None and x >= 0.0}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the estimated parameters, in the order of `covariance` and `correlation`."""
+        return tuple((self._data.get("covariance") or {}).get("names", ()))
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariance of the parameters `names`, shape (n, n), in products of their SI units; NaN where the
+        recording does not show one.
+        """
+        import numpy as np
+
+        rows = (self._data.get("covariance") or {}).get("matrix", [])
+        return np.array([[math.nan if x is None else x for x in row] for row in rows]).reshape(
+            len(rows), len(rows)
+        )
+
+    @property
+    def correlation(self) -> NDArray[np.float64]:
+        """Correlation of the parameters `names`, shape (n, n), from -1 to 1."""
+        import numpy as np
+
+        covariance = self.covariance
+        scale = np.sqrt(np.diag(covariance))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            correlation: NDArray[np.float64] = np.clip(covariance / np.outer(scale, scale), -1.0, 1.0)
+        return correlation
+
+    @property
+    def machine(self) -> Machine:
+        """The nameplate with the values that were found; `v_dc` and `i_rated` are the recording's largest."""
+        specification = self.specification
+        scales = specification["scales"]
+        return Machine(
+            n_p=int(scales["n_p"]),
+            v_dc=scales["v_dc"] or None,
+            i_rated=scales["i_max"] or None,
+            **{name: specification["base"][name] for name in _BASE},
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The object `model` of the JSON answer."""
+        return dict(self._data)
+
+    def to_frame(self) -> Any:
+        """The parameters as a pandas DataFrame: value, stderr, low, high, unit; the index is the name.
+
+        Raises UsageError without pandas.
+        """
+        try:
+            import pandas as pd  # type: ignore[import-untyped]
+        except ImportError as error:
+            raise refuse(
+                UsageError, "pandas is not installed", fix="install it: pip install pandas"
+            ) from error
+        rows = {
+            name: {
+                "value": x.value,
+                "stderr": x.stderr,
+                "low": x.ci95[0] if x.ci95 else None,
+                "high": x.ci95[1] if x.ci95 else None,
+                "unit": x.unit,
+            }
+            for name, x in self.parameters.items()
+        }
+        return pd.DataFrame.from_dict(rows, orient="index")
+
+    def predict(
+        self,
+        recording: Recording,
+        machine: Machine | None = None,
+        *,
+        one_step: bool = False,
+        threads: int | None = None,
+        progress: Progress | None = None,
+    ) -> Columns:
+        """What the model says of a recording: `t`, and `NAME_measured`, `NAME_model` for each channel, arrays
+        of shape (samples,). Channels are i_d, i_q in A, omega_e in rad/s; of operating points v_d, v_q in V.
+
+        In free run, currents run over the whole recording, driven by the logged voltage and the measured
+        speed; the speed runs over windows of 0.25 s. `one_step` predicts each sample from the one before.
+        Nothing is estimated but initial values and an unknown load. `machine` is the nameplate by which the
+        recording is read, by default the model's own.
+
+        Raises UsageError where the recording shows nothing that the model holds for.
+        """
+        self._expect(recording)
+        return _core.predict(
+            recording,
+            machine or self.machine,
+            self._text,
+            one_step=one_step,
+            threads=threads,
+            progress=progress,
+        )
+
+    def explain(self, recording: Recording, machine: Machine | None = None) -> dict[str, Columns]:
+        """What each effect does to a recording over time: per effect `t`, and for each channel the prediction
+        with the effect minus that without it, arrays of shape (samples,) in the channel's unit.
+
+        The other effects and the base parameters keep their values. Raises UsageError as `predict` does.
+        """
+        whole = self.predict(recording, machine)
+        told: dict[str, Columns] = {}
+        for effect in self.effects:
+            without = self.without(effect).predict(recording, machine)
+            told[effect] = {"t": whole["t"]} | {
+                name.removesuffix("_model"): whole[name] - without[name]
+                for name in whole
+                if name.endswith("_model")
+            }
+        return told
+
+    def without(self, effect: str) -> Model:
+        """The same model with one effect taken out; all else keeps its value. Raises UsageError naming the
+        effects that it has.
+        """
+        if effect not in self.effects:
+            raise refuse(
+                UsageError, f"the model has no effect '{effect}'", fix=did_you_mean(effect, self.effects)
+            )
+        specification = dict(self.specification)
+        specification["effects"] = [x for x in specification["effects"] if x["effect"] != effect]
+        rest = {**self._data, "effects": [x for x in self.effects if x != effect]}
+        return Model({**rest, "specification": specification, "covariance": None})
+
+    def respond(
+        self,
+        t: ArrayLike,
+        v_d: ArrayLike,
+        v_q: ArrayLike,
+        tau_load: ArrayLike = 0.0,
+        *,
+        i_d: float = 0.0,
+        i_q: float = 0.0,
+        omega_m: float = 0.0,
+        theta_m: float = 0.0,
+        temperature: float = REFERENCE_TEMPERATURE,
+        temperature_magnet: float = REFERENCE_TEMPERATURE,
+        steps: int | None = None,
+    ) -> Columns:
+        """The open-loop response of the motor: `t`, `i_d`, `i_q` (A), `tau_e` (N·m), `omega_m` (rad/s) and
+        `theta_m` (rad), arrays of shape (instants,).
+
+        `v_d`, `v_q` (V, rotor frame) and `tau_load` (N·m, against positive rotation) hold from each instant
+        of `t` (s) to the next; a number holds throughout. The motor begins at the given currents (A), speed
+        and angle. `steps` Runge-Kutta steps are made in each interval, by default as many as the fastest
+        time constant needs. Temperatures are in degC.
+
+        Raises UsageError for unequal lengths, times that do not increase, and a motion that does not stay
+        finite.
+        """
+        import numpy as np
+
+        try:
+            instants = np.ascontiguousarray(t, dtype=float)
+            given = [
+                np.ascontiguousarray(np.broadcast_to(np.asarray(x, dtype=float), instants.shape))
+                for x in (v_d, v_q, tau_load)
+            ]
+        except (TypeError, ValueError) as error:
+            raise refuse(
+                UsageError,
+                f"the inputs are no columns of one length ({error})",
+                fix="give one value per instant",
+            ) from error
+        if instants.ndim != 1 or not all(np.isfinite(x).all() for x in (instants, *given)):
+            raise refuse(
+                UsageError, "the inputs are not one row of finite numbers", fix="leave out what is none"
+            )
+        heating = [temperature - REFERENCE_TEMPERATURE, temperature_magnet - REFERENCE_TEMPERATURE]
+        out, _ = _core.respond(
+            self._text, instants, *given, begin=[i_d, i_q, omega_m, theta_m], heating=heating, steps=steps
+        )
+        return {"t": instants, **out}
+
+    def simulate(self, config: Any = None, /, **tables: Any) -> Simulation:
+        """This motor in a closed-loop drive: `pmsm_rs.simulate` with this model as machine and effects."""
+        from .simulation import simulate
+
+        return simulate(config, **({"effects": self} | tables))
+
+    def equations(
+        self,
+        *,
+        temperature: float = REFERENCE_TEMPERATURE,
+        temperature_magnet: float = REFERENCE_TEMPERATURE,
+    ) -> dict[str, Any]:
+        """The equations as lists of elementary operations, from which exports are written.
+
+        `states` are the names of the states; `start`, `derivative`, `output`, `command`, `torque` and `flux`
+        have `inputs`, `operations` and `outputs`. Temperatures in degC stand for measured ones.
+        """
+        heating = [temperature - REFERENCE_TEMPERATURE, temperature_magnet - REFERENCE_TEMPERATURE]
+        told: dict[str, Any] = json.loads(_core.equations(self._text, heating=heating))
+        return told
+
+    @staticmethod
+    def _expect(recording: object) -> None:
+        if not isinstance(recording, _core.Recording):
+            raise refuse(
+                UsageError,
+                f"a {type(recording).__name__} was given where a Recording is expected",
+                fix="load it first: pmsm_rs.load(data, machine)",
+            )
+
+
+def _units(effect: str) -> dict[str, str]:
+    from .registry import effect as entry
+
+    return {p["name"]: p["unit"] for p in entry(effect)["parameters"]}
