@@ -283,6 +283,15 @@ class DiagnosisValues:
         return entries
 
     @property
+    def formulas(self) -> Sequence[Mapping[str, Any]] | None:
+        """Formulas for a torque that has no name, one JSON object for each, the most credible first: formula,
+        parameters, explains, evidence, equivalent. Empty where no simple formula describes it; None where
+        that was not asked.
+        """
+        entries: Sequence[Mapping[str, Any]] | None = self.data.get("formulas")
+        return entries
+
+    @property
     def unmodelled(self) -> Unmodelled | None:
         """Where the verdict is unknown or partial, the map of what no candidate explains; else None."""
         entry = self.model.get("unmodelled")

@@ -208,7 +208,26 @@ def diagnose(
         )
     except (DataError, NotIdentifiableError) as error:
         raise _in_file(error, recordings) from error
-    return Diagnosis.of(_complete(json.loads(answer), recordings, validation) | converted, traces)
+    data = _complete(json.loads(answer), recordings, validation) | converted
+    return Diagnosis.of(_with_formulas(data, traces, recordings, validation), traces)
+
+
+def _with_formulas(
+    data: dict[str, Any],
+    traces: Mapping[str, Any],
+    recordings: Sequence[Recording],
+    validation: Recording | None,
+) -> dict[str, Any]:
+    """The answer with formulas for the torque that has no name, where that is asked of a single recording."""
+    if len(recordings) != 1 or data.get("interrupted"):
+        return data
+    from . import unknown_torque
+
+    try:
+        formulas = unknown_torque.found(data, traces, recordings[0], validation)
+    except KeyboardInterrupt:
+        return data | {"interrupted": True}
+    return data if formulas is None else data | {"formulas": formulas}
 
 
 def _expect_recordings(*given: object) -> None:
