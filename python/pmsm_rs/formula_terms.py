@@ -1,7 +1,7 @@
 """The terms of which formulas for an unknown torque are made.
 
-There is friction over the speed, torque over the angle, friction that grows with the motor torque, friction with
-hysteresis, and torque over time.
+There is friction over the speed, torque over the angle, friction that grows with the motor torque, friction
+with hysteresis, and torque over time.
 """
 
 from __future__ import annotations
