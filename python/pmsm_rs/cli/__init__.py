@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from typing import NoReturn
@@ -9,7 +10,9 @@ from typing import NoReturn
 import click
 
 from . import terminal
+from .completing import completion, man
 from .diagnosing import demo, diagnose, fleet
+from .help import Group, codes
 from .identifying import identify, track
 from .inspecting import inspect
 from .simulating import effects, reproduce, simulate
@@ -24,7 +27,22 @@ def _version(context: click.Context, _parameter: click.Parameter, wanted: bool) 
         context.exit()
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(
+    cls=Group,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    sections={
+        "Start here": ("demo", "inspect", "diagnose"),
+        "Parameters": ("identify", "track"),
+        "Many recordings": ("fleet",),
+        "Simulation": ("simulate", "reproduce"),
+        "Reference": ("effects", "completion", "man"),
+    },
+    examples=(
+        "pmsm-rs inspect run.csv --write machine.toml",
+        "pmsm-rs diagnose run.csv --machine machine.toml --validate other.csv --report report.html",
+    ),
+    exits=codes(c4="not identifiable, or not settled; the JSON answer says why"),
+)
 @click.option(
     "--version",
     is_flag=True,
@@ -40,7 +58,19 @@ def cli() -> None:
     """
 
 
-for _command in (demo, inspect, simulate, identify, track, diagnose, fleet, reproduce, effects):
+for _command in (
+    demo,
+    inspect,
+    simulate,
+    identify,
+    track,
+    diagnose,
+    fleet,
+    reproduce,
+    effects,
+    completion,
+    man,
+):
     cli.add_command(_command)
 
 
@@ -58,6 +88,10 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     # A command ends soon: until then its allocator, which looks here when the core is loaded, keeps what was
     # freed; else the system would clear the same memory for every fit anew.
     os.environ.setdefault("MIMALLOC_PURGE_DELAY", "-1")
+    for stream in (sys.stdout, sys.stderr):
+        # A sign that the encoding of the terminal lacks is no reason to lose the answer.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     try:
         code = cli.main(arguments, prog_name="pmsm-rs", standalone_mode=False)
         sys.stdout.flush()
