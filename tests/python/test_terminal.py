@@ -288,6 +288,12 @@ def test_every_command_has_a_section_and_a_sentence_that_fits() -> None:
         assert command.get_short_help_str(300) == command.get_short_help_str(62), command.name
 
 
+def test_a_misspelt_command_names_the_nearest(run: Run) -> None:
+    ran = run("digonse")
+    assert ran.code == 2
+    assert "did you mean 'diagnose'" in ran.err
+
+
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_a_completion_script_asks_the_program(shell: str, run: Run) -> None:
     ran = run("completion", shell)

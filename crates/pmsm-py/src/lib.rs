@@ -8,6 +8,7 @@ mod machine;
 mod pools;
 mod recording;
 mod run;
+mod runtime;
 mod simulation;
 mod supervise;
 mod system;
@@ -39,6 +40,8 @@ mod _core {
     use super::recording::PyRecording;
     #[pymodule_export]
     use super::run::identify;
+    #[pymodule_export]
+    use super::runtime::runtime;
     #[pymodule_export]
     use super::simulation::simulate;
     #[pymodule_export]

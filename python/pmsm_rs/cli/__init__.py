@@ -15,6 +15,7 @@ from .diagnosing import demo, diagnose, fleet
 from .help import Group, codes
 from .identifying import identify, track
 from .inspecting import inspect
+from .reporting import doctor
 from .simulating import effects, reproduce, simulate
 from .terminal import INTERNAL, INTERRUPTED, USAGE
 
@@ -35,6 +36,7 @@ def _version(context: click.Context, _parameter: click.Parameter, wanted: bool) 
         "Parameters": ("identify", "track"),
         "Many recordings": ("fleet",),
         "Simulation": ("simulate", "reproduce"),
+        "Questions and faults": ("doctor",),
         "Reference": ("effects", "completion", "man"),
     },
     examples=(
@@ -59,17 +61,8 @@ def cli() -> None:
 
 
 for _command in (
-    demo,
-    inspect,
-    simulate,
-    identify,
-    track,
-    diagnose,
-    fleet,
-    reproduce,
-    effects,
-    completion,
-    man,
+    *(demo, inspect, diagnose, identify, track, fleet, simulate, reproduce),
+    *(doctor, effects, completion, man),
 ):
     cli.add_command(_command)
 
@@ -101,7 +94,8 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         if isinstance(error, click.exceptions.NoArgsIsHelpError):
             error.show()
             sys.exit(USAGE)
-        terminal.fail(USAGE, f"{error.format_message().rstrip('.')}; see pmsm-rs --help")
+        message = error.format_message().rstrip(".")
+        terminal.fail(USAGE, f"{message}{' See' if message.endswith('?') else '; see'} pmsm-rs --help")
     except (click.Abort, KeyboardInterrupt):
         terminal.fail(INTERRUPTED, "interrupted before there was a result; run it again")
     except BrokenPipeError:

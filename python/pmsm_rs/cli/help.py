@@ -62,6 +62,17 @@ class Group(click.Group):
         placed = [name for names in self.sections.values() for name in names if name in self.commands]
         return [*placed, *(name for name in self.commands if name not in placed)]
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command that is asked for. Raises UsageError naming the nearest where there is none."""
+        if args[0] not in self.commands and not args[0].startswith("-"):
+            from ..errors import did_you_mean
+
+            near = did_you_mean(args[0], self.commands)
+            raise click.UsageError(f"there is no command '{args[0]}'; {near}", ctx)
+        return super().resolve_command(ctx, args)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Writes one list for each section."""
         placed = {name for names in self.sections.values() for name in names}
