@@ -15,7 +15,7 @@ from .diagnosing import demo, diagnose, fleet
 from .help import Group, codes
 from .identifying import identify, track
 from .inspecting import inspect
-from .reporting import doctor
+from .reporting import bundle, doctor
 from .simulating import effects, reproduce, simulate
 from .terminal import INTERNAL, INTERRUPTED, USAGE
 
@@ -36,7 +36,7 @@ def _version(context: click.Context, _parameter: click.Parameter, wanted: bool) 
         "Parameters": ("identify", "track"),
         "Many recordings": ("fleet",),
         "Simulation": ("simulate", "reproduce"),
-        "Questions and faults": ("doctor",),
+        "Questions and faults": ("doctor", "bundle"),
         "Reference": ("effects", "completion", "man"),
     },
     examples=(
@@ -62,7 +62,7 @@ def cli() -> None:
 
 for _command in (
     *(demo, inspect, diagnose, identify, track, fleet, simulate, reproduce),
-    *(doctor, effects, completion, man),
+    *(doctor, bundle, effects, completion, man),
 ):
     cli.add_command(_command)
 
