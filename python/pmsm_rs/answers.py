@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Self, overload
 
-from .results import DiagnosisValues, IdentificationValues
+from .errors import written_by
+from .results import DiagnosisValues, IdentificationValues, Traces
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,6 +22,16 @@ class Identification(IdentificationValues):
     `history` holds the best cost of each generation, `rms` measured minus model per channel in its SI unit,
     and `cannot_show` the parameters that this recording does not determine, with the reason.
     """
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """From what `to_json` writes. Raises DataError for anything else."""
+        with written_by("to_json"):
+            return super().from_json(text)
+
+    def __repr__(self) -> str:
+        state = "interrupted" if self.interrupted else "converged" if self.converged else "not converged"
+        return f"<Identification by {self.method}, {state}: {', '.join(self.parameters)}>"
 
     def __str__(self) -> str:
         from .summary import identification
@@ -57,6 +68,14 @@ class Diagnosis(DiagnosisValues):
     samples, duration in s, kind, load, noise_floor and fit, and is empty for a single one.
     """
 
+    @classmethod
+    def from_json(cls, text: str, traces: Traces | None = None) -> Self:
+        """From what `to_json` writes, with the traces where they are at hand. Raises DataError for anything
+        else.
+        """
+        with written_by("to_json"):
+            return super().from_json(text, traces)
+
     @overload
     def report(self, path: str | os.PathLike[str], title: str | None = None) -> None: ...
     @overload
@@ -91,6 +110,12 @@ class Diagnosis(DiagnosisValues):
         from .plot import overview
 
         return overview(self)
+
+    def __repr__(self) -> str:
+        by_name = {candidate.effect: candidate.probability for candidate in self.ranking}
+        chosen = [f"{name} {100 * by_name[name]:.0f} %" if name in by_name else name for name in self.effects]
+        state = ", interrupted" if self.interrupted else ""
+        return f"<Diagnosis: {self.verdict}{': ' if chosen else ''}{', '.join(chosen)}{state}>"
 
     def __str__(self) -> str:
         from .summary import diagnosis
