@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, Self, overload
 
+from .errors import written_by
 from .model import Model
-from .results import DiagnosisValues, IdentificationValues
+from .results import DiagnosisValues, IdentificationValues, Traces
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,6 +23,16 @@ class Identification(IdentificationValues):
     `history` holds the best cost of each generation, `rms` measured minus model per channel in its SI unit,
     and `cannot_show` the parameters that this recording does not determine, with the reason.
     """
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """From what `to_json` writes. Raises DataError for anything else."""
+        with written_by("to_json"):
+            return super().from_json(text)
+
+    def __repr__(self) -> str:
+        state = "interrupted" if self.interrupted else "converged" if self.converged else "not converged"
+        return f"<Identification by {self.method}, {state}: {', '.join(self.parameters)}>"
 
     def __str__(self) -> str:
         from .summary import identification
@@ -64,6 +75,14 @@ class Diagnosis(DiagnosisValues):
         JSON answer.
         """
         return Model(self.data["model"])
+
+    @classmethod
+    def from_json(cls, text: str, traces: Traces | None = None) -> Self:
+        """From what `to_json` writes, with the traces where they are at hand. Raises DataError for anything
+        else.
+        """
+        with written_by("to_json"):
+            return super().from_json(text, traces)
 
     @overload
     def report(self, path: str | os.PathLike[str], title: str | None = None) -> None: ...
@@ -110,6 +129,12 @@ class Diagnosis(DiagnosisValues):
         from .plot import overview
 
         return overview(self)
+
+    def __repr__(self) -> str:
+        by_name = {candidate.effect: candidate.probability for candidate in self.ranking}
+        chosen = [f"{name} {100 * by_name[name]:.0f} %" if name in by_name else name for name in self.effects]
+        state = ", interrupted" if self.interrupted else ""
+        return f"<Diagnosis: {self.verdict}{': ' if chosen else ''}{', '.join(chosen)}{state}>"
 
     def __str__(self) -> str:
         from .summary import diagnosis

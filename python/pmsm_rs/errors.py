@@ -172,6 +172,32 @@ def expect_whole(*, seed: object = 0, threads: object = None) -> None:
             raise refuse(UsageError, f"the {what} is {value!r}", fix=f"give a whole number from {least} on")
 
 
+def expect(kind: type, **given: object) -> None:
+    """Raises UsageError unless every argument that is `given` by its name is a `kind`."""
+    for name, value in given.items():
+        if not isinstance(value, kind):
+            raise refuse(UsageError, f"{name} is a {type(value).__name__}", fix=f"give a {kind.__name__}")
+
+
+def number_of(name: str, value: object) -> float:
+    """`value` as a float. Raises UsageError where it is no number."""
+    try:
+        return float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise refuse(UsageError, f"{name} is {value!r}", fix="give a number") from None
+
+
+@contextmanager
+def written_by(writer: str) -> Iterator[None]:
+    """Raises DataError where what is read within is not what `writer` has written."""
+    try:
+        yield
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError, RecursionError) as error:
+        raise refuse(
+            DataError, "this is no answer of this package", fix=f"give what {writer}() returned, unchanged"
+        ) from error
+
+
 def fact(error: BaseException, name: str) -> object:
     """Attribute `name` of an error, None where it has none."""
     return getattr(error, name, None)

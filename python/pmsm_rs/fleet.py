@@ -9,7 +9,7 @@ import html
 import json
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import Any, overload
@@ -20,6 +20,7 @@ from .answers import Diagnosis
 from .config import MachineFile, read_machine
 from .crew import INTERRUPTED, Crew, Makes, Run, Task, Told
 from .errors import expect_whole, refuse
+from .given import machine_of
 from .headline import headline, is_whole
 from .ledger import Ledger
 from .progress import Progress
@@ -80,11 +81,16 @@ class Fleet(Sequence["Diagnosis | Failure"]):
     def __getitem__(self, index: int | slice) -> Diagnosis | Failure | tuple[Diagnosis | Failure, ...]:
         return self.results[index]
 
+    def __repr__(self) -> str:
+        return f"<Fleet of {len(self)} recordings: {', '.join(self._counts())}>"
+
+    def _counts(self) -> list[str]:
+        """How many there are of each verdict."""
+        return [f"{count} {verdict}" for verdict, count in Counter(map(_verdict, self)).most_common()]
+
     def __str__(self) -> str:
         """How many there are of each verdict, and a line for each recording."""
-        verdicts = Counter(_verdict(result) for result in self)
-        counts = [f"{count} {verdict}" for verdict, count in verdicts.most_common()]
-        lines = [", ".join(counts)]
+        lines = [", ".join(self._counts())]
         if self.interrupted:
             lines.append("Interrupted: run it again with the same ledger for the rest.")
         lines.append("")
@@ -166,7 +172,7 @@ def _tasks(
     runs = list(recordings)
     described: list[Described] = (
         [machine] * len(runs)
-        if isinstance(machine, str | os.PathLike | MachineFile | Machine)
+        if isinstance(machine, str | os.PathLike | MachineFile | Machine) or not isinstance(machine, Iterable)
         else list(machine)
     )
     others = [None] * len(runs) if validations is None else list(validations)
@@ -176,12 +182,19 @@ def _tasks(
             f"there are {len(runs)} recordings, {len(described)} machines and {len(others)} validations",
             fix="give one of each, or one machine for all",
         )
+    for run in [*runs, *(other for other in others if other is not None)]:
+        if not isinstance(run, str | os.PathLike | Recording):
+            raise refuse(
+                UsageError,
+                f"a {type(run).__name__} was given where a recording is expected",
+                fix="give Recordings and names of files",
+            )
     read: dict[str, MachineFile] = {}
 
     def one(what: Described) -> MachineFile | Machine:
         if isinstance(what, str | os.PathLike):
             return read.setdefault(str(what), read.get(str(what)) or read_machine(what))
-        return what
+        return machine_of(what)
 
     token = os.urandom(8).hex()
     return [

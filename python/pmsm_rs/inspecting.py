@@ -40,6 +40,12 @@ class Inspection(InspectionValues):
     file.
     """
 
+    def __repr__(self) -> str:
+        used = sum(bool(signal.names) for signal in self.columns)
+        what = f"{len(self.tasks)} to settle" if self.kind is None else self.kind
+        of = "" if self.file is None else f" of {self.file}"
+        return f"<Inspection{of}: {used} of {len(self.columns)} columns used, {what}>"
+
     def __str__(self) -> str:
         from .inspected import text
 

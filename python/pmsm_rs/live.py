@@ -13,6 +13,7 @@ from typing import IO
 
 from . import _core, atomic
 from .config import MachineFile, read_machine
+from .errors import refuse
 from .stream import Reader, batches
 from .summary import hung
 from .tracking import Tracker, WindowEstimate, track
@@ -20,7 +21,9 @@ from .tracking import Tracker, WindowEstimate, track
 
 @dataclass(frozen=True)
 class Request:
-    """What the command line asks for."""
+    """What the command line asks for; with a `json_file` of "-" the JSON goes to standard output, and with
+    `silent` no text does.
+    """
 
     recording: str
     machine_file: str
@@ -30,17 +33,24 @@ class Request:
     seed: int
     threads: int | None
     json_file: str | None
+    silent: bool = False
 
 
 def follow(request: Request) -> int:
     """Tracks, prints, and returns the number of windows that were identified.
 
     From a file the windows are printed for people; from standard input they are one JSON object per line.
-    Raises what `track` raises, and DataError for a line that cannot be read; what was complete before is
-    written by then.
+    Raises what `track` raises, UsageError where standard output is wanted twice, and DataError for a line
+    that cannot be read; what was complete before is written by then.
     """
-    machine = read_machine(request.machine_file)
     live = request.recording == "-"
+    if live and request.json_file == "-":
+        raise refuse(
+            _core.UsageError,
+            "windows of a stream go to standard output already, one JSON object per line",
+            fix="leave --json out, or name a file",
+        )
+    machine = read_machine(request.machine_file)
     windows = _from_stream(request, machine) if live else _from_file(request, machine)
     begin, last = time.perf_counter(), None
     found = [0, 0]
@@ -57,6 +67,8 @@ def follow(request: Request) -> int:
                 if live:
                     print(text, flush=True)
                     continue
+                if request.silent:
+                    continue
                 print(window, flush=True)
                 looks = window.drift.looks_like
                 # What lasts is said once; a load that moves again moves to somewhere else.
@@ -66,7 +78,7 @@ def follow(request: Request) -> int:
         finally:
             if request.json_file:
                 _write(request.json_file, spool, request)
-    if not live:
+    if not live and not request.silent:
         took = time.perf_counter() - begin
         skipped = f", {found[1]} skipped" if found[1] else ""
         print(
@@ -121,14 +133,19 @@ def _write(path: str, spool: IO[str], request: Request) -> None:
     }
     spool.seek(0)
 
+    def pieces() -> Iterator[str]:
+        yield json.dumps(head, ensure_ascii=False)[:-1] + ', "windows": ['
+        for number, line in enumerate(spool):
+            yield (",\n" if number else "\n") + line.rstrip("\n")
+        yield "\n]}\n"
+
     def fill(draft: Path) -> None:
         with draft.open("w", encoding="utf-8") as out:
-            out.write(json.dumps(head, ensure_ascii=False)[:-1] + ', "windows": [')
-            first = spool.readline().rstrip("\n")
-            if first:
-                out.write("\n" + first)
-                for line in spool:
-                    out.write(",\n" + line.rstrip("\n"))
-            out.write("\n]}\n")
+            out.writelines(pieces())
 
-    atomic.write(path, fill)
+    if path == "-":
+        # UTF-8, as in a file, whatever the encoding of the terminal.
+        sys.stdout.buffer.writelines(piece.encode() for piece in pieces())
+        sys.stdout.buffer.flush()
+    else:
+        atomic.write(path, fill)

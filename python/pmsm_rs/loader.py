@@ -33,7 +33,8 @@ def load(
     *,
     max_bytes: int = DEFAULT_MAX_BYTES,
 ) -> Recording:
-    """The recording in a file, in one that is being opened, or in a frame in memory.
+    """The recording in a file, in one that is being opened, or in a frame in memory; a Recording is returned
+    as it is.
 
     Files are CSV, Parquet, Feather, .mat, .npz and JSON, and with the extras of the package MATLAB v7.3,
     HDF5, NI TDMS and ASAM MDF.
@@ -46,6 +47,8 @@ def load(
     names file, row, column and fix, for data that cannot be used.
     """
     described = described_by(machine)
+    if isinstance(data, Recording):
+        return data
     with enough_memory(data):
         return recorded(source_of(data, max_bytes), described, max_bytes)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -39,6 +40,13 @@ CANONICAL: Final[dict[str, Quantity]] = {
     "temperature_magnet": Quantity("temperature", "°C", "magnet temperature"),
 }
 """Columns of a recording in the order in which they are listed to users."""
+
+
+def ordered(names: Iterable[str]) -> list[str]:
+    """Those of the canonical `names`, in their order."""
+    given = {*names}
+    return [name for name in CANONICAL if name in given]
+
 
 TEMPERATURES: Final[dict[str, str]] = {
     **dict.fromkeys(("temperature", "winding_temperature", "temperature_winding"), "temperature"),

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import namedtuple
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _core
-from ._core import DataError
+from ._core import DataError, UsageError
 from .columns import taken, unknown_column
-from .errors import refuse
+from .errors import expect, number_of, refuse
 from .frames import frame_source
-from .quantities import CANONICAL
+from .quantities import CANONICAL, ordered
 from .reading import Account
+from .tabular import table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 DEFAULT_MAX_BYTES = 2 << 30
 # The core sorts the time steps, and keeps what it works with.
@@ -30,10 +35,15 @@ class Recording(_core.Recording):
     known_constant with `load_value` in N·m, measured, unknown_constant, unknown_piecewise, locked); left out,
     it is measured where there is a column tau_m and unknown_constant otherwise. `angle_error` (rad,
     electrical) says that angle and speed were not measured but taken from the voltages, and how far they may
-    be off: then nothing is asked of the motion. Raises DataError naming column and row.
+    be off: then nothing is asked of the motion. Raises DataError naming column and row,
+    and UsageError for what are no columns.
 
     `file` names the file it was read from, None where there is none, and `account` says which column became
     what.
+
+    It is a table of its columns in the order of the canonical names: whatever takes an Arrow stream takes it,
+    such as `polars.DataFrame(recording)` and `pyarrow.table(recording)`. Iterating gives a named tuple for
+    each row, from which `pandas.DataFrame(recording)` is made; `pandas.DataFrame.from_arrow` is faster.
     """
 
     file: str | None = None
@@ -50,6 +60,16 @@ class Recording(_core.Recording):
         **arrays: Any,
     ) -> Self:
         """Checks the columns and takes a copy of them."""
+        if not isinstance(columns, Mapping | None) and not hasattr(columns, "keys"):
+            raise refuse(
+                UsageError,
+                f"a {type(columns).__name__} was given where columns are expected",
+                fix="give a mapping of arrays; files and frames are read by pmsm_rs.load",
+            )
+        if load is not None:
+            expect(str, load=load)
+        load_value = None if load_value is None else number_of("load_value", load_value)
+        angle_error = None if angle_error is None else number_of("angle_error", angle_error)
         given = {**(columns or {}), **arrays}
         if not given:
             raise refuse(DataError, "there are no columns", fix="give t and what was measured")
@@ -88,9 +108,30 @@ class Recording(_core.Recording):
         return _restore, known, {"file": self.file, "account": self.account}
 
     def __repr__(self) -> str:
-        return (
-            f"<Recording of {len(self)} samples, {self.duration:.6g} s, {self.kind}: {', '.join(self.names)}>"
-        )
+        names = ", ".join(ordered(self.names))
+        return f"<Recording of {len(self)} samples, {self.duration:.6g} s, {self.kind}: {names}>"
+
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
+        """The columns as an Arrow stream of float64, by the Arrow PyCapsule interface."""
+        columns = {name: self.column(name) for name in ordered(self.names)}
+        return table(columns).__arrow_c_stream__(requested_schema)
+
+    def __iter__(self) -> Iterator[tuple[float, ...]]:
+        """The rows, each a named tuple in the order of the canonical names."""
+        names = ordered(self.names)
+        row = namedtuple("Row", names)  # type: ignore[misc]
+        return map(row._make, zip(*(self.column(name).tolist() for name in names), strict=True))
+
+    def plot(self) -> Figure:
+        """A matplotlib figure of what was measured, over time, with axes for each quantity."""
+        from .waveforms import waveforms
+
+        return waveforms(self)
+
+    def _repr_html_(self) -> str:
+        from .card import card
+
+        return card(self, self.file)
 
 
 def _is_plain(given: Mapping[str, Any]) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -12,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 from . import _core
 from ._core import DataError, Machine, NotIdentifiableError, Recording, UsageError
 from .answers import Diagnosis, Identification
-from .errors import NothingToAsk, did_you_mean, expect_whole, fact, refuse
+from .errors import NothingToAsk, did_you_mean, expect, expect_whole, fact, refuse
+from .given import machine_of, recording_of
 from .options import DiagnosisOptions
 from .progress import Progress
 from .reading import Account, told, warnings
@@ -20,8 +20,7 @@ from .words import lower_first
 
 if TYPE_CHECKING:
     from .config import MachineFile
-
-    Described = Machine | MachineFile | str | os.PathLike[str]
+    from .given import Described, Run
 
 METHODS = ("pso", "lm", "pso+lm")
 PARAMETERS = ("r_s", "l_d", "l_q", "psi_m", "j", "b", "tau_load")
@@ -107,22 +106,16 @@ _SWARM_NAMES = {
 ORDINARY = Swarm()
 
 
-def _nameplate(machine: Described) -> tuple[Machine, dict[str, Any]]:
-    """The machine of a machine file, or the machine itself, and what an answer adds on conversions.
-
-    Raises UsageError where there is no such file, and MachineError naming every wrong entry.
-    """
-    if isinstance(machine, Machine):
-        return machine, {}
-    from .config import MachineFile, read_machine
-
-    described = machine if isinstance(machine, MachineFile) else read_machine(machine)
+def _nameplate(described: Machine | MachineFile) -> tuple[Machine, dict[str, Any]]:
+    """The machine itself, and what an answer adds on conversions."""
+    if isinstance(described, Machine):
+        return described, {}
     converted = [entry.entry() for entry in described.converted]
     return described.machine, {"nameplate": converted} if converted else {}
 
 
 def identify(
-    recording: Recording,
+    recording: Run,
     machine: Described,
     *,
     fit: Mapping[str, tuple[float, float] | None] | Iterable[str] | None = None,
@@ -135,29 +128,30 @@ def identify(
 ) -> Identification:
     """Estimates parameters of the dq-model from a recording.
 
-    `machine` is the nameplate, or a machine file that holds it. `fit` names the parameters, with bounds in SI
-    units or None for a wide range around the nameplate; left out, every parameter that the recording can show
-    is fitted. `method` is "pso" (particle swarm), "lm" (Levenberg-Marquardt from a regression) or "pso+lm".
-    `threads` None uses every processor; the answer does not depend on it. `progress(stage, fraction)` is
-    called from time to time. On Ctrl-C the best so far is returned, marked `interrupted`.
+    `recording` is a Recording or the name of a file, which is read as `machine` says. `machine` is the
+    nameplate, or a machine file that holds it. `fit` names the parameters, with bounds in SI units or None
+    for a wide range around the nameplate; left out, every parameter that the recording can show is fitted.
+    `method` is "pso" (particle swarm), "lm" (Levenberg-Marquardt from a regression) or "pso+lm". `threads`
+    None uses every processor; the answer does not depend on it. `progress(stage, fraction)` is called from
+    time to time. On Ctrl-C the best so far is returned, marked `interrupted`.
 
     With `uncertainties` False the answer holds values and cost alone, as a search that is repeated many times
     needs them: no `stderr` and no `ci95`, an empty `rms`, in `cannot_show` only what cannot be fitted at all.
 
-    Raises UsageError for what is no Recording and for unknown names or bounds, MachineError for a wrong
+    Raises UsageError for what is no recording and for unknown names or bounds, MachineError for a wrong
     machine file, DataError and NotIdentifiableError where the recording cannot give what is asked for.
     """
-    _expect_recordings(recording)
-    if method not in METHODS:
-        raise refuse(UsageError, f"there is no method '{method}'", fix=did_you_mean(method, METHODS))
+    expect_method(method)
     expect_whole(seed=seed, threads=threads)
-    known, converted = _nameplate(machine)
+    settings = swarm_settings(swarm or ORDINARY)
+    described = machine_of(machine)
+    known, converted = _nameplate(described)
     answer = _core.identify(
-        recording,
+        recording_of(recording, described),
         known,
         fit=fit_bounds(fit),
         method=method,
-        swarm=(swarm or ORDINARY).settings,
+        swarm=settings,
         seed=seed,
         uncertainties=bool(uncertainties),
         threads=threads,
@@ -167,9 +161,9 @@ def identify(
 
 
 def diagnose(
-    recording: Recording | Sequence[Recording],
+    recording: Run | Sequence[Run],
     machine: Described,
-    validation: Recording | None = None,
+    validation: Run | None = None,
     *,
     options: DiagnosisOptions | None = None,
     seed: int = 1,
@@ -178,38 +172,42 @@ def diagnose(
 ) -> Diagnosis:
     """Finds out which physics the dq-model leaves out, from one recording or several of the same machine.
 
-    Everything is estimated on `recording`: several are fitted together by one machine with the same effects,
-    each with its own clock, noise, load and initial values. `machine` is the nameplate, or a machine file
-    that holds it. `validation`, another run of the same machine, only judges. `options` are the constants on
-    which the verdict rests. `progress(stage, fraction)` is called from time to time. `threads` None uses
-    every processor; the answer does not depend on it. On Ctrl-C the best so far is returned, marked
-    `interrupted`.
+    A recording is a Recording or the name of a file, which is read as `machine` says. Everything is estimated
+    on `recording`: several are fitted together by one machine with the same effects, each with its own clock,
+    noise, load and initial values. `machine` is the nameplate, or a machine file that holds it. `validation`,
+    another run of the same machine, only judges. `options` are the constants on which the verdict rests.
+    `progress(stage, fraction)` is called from time to time. `threads` None uses every processor; the answer
+    does not depend on it. On Ctrl-C the best so far is returned, marked `interrupted`.
 
     Raises UsageError without a recording, for what is none and for an option out of range, MachineError for a
     wrong machine file, and DataError or NotIdentifiableError where the recordings cannot be used; of several
     the message names the one, and so do the attributes `recording`, counted from 1, and `file`.
     """
     several = isinstance(recording, Sequence) and not isinstance(recording, str)
-    recordings: list[Any] = list(recording) if several else [recording]  # type: ignore[arg-type]
-    if not recordings:
+    runs: list[Any] = list(recording) if several else [recording]  # type: ignore[arg-type]
+    if not runs:
         raise refuse(UsageError, "no recording was given", fix="give at least one")
-    _expect_recordings(*recordings, *([] if validation is None else [validation]))
     expect_whole(seed=seed, threads=threads)
-    known, converted = _nameplate(machine)
+    constants = DiagnosisOptions() if options is None else options
+    expect(DiagnosisOptions, options=constants)
+    described = machine_of(machine)
+    known, converted = _nameplate(described)
+    recordings = [recording_of(run, described) for run in runs]
+    other = None if validation is None else recording_of(validation, described)
     try:
         answer, traces = _core.diagnose(
             recordings,
             known,
-            validation,
-            options=(options or DiagnosisOptions()).settings,
+            other,
+            options=constants.settings,
             seed=seed,
             threads=threads,
             progress=progress,
         )
     except (DataError, NotIdentifiableError) as error:
         raise _in_file(error, recordings) from error
-    data = _complete(json.loads(answer), recordings, validation) | converted
-    return Diagnosis.of(_with_formulas(data, traces, recordings, validation), traces)
+    data = _complete(json.loads(answer), recordings, other) | converted
+    return Diagnosis.of(_with_formulas(data, traces, recordings, other), traces)
 
 
 def _with_formulas(
@@ -230,15 +228,17 @@ def _with_formulas(
     return data if formulas is None else data | {"formulas": formulas}
 
 
-def _expect_recordings(*given: object) -> None:
-    """Raises UsageError unless all are recordings."""
-    for thing in given:
-        if not isinstance(thing, _core.Recording):
-            raise refuse(
-                UsageError,
-                f"a {type(thing).__name__} was given where a Recording is expected",
-                fix="load it first: pmsm_rs.load(data, machine)",
-            )
+def expect_method(method: object) -> None:
+    """Raises UsageError unless `method` is one of METHODS."""
+    if method not in METHODS:
+        raise refuse(UsageError, f"there is no method '{method}'", fix=did_you_mean(str(method), METHODS))
+
+
+def swarm_settings(swarm: object) -> str:
+    """The settings of a swarm as the core reads them. Raises UsageError for what is no Swarm."""
+    expect(Swarm, swarm=swarm)
+    assert isinstance(swarm, Swarm)
+    return swarm.settings
 
 
 def refused(error: NotIdentifiableError, recordings: Sequence[Recording] = (), *, seed: int = 1) -> Diagnosis:
@@ -330,13 +330,17 @@ def fit_bounds(
     """Bounds by parameter name, checked; empty for None. Raises UsageError."""
     if fit is None:
         return {}
+    if not isinstance(fit, Iterable):
+        raise refuse(UsageError, f"fit is {fit!r}", fix=f"name some of {', '.join(PARAMETERS)}")
     given = dict(fit) if isinstance(fit, Mapping) else dict.fromkeys([fit] if isinstance(fit, str) else fit)
     if not given:
         raise refuse(UsageError, "no parameter to fit was named", fix=f"name some of {', '.join(PARAMETERS)}")
     checked: dict[str, tuple[float, float] | None] = {}
     for name, bounds in given.items():
         if name not in PARAMETERS:
-            raise refuse(UsageError, f"there is no parameter '{name}'", fix=did_you_mean(name, PARAMETERS))
+            raise refuse(
+                UsageError, f"there is no parameter '{name}'", fix=did_you_mean(str(name), PARAMETERS)
+            )
         if bounds is None:
             checked[name] = None
             continue

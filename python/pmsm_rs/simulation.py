@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from . import _core, atomic, simulation_config, tabular
 from ._core import Machine, MachineError, NotIdentifiableError, UsageError
+from .nameplate import machine_text
 from .progress import Progress
+from .quantities import ordered
 from .recording import Recording
 
 
@@ -72,29 +74,12 @@ class Simulation:
         """Writes the machine file with which the recording is read: the nameplate and what is known of the
         load. Raises UsageError where it cannot be.
         """
-        plate = {name: getattr(self.machine, name) for name in ("n_p", *_BASE)}
-        drive = {name: getattr(self.machine, name) for name in ("v_dc", "i_rated", "f_sample")}
-        load: dict[str, Any] = {"kind": f'"{self.recording.load}"', "value": self.recording.load_value}
-        tables = {"machine": plate, "drive": drive, "load": load}
-        text = "\n".join(
-            f"[{table}]\n"
-            + "".join(f"{name} = {value}\n" for name, value in given.items() if value is not None)
-            for table, given in tables.items()
-        )
+        text = machine_text(self.machine, self.recording.load, self.recording.load_value)
         atomic.write_text(path, text)
 
     def __repr__(self) -> str:
         effects = ", ".join(self.truth.effects) or "no effects"
         return f"<Simulation of {len(self.recording)} samples, {self.recording.duration:.6g} s, {effects}>"
-
-
-_BASE = ("r_s", "l_d", "l_q", "psi_m", "j", "b")
-_FIRST = ("t", "v_d", "v_q", "i_a", "i_b", "i_c", "theta_e", "omega_e")
-
-
-def ordered(names: list[str]) -> list[str]:
-    """Columns in the order of the canonical names."""
-    return [*(name for name in _FIRST if name in names), *(name for name in names if name not in _FIRST)]
 
 
 def simulate(

@@ -36,6 +36,10 @@ class SystemFit(Fit):
         data = json.loads(text)
         return cls._of({**data, "rms": dict(zip(outputs, data["rms"], strict=True))})
 
+    def __repr__(self) -> str:
+        state = "interrupted" if self.interrupted else "converged" if self.converged else "not converged"
+        return f"<SystemFit by {self.method}, {state}: {', '.join(self.parameters)}>"
+
     def __str__(self) -> str:
         state = "interrupted" if self.interrupted else "converged" if self.converged else "not converged"
         lines = [f"{self.method}: {state} after {self.evaluations} evaluations, cost {self.cost:.6g}", ""]

@@ -6,23 +6,27 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _core
-from ._core import DataError, Machine, UsageError
+from ._core import DataError, Machine
 from .columns import assemble
 from .config import MachineFile
-from .errors import did_you_mean, expect_whole, refuse
+from .errors import expect_whole, number_of, refuse, written_by
 from .frames import frame_source
+from .given import machine_of
 from .loader import load_columns
 from .recording import DEFAULT_MAX_BYTES
 from .results import Estimate, estimates
-from .run import METHODS, Swarm, fit_bounds
+from .run import Swarm, expect_method, fit_bounds, swarm_settings
 from .summary import hung
 from .words import estimate, number
+
+if TYPE_CHECKING:
+    from .given import Described
 
 Source = _core.Recording | dict[str, NDArray[np.float64]]
 Fit = Mapping[str, tuple[float, float] | None] | Iterable[str]
@@ -80,8 +84,12 @@ class WindowEstimate:
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """From what `to_json` writes."""
-        data = json.loads(text)
+        """From what `to_json` writes. Raises DataError for anything else."""
+        with written_by("to_json"):
+            return cls._of(json.loads(text))
+
+    @classmethod
+    def _of(cls, data: Mapping[str, Any]) -> Self:
         plain = {
             name: data[name]
             for name in (
@@ -103,6 +111,13 @@ class WindowEstimate:
     def to_json(self) -> str:
         """The whole result as JSON text on one line."""
         return json.dumps(self.data, ensure_ascii=False, allow_nan=False)
+
+    def __repr__(self) -> str:
+        found = ", ".join(
+            " ".join([name, *filter(None, estimate(entry)[::2])]) for name, entry in self.parameters.items()
+        )
+        what = found if self.status == "estimated" else self.status
+        return f"<WindowEstimate {self.window}, {self.t_start:.6g} .. {self.t_end:.6g} s: {what}>"
 
     def __str__(self) -> str:
         """One window of a tracker in one line, with further lines for what happened in it."""
@@ -129,16 +144,17 @@ class Tracker:
     `fit` names the parameters, with bounds in SI units or None for a wide range around the nameplate; an
     unknown load is fitted along with anything that acts on the speed. `window` is in s. `method` is "lm"
     (warm least squares, fast), "pso" (the paper's swarm: each window starts from the last one's result and
-    seeks within the share `search` of it) or "pso+lm". `load` and `load_value` are what is known of the load
-    torque, as in Recording. Each estimate is the same for any number of `threads` and any way of cutting the
-    stream into batches.
+    seeks within the share `search` of it) or "pso+lm". `machine` is the nameplate, or a machine file that
+    holds it. `load` and `load_value` are what is known of the load torque, as in Recording; left out, they
+    are those of the machine file. Each estimate is the same for any number of `threads` and any way of
+    cutting the stream into batches.
 
-    Raises UsageError for settings that make no sense.
+    Raises UsageError for settings that make no sense, and MachineError for a wrong machine file.
     """
 
     def __init__(
         self,
-        machine: Machine,
+        machine: Described,
         *,
         fit: Fit = ("r_s", "tau_load"),
         window: float = 0.033,
@@ -151,16 +167,18 @@ class Tracker:
         threads: int | None = None,
     ) -> None:
         expect_whole(seed=seed, threads=threads)
-        if method not in METHODS:
-            raise refuse(UsageError, f"there is no method '{method}'", fix=did_you_mean(method, METHODS))
+        expect_method(method)
+        described = machine_of(machine)
+        if isinstance(described, MachineFile) and load is None:
+            load, load_value = described.load, described.load_value
         self._threads = threads
         self._core = _core.Tracker(
-            machine,
+            described.machine if isinstance(described, MachineFile) else described,
             fit=fit_bounds(fit),
-            window=float(window),
+            window=number_of("window", window),
             method=method,
-            swarm=(swarm or PAPER).settings,
-            search=float(search),
+            swarm=swarm_settings(swarm or PAPER),
+            search=number_of("search", search),
             seed=seed,
             load=load,
             load_value=load_value,
@@ -235,7 +253,7 @@ def _restored(kind: type[Tracker], state: bytes, threads: int | None) -> Tracker
 
 def track(
     recording: Any,
-    machine: Machine | MachineFile,
+    machine: Described,
     *,
     fit: Fit = ("r_s", "tau_load"),
     window: float = 0.033,
@@ -250,20 +268,22 @@ def track(
     `recording` is a Recording, a file name or a frame; in the latter two, rows with missing values are
     allowed and counted. For the other arguments see Tracker.
 
-    Raises UsageError for settings that make no sense and DataError for columns that cannot be used.
+    Raises UsageError for settings that make no sense, MachineError for a wrong machine file, and DataError
+    for columns that cannot be used.
     """
-    plate = machine.machine if isinstance(machine, MachineFile) else machine
-    load, value = (machine.load, machine.load_value) if isinstance(machine, MachineFile) else (None, None)
+    described = machine_of(machine)
+    load, value = None, None
     source: Source
     if isinstance(recording, _core.Recording):
         source, load, value = recording, recording.load, recording.load_value
     elif isinstance(recording, str | os.PathLike):
-        source = load_columns(recording, machine)
+        source = load_columns(recording, described)
     else:
-        rules = machine.columns if isinstance(machine, MachineFile) else None
+        rules = described.columns if isinstance(described, MachineFile) else None
         source = assemble(frame_source(recording, DEFAULT_MAX_BYTES), rules, finite=False)
+    length = number_of("window", window)
     tracker = Tracker(
-        plate,
+        described,
         fit=fit,
         window=window,
         method=method,
@@ -274,7 +294,7 @@ def track(
         load_value=value,
         threads=threads,
     )
-    return _feed(tracker, source, window)
+    return _feed(tracker, source, length)
 
 
 def _feed(tracker: Tracker, source: Source, window: float) -> Iterator[WindowEstimate]:

@@ -216,7 +216,7 @@ def test_ctrl_c_on_the_command_line_writes_the_best_so_far(tmp_path: Path) -> No
     code = (
         "import os, signal, sys\n"
         "from pmsm_rs import cli\n"
-        "cli.terminal.progress = lambda: lambda stage, fraction: os.kill(os.getpid(), signal.SIGINT)\n"
+        "cli.terminal.progress = lambda stages: lambda stage, fraction: os.kill(os.getpid(), signal.SIGINT)\n"
         "cli.main(sys.argv[1:])\n"
     )
     arguments = ["diagnose", recording, "--machine", machine, "--validate", validation, "--json", "a.json"]
@@ -241,13 +241,12 @@ def test_what_is_no_count_is_refused(columns: Columns, seed: int, threads: int |
 
 def test_what_is_no_recording_is_refused_with_the_way_to_one(columns: Columns) -> None:
     recording, machine = pm.Recording(columns), pm.Machine(n_p=3)
-    words = r"a str was given where a Recording is expected.*pmsm_rs\.load"
-    for ask in (pm.diagnose, pm.identify):
-        with pytest.raises(pm.UsageError, match=words):
-            ask("run.csv", machine)  # type: ignore[operator]
+    words = r"a list was given where a Recording is expected.*pmsm_rs\.load"
     with pytest.raises(pm.UsageError, match=words):
-        pm.diagnose([recording, "run.csv"], machine)  # type: ignore[list-item]
+        pm.identify([recording], machine)  # type: ignore[arg-type]
     with pytest.raises(pm.UsageError, match=words):
-        pm.diagnose(recording, machine, "run.csv")  # type: ignore[arg-type]
+        pm.diagnose([recording, [1.0]], machine)  # type: ignore[list-item]
+    with pytest.raises(pm.UsageError, match=words):
+        pm.diagnose(recording, machine, [recording])  # type: ignore[arg-type]
     with pytest.raises(pm.UsageError, match="a dict was given"):
         pm.identify(columns, machine)  # type: ignore[arg-type]

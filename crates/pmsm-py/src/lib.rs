@@ -9,6 +9,7 @@ mod model;
 mod pools;
 mod recording;
 mod run;
+mod runtime;
 mod simulation;
 mod supervise;
 mod system;
@@ -42,6 +43,8 @@ mod _core {
     use super::recording::PyRecording;
     #[pymodule_export]
     use super::run::identify;
+    #[pymodule_export]
+    use super::runtime::runtime;
     #[pymodule_export]
     use super::simulation::simulate;
     #[pymodule_export]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from typing import NoReturn
@@ -9,10 +10,13 @@ from typing import NoReturn
 import click
 
 from . import terminal
+from .completing import completion, man
 from .diagnosing import demo, diagnose, fleet
 from .exporting import export
+from .help import Group, codes
 from .identifying import identify, track
 from .inspecting import inspect
+from .reporting import bundle, doctor
 from .simulating import effects, reproduce, simulate
 from .terminal import INTERNAL, INTERRUPTED, USAGE
 
@@ -25,7 +29,23 @@ def _version(context: click.Context, _parameter: click.Parameter, wanted: bool) 
         context.exit()
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(
+    cls=Group,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    sections={
+        "Start here": ("demo", "inspect", "diagnose"),
+        "Parameters": ("identify", "track"),
+        "Many recordings": ("fleet",),
+        "Simulation": ("simulate", "reproduce"),
+        "Questions and faults": ("doctor", "bundle"),
+        "Reference": ("effects", "completion", "man"),
+    },
+    examples=(
+        "pmsm-rs inspect run.csv --write machine.toml",
+        "pmsm-rs diagnose run.csv --machine machine.toml --validate other.csv --report report.html",
+    ),
+    exits=codes(c4="not identifiable, or not settled; the JSON answer says why"),
+)
 @click.option(
     "--version",
     is_flag=True,
@@ -41,7 +61,10 @@ def cli() -> None:
     """
 
 
-for _command in (demo, inspect, simulate, identify, track, diagnose, fleet, export, reproduce, effects):
+for _command in (
+    *(demo, inspect, diagnose, identify, track, fleet, export, simulate, reproduce),
+    *(doctor, bundle, effects, completion, man),
+):
     cli.add_command(_command)
 
 
@@ -59,6 +82,10 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     # A command ends soon: until then its allocator, which looks here when the core is loaded, keeps what was
     # freed; else the system would clear the same memory for every fit anew.
     os.environ.setdefault("MIMALLOC_PURGE_DELAY", "-1")
+    for stream in (sys.stdout, sys.stderr):
+        # A sign that the encoding of the terminal lacks is no reason to lose the answer.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     try:
         code = cli.main(arguments, prog_name="pmsm-rs", standalone_mode=False)
         sys.stdout.flush()
@@ -68,7 +95,8 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         if isinstance(error, click.exceptions.NoArgsIsHelpError):
             error.show()
             sys.exit(USAGE)
-        terminal.fail(USAGE, f"{error.format_message().rstrip('.')}; see pmsm-rs --help")
+        message = error.format_message().rstrip(".")
+        terminal.fail(USAGE, f"{message}{' See' if message.endswith('?') else '; see'} pmsm-rs --help")
     except (click.Abort, KeyboardInterrupt):
         terminal.fail(INTERRUPTED, "interrupted before there was a result; run it again")
     except BrokenPipeError:

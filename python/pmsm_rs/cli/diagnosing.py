@@ -6,16 +6,24 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from . import options, terminal
+from . import options, progress, terminal
+from .help import Command, codes
 
 if TYPE_CHECKING:
     from ..answers import Diagnosis
+
+_NOT_IDENTIFIABLE: Final = "not identifiable; the JSON answer is undetermined and says why"
 
 AHEAD: Final = 4
 """Files that are opened side by side at most: each may have a decoder of its own."""
 
 
-@click.command()
+@click.command(
+    cls=Command,
+    short_help="Diagnose a recording that ships with the package.",
+    examples=("pmsm-rs demo", "pmsm-rs demo --report /tmp/demo.html --quiet"),
+    exits=codes(c130="interrupted; the answer so far is still written", without=(3,)),
+)
 @click.option(
     "--report",
     "report_file",
@@ -43,18 +51,30 @@ def demo(report_file: str, json_file: str | None, threads: int | None, seed: int
         load(validation, machine),
         seed=seed,
         threads=threads,
-        progress=terminal.progress(),
+        progress=terminal.progress(progress.DIAGNOSIS),
     )
     terminal.finish(json_file, answer.to_json)
     answer.report(report_file, title="Demo recording")
-    click.echo(answer)
-    if not answer.interrupted:
-        click.echo("\n" + compare(answer))
-    click.echo(f"\nReport: {report_file}")
+    sealed = "" if answer.interrupted else f"\n\n{compare(answer)}"
+    terminal.show(f"{answer}{sealed}\n\nReport: {report_file}")
     return terminal.INTERRUPTED if answer.interrupted else 0
 
 
-@click.command()
+@click.command(
+    cls=Command,
+    short_help="Find out which physics the dq-model leaves out.",
+    examples=(
+        "pmsm-rs diagnose run.csv --machine machine.toml",
+        "pmsm-rs diagnose run.csv --machine machine.toml --validate other.csv --report report.html",
+        "pmsm-rs diagnose run1.csv run2.csv --machine machine.toml --quiet --json answer.json",
+        "pmsm-rs diagnose run.csv --machine machine.toml --json - | jq .verdict",
+    ),
+    exits=codes(
+        c0="done, whatever the verdict",
+        c4=_NOT_IDENTIFIABLE,
+        c130="interrupted; the answer so far is still written",
+    ),
+)
 @click.argument("recordings", type=options.FILE, nargs=-1, required=True, metavar="RECORDING...")
 @options.MACHINE
 @click.option(
@@ -65,6 +85,7 @@ def demo(report_file: str, json_file: str | None, threads: int | None, seed: int
     help="Another run of the same machine, which only judges.",
 )
 @options.JSON
+@options.QUIET
 @click.option(
     "--report",
     "report_file",
@@ -136,7 +157,7 @@ def diagnose(
             options=settings,
             seed=seed,
             threads=threads,
-            progress=terminal.progress(),
+            progress=terminal.progress(progress.DIAGNOSIS),
         )
     except _core.NotIdentifiableError as error:
         terminal.finish(json_file, refused(error, runs, seed=seed).to_json)
@@ -162,10 +183,22 @@ def _write(
         answer.trajectories(trajectories)
     if report_file:
         answer.report(report_file, title=", ".join(Path(recording).name for recording in recordings))
-    click.echo(answer)
+    terminal.show(answer)
 
 
-@click.command()
+@click.command(
+    cls=Command,
+    short_help="Diagnose many recordings, each by itself.",
+    examples=(
+        "pmsm-rs fleet runs/*.parquet --machine machine.toml --ledger fleet.ndjson",
+        "pmsm-rs fleet a.csv b.csv --machine machine.toml --jobs 4 --json answers.json",
+    ),
+    exits=codes(
+        c0="done, whatever the verdicts",
+        c3="machine file refused, or a recording has no diagnosis; the others have theirs",
+        c130="interrupted; what was complete is still written",
+    ),
+)
 @click.argument("recordings", type=options.FILE, nargs=-1, required=True, metavar="RECORDING...")
 @options.MACHINE
 @click.option(
@@ -181,6 +214,7 @@ def _write(
     help="Recordings at a time; by default all processors.",
 )
 @options.JSON
+@options.QUIET
 @options.SEED
 def fleet(
     recordings: tuple[str, ...],
@@ -209,9 +243,9 @@ def fleet(
             progress=terminal.progress(),
         )
     terminal.finish(json_file, lambda: json_text(answers.to_list()))
-    click.echo(answers)
+    terminal.show(answers)
     if answers.interrupted:
         return terminal.INTERRUPTED
     for failure in answers.failures:
-        click.echo(f"pmsm-rs: {failure.message}", err=True)
+        terminal.say(failure.message)
     return terminal.REFUSED if answers.failures else 0

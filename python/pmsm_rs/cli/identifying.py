@@ -4,10 +4,23 @@ from __future__ import annotations
 
 import click
 
-from . import options, terminal
+from . import options, progress, terminal
+from .help import Command, codes
 
 
-@click.command()
+@click.command(
+    cls=Command,
+    short_help="Estimate the parameters of the dq-model.",
+    examples=(
+        "pmsm-rs identify run.csv --machine machine.toml",
+        "pmsm-rs identify run.csv --machine machine.toml --fit r_s,psi_m --method lm --json -",
+        "pmsm-rs identify run.csv --machine machine.toml --swarm particles=60,neighbourhood=ring",
+    ),
+    exits=codes(
+        c4="a parameter is not shown or the search has not converged; the answer is still written",
+        c130="interrupted; the answer so far is still written",
+    ),
+)
 @click.argument("recording", type=options.FILE)
 @options.MACHINE
 @options.fit("Parameters to estimate; by default all that the recording shows.")
@@ -46,17 +59,29 @@ def identify(
         swarm=None if swarm is None else Swarm.parse(swarm),
         seed=seed,
         threads=threads,
-        progress=terminal.progress(),
+        progress=terminal.progress(progress.identification(method)),
     )
     terminal.finish(json_file, answer.to_json)
-    click.echo(answer)
+    terminal.show(answer)
     if answer.interrupted:
         return terminal.INTERRUPTED
     unsettled = not answer.converged or any(entry.value is None for entry in answer.parameters.values())
     return terminal.NOT_SETTLED if unsettled else 0
 
 
-@click.command()
+@click.command(
+    cls=Command,
+    short_help="Follow parameters window by window, also live.",
+    examples=(
+        "pmsm-rs track run.csv --machine machine.toml --window 0.05",
+        "pmsm-rs track run.csv --machine machine.toml --fit r_s,psi_m,tau_load --json windows.json",
+        "logger | pmsm-rs track - --machine machine.toml >> windows.ndjson",
+    ),
+    exits=codes(
+        c4="not one window could be identified",
+        c130="interrupted; windows that were complete are still written",
+    ),
+)
 @click.argument("recording", type=click.Path(dir_okay=False, allow_dash=True), metavar="RECORDING|-")
 @options.MACHINE
 @click.option(
@@ -82,7 +107,9 @@ def track(
     """
     from ..live import Request, follow
 
-    request = Request(recording, machine_file, fit, window, method, seed, threads, json_file)
+    request = Request(
+        recording, machine_file, fit, window, method, seed, threads, json_file, silent=terminal.is_silent()
+    )
     try:
         return terminal.NOT_SETTLED if follow(request) == 0 else 0
     except KeyboardInterrupt:

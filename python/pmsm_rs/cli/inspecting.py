@@ -7,9 +7,22 @@ import sys
 import click
 
 from . import options, terminal
+from .help import Command, codes
 
 
-@click.command()
+@click.command(
+    cls=Command,
+    short_help="Show what a file is, and start a machine file.",
+    examples=(
+        "pmsm-rs inspect run.csv",
+        "pmsm-rs inspect run.csv --write machine.toml",
+        "pmsm-rs inspect run.csv --machine machine.toml --json - | jq .tasks",
+    ),
+    exits=codes(
+        c0="done, also for a file that cannot be diagnosed yet",
+        c3="no table in the file, or machine file refused",
+    ),
+)
 @click.argument("file", type=options.FILE, metavar="FILE")
 @click.option(
     "--machine",
@@ -27,6 +40,7 @@ from . import options, terminal
 )
 @click.option("--force", is_flag=True, help="Let --write replace a file.")
 @options.JSON
+@options.QUIET
 def inspect(
     file: str, machine_file: str | None, written: str | None, force: bool, json_file: str | None
 ) -> int:
@@ -48,8 +62,8 @@ def inspect(
         found.write_machine(written, force=force)
     blocks = _shows_blocks()
     steps = next_steps(found, machine_file, written)
-    click.echo(text(found, blocks=blocks, machine_file=written is None))
-    click.echo("\n" + (steps if blocks else plain(steps)))
+    whole = text(found, blocks=blocks, machine_file=written is None)
+    terminal.show(f"{whole}\n\n{steps if blocks else plain(steps)}")
     return 0
 
 

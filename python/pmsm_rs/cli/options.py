@@ -8,6 +8,8 @@ from typing import Any, TypeVar
 
 import click
 
+from . import terminal
+
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 
@@ -20,6 +22,10 @@ class _Output(click.Path):
         from ..atomic import expect
 
         path = super().convert(value, param, ctx)
+        if path == terminal.STANDARD_OUTPUT:
+            if not self.allow_dash:
+                self.fail("only --json can go to standard output; name a file.", param, ctx)
+            return path
         expect(str(path))
         return path
 
@@ -34,7 +40,35 @@ MACHINE = click.option(
     metavar="M.toml",
     help="Nameplate, load, column names.",
 )
-JSON = click.option("--json", "json_file", type=OUTPUT, metavar="OUT", help="Write the whole answer as JSON.")
+
+
+def _json(context: click.Context, _parameter: click.Parameter, file: str | None) -> str | None:
+    if file == terminal.STANDARD_OUTPUT:
+        terminal.take_output(context)
+    return file
+
+
+def _quiet(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        terminal.keep_quiet(context)
+
+
+JSON = click.option(
+    "--json",
+    "json_file",
+    type=_Output(dir_okay=False, allow_dash=True),
+    metavar="OUT",
+    callback=_json,
+    help="Write the whole answer as JSON; with - to standard output, in place of the text.",
+)
+QUIET = click.option(
+    "-q",
+    "--quiet",
+    is_flag=True,
+    expose_value=False,
+    callback=_quiet,
+    help="Print no text and no progress; files are written, and errors told.",
+)
 THREADS = click.option(
     "--threads",
     type=click.IntRange(1, 1024),
@@ -52,8 +86,8 @@ SEED = click.option(
 
 
 def computing(command: _Command) -> _Command:
-    """The options of a command that computes an answer: --json, --threads and --seed."""
-    return JSON(THREADS(SEED(command)))
+    """The options of a command that computes an answer: --json, --quiet, --threads and --seed."""
+    return JSON(QUIET(THREADS(SEED(command))))
 
 
 def fit(help: str, default: str | None = None) -> Callable[[_Command], _Command]:

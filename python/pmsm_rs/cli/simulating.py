@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import click
 
-from . import options, terminal
+from . import options, progress, terminal
+from .help import Command, codes
 
 
-@click.command()
+@click.command(
+    cls=Command,
+    short_help="Make a recording of a drive with any of the effects.",
+    examples=(
+        "pmsm-rs simulate drive.toml -o run.parquet --machine-file machine.toml",
+        "pmsm-rs simulate drive.toml -o run.csv --truth --seed 7",
+    ),
+)
 @click.argument("config", type=options.FILE, metavar="CONFIG.toml")
 @click.option(
     "-o",
@@ -27,28 +35,37 @@ from . import options, terminal
 @click.option(
     "--seed", type=click.IntRange(0, 2**53), metavar="N", help="Seed of the noise, in place of the file's."
 )
+@options.QUIET
 def simulate(config: str, output: str, truth: bool, machine_file: str | None, seed: int | None) -> int:
     """Make a recording: a closed-loop drive with any effects, as CONFIG.toml describes it."""
     from ..atomic import apart
     from ..simulation import simulate as run
 
     apart([output, machine_file], [config])
-    made = run(config, progress=terminal.progress(), **({} if seed is None else {"seed": seed}))
+    made = run(
+        config, progress=terminal.progress(progress.SIMULATION), **({} if seed is None else {"seed": seed})
+    )
     terminal.clear()
     made.write(output)
     if truth:
         made.write_truth(output)
     if machine_file:
         made.write_machine(machine_file)
-    click.echo(f"{output}: {len(made.recording)} samples, {made.recording.duration:.6g} s")
+    terminal.show(f"{output}: {len(made.recording)} samples, {made.recording.duration:.6g} s")
     return 0
 
 
-@click.command()
+@click.command(
+    cls=Command,
+    short_help="Reproduce the figures of Liu, Liu & Cartes (2008).",
+    examples=("pmsm-rs reproduce all --out paper", "pmsm-rs reproduce fig5 fig6 --out paper"),
+    exits=codes(without=(3,)),
+)
 @click.argument("figures", nargs=-1, metavar="[fig5|fig6|fig7|fig8|all]...")
 @click.option(
     "--out", "folder", type=click.Path(file_okay=False), required=True, metavar="DIR", help="Where it goes."
 )
+@options.QUIET
 def reproduce(figures: tuple[str, ...], folder: str) -> int:
     """Simulate and identify what Liu, Liu & Cartes (2008) show, and draw their figures anew.
 
@@ -59,16 +76,27 @@ def reproduce(figures: tuple[str, ...], folder: str) -> int:
 
     outcome, files = run(figures or ("all",), folder, progress=terminal.progress())
     terminal.clear()
-    click.echo(lines(outcome))
-    click.echo(f"\n{outcome.seconds:.1f} s; written: {', '.join(str(file) for file in files)}")
+    written = ", ".join(str(file) for file in files)
+    terminal.show(f"{lines(outcome)}\n\n{outcome.seconds:.1f} s; written: {written}")
     return 0
 
 
-@click.command()
-@click.argument("name", required=False)
+def _names(_context: click.Context, _parameter: click.Parameter, begin: str) -> list[str]:
+    from ..registry import effects
+
+    return [entry["id"] for entry in effects() if entry["id"].startswith(begin)]
+
+
+@click.command(
+    cls=Command,
+    short_help="Show the catalogue of effects, or one of them.",
+    examples=("pmsm-rs effects", "pmsm-rs effects dead_time"),
+    exits=codes(without=(3, 130)),
+)
+@click.argument("name", required=False, shell_complete=_names)
 def effects(name: str | None) -> int:
     """Show the catalogue of effects, or one of them with equation, parameters and look-alikes."""
     from ..catalogue import entry, overview
 
-    click.echo(overview() if name is None else entry(name))
+    terminal.show(overview() if name is None else entry(name))
     return 0

@@ -43,7 +43,10 @@ def reproduce(
         search = runs.search(data)
         drawn["fig5"] = figures.fig5(search)
         limits = (setup.SWARM.velocity_limit, *_LIMITS)
-        many = tuple(runs.seeds(data, limit, progress) for limit in limits)
+        many = tuple(
+            runs.seeds(data, limit, _part(progress, number, len(limits)))
+            for number, limit in enumerate(limits)
+        )
     if wanted - {"fig5"}:
         swarm, fast = runs.follow(data, "pso"), runs.follow(data, "lm")
         if "fig6" in wanted:
@@ -61,6 +64,13 @@ def reproduce(
         atomic.write_text(target / name, text)
         files.append(target / name)
     return outcome, files
+
+
+def _part(progress: Progress | None, number: int, count: int) -> Progress | None:
+    """Progress of part `number`, from 0, of `count` equal parts, as progress of the whole."""
+    if progress is None:
+        return None
+    return lambda stage, fraction: progress(stage, (number + fraction) / count)
 
 
 def _folder(folder: str | os.PathLike[str]) -> Path:
