@@ -36,6 +36,7 @@ def _version(context: click.Context, _parameter: click.Parameter, wanted: bool) 
         "Start here": ("demo", "inspect", "diagnose"),
         "Parameters": ("identify", "track"),
         "Many recordings": ("fleet",),
+        "The model": ("export",),
         "Simulation": ("simulate", "reproduce"),
         "Questions and faults": ("doctor", "bundle"),
         "Reference": ("effects", "completion", "man"),

@@ -5,12 +5,20 @@ from __future__ import annotations
 import click
 
 from . import options
+from .help import Command
 
 # Those of `pmsm_rs.export.KINDS`, which a test compares; the help needs no more of the package.
 _KINDS = ("machine", "python", "rust", "fmu", "modelica", "motulator", "gem", "mujoco", "c-header")
 
 
-@click.command()
+@click.command(
+    cls=Command,
+    short_help="Write the model of an answer for another tool.",
+    examples=(
+        "pmsm-rs export answer.json --to fmu -o motor.fmu",
+        "pmsm-rs export answer.json --to c-header -o motor.h",
+    ),
+)
 @click.argument("answer", type=options.FILE, metavar="ANSWER.json")
 @click.option("--to", "kind", type=click.Choice(_KINDS), required=True, help="For which tool.")
 @click.option("-o", "--output", type=options.OUTPUT, required=True, metavar="FILE", help="Where it goes.")
@@ -36,10 +44,6 @@ def export(answer: str, kind: str, output: str, temperature: float | None) -> in
 
     Make ANSWER.json with `pmsm-rs diagnose ... --json ANSWER.json`. What the tool cannot express is said, and
     stands in the file.
-
-    \b
-    pmsm-rs export answer.json --to fmu -o motor.fmu
-    pmsm-rs export answer.json --to c-header -o motor.h
     """
     from ..atomic import apart
     from ..export import export as write
