@@ -81,7 +81,7 @@ def inspect(
     """
     described = described_by(machine)
     with enough_memory(data):
-        return _inspected(source_of(data, max_bytes), described, max_bytes)
+        return _inspected(source_of(data, max_bytes, described), described, max_bytes)
 
 
 def _inspected(source: Source, described: MachineFile | Machine | None, max_bytes: int) -> Inspection:

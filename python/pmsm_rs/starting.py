@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import PurePath
@@ -144,7 +145,10 @@ def _columns(
     incomplete: bool,
 ) -> list[str]:
     given = described.columns if isinstance(described, MachineFile) else {}
-    lines = ["[columns]"] + [f"{name} = {_rule(rule)}" for name, rule in given.items()]
+    lines = ["[columns]"]
+    if isinstance(described, MachineFile) and described.dbc is not None:
+        lines.append(f"dbc = {quoted(os.path.abspath(described.dbc))}")
+    lines += [f"{name} = {_rule(rule)}" for name, rule in given.items()]
     doubtful = [signal for signal in signals if not signal.names and signal.use]
     for signal in doubtful:
         if (frame := frames.get(signal.column)) is not None:
