@@ -150,6 +150,10 @@ def _canonical(
         if rule.source in raw:
             key = "omega_m" if name == "n" else name
             out[key] = converted(raw[rule.source or ""], name, rule, source)
+    if "t" in survey.plan and survey.plan["t"].source == source.common and len(source.stamps) == 1:
+        # No column of the one group is known, but its times are.
+        [name] = source.stamps.values()
+        out["t"] = converted(source.read([name])[name], "t", Rule(name), source)
     rows = max((len(values) for values in out.values()), default=0)
     period = survey.plan["t"].period if "t" in survey.plan else None
     if period is not None:
