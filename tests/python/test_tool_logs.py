@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pmsm_rs as pm
 import pytest
-from conftest import Columns
+from conftest import MACHINE, Columns, csv_text
 
 # The rows of properties that TwinCAT Scope 3.4 writes above the samples.
 SCOPE_NAMES = {
@@ -90,3 +90,62 @@ def test_a_field_of_twincat_scope_that_is_no_number_is_refused_with_its_line(
     path.write_text("\r\n".join(text))
     with pytest.raises(pm.DataError, match=rf"line {at + 1}, column 'fUd': 'n/a' is no number"):
         pm.load(path)
+
+
+def test_an_odrive_log(columns: Columns, tmp_path: Path) -> None:
+    """Properties by their paths; speed and position in turns of the shaft."""
+    header = {
+        "i_q": "axis0.motor.foc.Iq_measured",
+        "i_d": "axis0.motor.foc.Id_measured",
+        "omega_m": "axis0.encoder.vel_estimate",
+        "theta_m": "axis0.encoder.pos_estimate",
+        "v_dc": "vbus_voltage",
+        "t": "time [s]",
+    }
+    turns = {
+        "omega_m": columns["omega_e"] / (6.0 * np.pi),
+        "theta_m": np.unwrap(columns["theta_e"]) / (6.0 * np.pi),
+        "v_dc": 24.0 + 0.0 * columns["t"],
+    }
+    log = {name: columns[name] for name in ("t", "i_d", "i_q")} | turns
+    log["fet"] = columns["t"]
+    path = tmp_path / "odrive.csv"
+    path.write_text(csv_text(log, header | {"fet": "axis0.fet_thermistor.temperature"}))
+    recording = pm.load(path)
+    np.testing.assert_allclose(recording.column("omega_m"), columns["omega_e"] / 3.0)
+    np.testing.assert_allclose(recording.column("theta_m"), 2.0 * np.pi * turns["theta_m"])
+    assert recording.account.columns["i_q"].source == header["i_q"]
+    # With two axes it is to be said which.
+    log["other"] = columns["i_q"]
+    path.write_text(csv_text(log, header | {"other": "axis1.motor.foc.Iq_measured"}))
+    with pytest.raises(pm.DataError, match=r"axis0\.motor\.foc\.Iq_measured.*axis1.*could be i_q"):
+        pm.load(path)
+
+
+def test_a_simplefoc_monitor_log(columns: Columns, tmp_path: Path, machine_file: Path) -> None:
+    """Tab-separated values; the library prints currents in mA, and own code often A, so that is asked."""
+    names = {"v_q": "voltage.q", "v_d": "voltage.d", "i_q": "current.q", "i_d": "current.d"}
+    header = names | {"omega_m": "velocity", "theta_m": "angle", "t": "millis"}
+    log = {
+        "t": 1e3 * columns["t"],
+        "target": 0.0 * columns["t"],
+        "v_q": columns["v_q"],
+        "v_d": columns["v_d"],
+        "i_q": 1e3 * columns["i_q"],
+        "i_d": 1e3 * columns["i_d"],
+        "omega_m": columns["omega_e"] / 3.0,
+        "theta_m": np.unwrap(columns["theta_e"]) / 3.0,
+    }
+    path = tmp_path / "monitor.txt"
+    path.write_text(csv_text(log, header, "\t"))
+    with pytest.raises(pm.DataError, match=r'i_q = \{ from = "current\.q", unit = "A" or "mA"'):
+        pm.load(path)
+    lines = "\n".join(f'{name} = {{ from = "{names[name]}", unit = "mA" }}' for name in ("i_d", "i_q"))
+    machine_file.write_text(f"{MACHINE}\n[columns]\n{lines}\n")
+    recording = pm.load(path, machine_file)
+    for name in ("t", "v_d", "v_q", "i_d", "i_q"):
+        np.testing.assert_allclose(recording.column(name), columns[name], atol=1e-12)
+    np.testing.assert_allclose(recording.column("omega_m"), columns["omega_e"] / 3.0)
+    # Where the file states the unit, nothing is asked.
+    path.write_text(csv_text(log, header | {"i_q": "current q [mA]", "i_d": "current d [mA]"}, "\t"))
+    np.testing.assert_allclose(pm.load(path).column("i_q"), columns["i_q"])
