@@ -6,6 +6,7 @@ import os
 import re
 import tomllib
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
@@ -18,6 +19,8 @@ from .rules import Rule, Rules
 from .schema import NotNegative, Number, Positive, Table, validated
 from .units import canonical, suggest
 
+_DBC = "dbc"
+"""Key of [columns] that names no column but the description of a CAN bus."""
 _LARGEST_FILE = 1 << 20
 # A whole number beyond 64 bits has at least as many digits, be they hexadecimal.
 _LONG_NUMBER = re.compile(r"[0-9A-Fa-f_]{16,}")
@@ -91,6 +94,7 @@ class MachineFile:
     """A machine file: the nameplate, what is known of the load, and how a recording's columns are called.
 
     `converted` are the entries of the nameplate that were not given as parameters of the model in SI units.
+    `dbc` is the file that describes the CAN bus of a recording, found from the folder of the machine file.
     """
 
     path: str
@@ -99,6 +103,7 @@ class MachineFile:
     load_value: float | None
     columns: Rules
     converted: tuple[Converted, ...] = ()
+    dbc: str | None = None
 
 
 def read_machine(path: str | os.PathLike[str]) -> MachineFile:
@@ -113,7 +118,8 @@ def read_machine(path: str | os.PathLike[str]) -> MachineFile:
     sheet = settled(table if isinstance(table, dict) else {}, errors)
     given = content | ({"machine": sheet.values} if isinstance(table, dict) else {})
     parts = {name: validated(model, name, given.get(name), errors) for name, model in _TABLES.items()}
-    columns = _columns(content.get("columns", {}), errors)
+    table = content.get("columns", {})
+    columns, dbc = _columns(table, errors), _dbc(table, name, errors)
     plate, drive, load = parts["machine"], parts["drive"], parts["load"]
     if sheet.i_rated is not None and isinstance(drive, Ratings) and drive.i_rated is not None:
         errors.append("machine.i_rated: [drive] has it as well; give it once")
@@ -128,7 +134,7 @@ def read_machine(path: str | os.PathLike[str]) -> MachineFile:
         machine = Machine(**plate.model_dump(), **ratings)
     except MachineError as error:
         raise refuse(MachineError, f"[machine] {error}", file=name, fix="correct the machine file") from error
-    return MachineFile(name, machine, load.kind, load.value, columns, tuple(sheet.converted))
+    return MachineFile(name, machine, load.kind, load.value, columns, tuple(sheet.converted), dbc)
 
 
 def read_toml(name: str, role: str = "machine file", kind: type[PmsmError] = MachineError) -> dict[str, Any]:
@@ -203,6 +209,15 @@ def _close(name: str, known: list[str]) -> bool:
     return bool(difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.8))
 
 
+def _dbc(content: object, name: str, errors: list[str]) -> str | None:
+    """The file that describes a CAN bus, from the folder of the machine file `name`."""
+    given = content.get(_DBC) if isinstance(content, dict) else None
+    if given is not None and not isinstance(given, str):
+        errors.append(f'columns.{_DBC}: write it as {_DBC} = "FILE.dbc"')
+        return None
+    return None if given is None else str(Path(name).parent / given)
+
+
 def _columns(content: object, errors: list[str]) -> dict[str, Rule | None]:
     if not isinstance(content, dict):
         errors.append("columns: write it as a table [columns]")
@@ -210,6 +225,8 @@ def _columns(content: object, errors: list[str]) -> dict[str, Rule | None]:
     rules: dict[str, Rule | None] = {}
     for name, entry in content.items():
         path = f"columns.{name}"
+        if name == _DBC:
+            continue
         if name not in CANONICAL:
             errors.append(f"{path}: there is no such column ({did_you_mean(name, CANONICAL)})")
         elif entry is False:

@@ -65,6 +65,8 @@ class Task:
         """
         digest = hashlib.sha256(repr((_core.__version__, self.seed, _plain(self.machine))).encode())
         beside = _beside(self.machine)
+        if isinstance(self.machine, MachineFile) and self.machine.dbc is not None:
+            digest.update(_contents(self.machine.dbc))
         for run in (self.recording, self.validation):
             digest.update(_contents(run))
             if run is not None and not isinstance(run, Recording):

@@ -94,7 +94,8 @@ def _head(found: InspectionValues) -> list[str]:
         lines.append(f"  {rows} rows, without sample times")
     for entry in found.sampling:
         own = [each.column for each in found.columns if each.base == entry.group is not None]
-        group = "" if entry.group is None else f"{_columns(own)} of group '{shown(entry.group)}': "
+        members = f"{_columns(own)} of " if own else ""
+        group = "" if entry.group is None else f"{members}group '{shown(entry.group)}': "
         lines.append(hung("  ", group + entry.sentence()))
     gaps = {each.column: each.missing for each in found.columns if each.missing and not each.is_empty}
     if gaps:

@@ -87,7 +87,7 @@ def inspect(
     """
     described = described_by(machine)
     with enough_memory(data):
-        return _inspected(source_of(data, max_bytes), described, max_bytes)
+        return _inspected(source_of(data, max_bytes, described), described, max_bytes)
 
 
 def _inspected(source: Source, described: MachineFile | Machine | None, max_bytes: int) -> Inspection:
@@ -156,6 +156,10 @@ def _canonical(
         if rule.source in raw:
             key = "omega_m" if name == "n" else name
             out[key] = converted(raw[rule.source or ""], name, rule, source)
+    if "t" in survey.plan and survey.plan["t"].source == source.common and len(source.stamps) == 1:
+        # No column of the one group is known, but its times are.
+        [name] = source.stamps.values()
+        out["t"] = converted(source.read([name])[name], "t", Rule(name), source)
     rows = max((len(values) for values in out.values()), default=0)
     period = survey.plan["t"].period if "t" in survey.plan else None
     if period is not None:

@@ -37,7 +37,7 @@ def load(
     as it is.
 
     Files are CSV, Parquet, Feather, .mat, .npz and JSON, and with the extras of the package MATLAB v7.3,
-    HDF5, NI TDMS and ASAM MDF.
+    HDF5, NI TDMS, ASAM MDF, PX4 ulog, ROS bags, MCAP and logs of a CAN bus.
 
     `machine` names the machine file whose [columns] and [load] tables say how to read it; with a Machine only
     its pole pairs are used, to tell electrical from mechanical angles. Nothing larger than `max_bytes` bytes
@@ -50,7 +50,7 @@ def load(
     if isinstance(data, Recording):
         return data
     with enough_memory(data):
-        return recorded(source_of(data, max_bytes), described, max_bytes)
+        return recorded(source_of(data, max_bytes, described), described, max_bytes)
 
 
 def described_by(
@@ -76,12 +76,13 @@ def enough_memory(data: Any) -> Iterator[None]:
         ) from error
 
 
-def source_of(data: Any, max_bytes: int) -> Source:
+def source_of(data: Any, max_bytes: int, described: MachineFile | Machine | None = None) -> Source:
     """The columns of what `load` takes, none of them read yet. Raises as `load`."""
+    dbc = described.dbc if isinstance(described, MachineFile) else None
     if isinstance(data, Opening):
-        return data.source()
+        return data.source(dbc)
     file = _name(data)
-    return frame_source(data, max_bytes) if file is None else open_source(file, max_bytes)
+    return frame_source(data, max_bytes) if file is None else open_source(file, max_bytes, dbc)
 
 
 def recorded(source: Source, described: MachineFile | Machine | None, max_bytes: int) -> Recording:
@@ -152,7 +153,7 @@ def load_columns(
 
     Raises as `load`, but for what only a Recording refuses.
     """
-    source = open_source(data, max_bytes)
+    source = source_of(data, max_bytes, machine)
     rules = machine.columns if isinstance(machine, MachineFile) else None
     return taken(source, rules, _beside(data, max_bytes), finite=False)[0]
 

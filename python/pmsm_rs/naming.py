@@ -88,7 +88,7 @@ def meaning(name: str, stated: str | None = None) -> Meaning | None:
     unit, beside = unit_and_words(stated)
     if unit is None:
         name, unit = name_and_slash(name)
-    found = _of_segments(name, beside)
+    found = _of_segments(name, beside, unit is not None)
     if found is None:
         return _resembling(name, unit)
     unit = unit or found.unit
@@ -97,17 +97,23 @@ def meaning(name: str, stated: str | None = None) -> Meaning | None:
     return replace(found, unit=unit)
 
 
-def _of_segments(name: str, beside: tuple[str, ...]) -> Meaning | None:
+def _of_segments(name: str, beside: tuple[str, ...], stated: bool) -> Meaning | None:
     """Of a path such as `axis0.motor.Iq.measured` the last part that has a quantity says it; a reference that
-    is named before it makes it one.
+    is named before it makes it one. `stated` says that the file has the unit elsewhere.
     """
     # A point behind which a blank comes ends an abbreviation: `el. angle`.
     segments = [segment for segment in re.split(r"[./\\:|>]+(?=\S)", name) if segment.strip()]
     for start in range(len(segments) - 1, -1, -1):
         own = [chunk for segment in segments[start:] for chunk in chunks(segment)]
-        found = _with_unit(own, beside)
+        unit = None
+        if len(own) == 3 and (vector := VECTORS.get(own[0].lower())) is not None:
+            # The unit of a vector stands before its component: `Idq_A.d`.
+            unit = canonical(own[1], vector) if len(segments) - start == 2 else None
+            own = [own[0], own[2]] if unit is not None else own
+        found = _with_unit(own, beside, stated)
         if found is None:
             continue
+        found = found if unit is None else replace(found, unit=unit)
         before = {ROLES.get(word) for segment in segments[:start] for word in words(segment)}
         if found.role is None and COMMANDED in before:
             found = replace(found, role=COMMANDED)
@@ -115,13 +121,13 @@ def _of_segments(name: str, beside: tuple[str, ...]) -> Meaning | None:
     return None
 
 
-def _with_unit(own: Sequence[str], beside: tuple[str, ...]) -> Meaning | None:
-    """The meaning of the chunks of a name, of which the last ones may be its unit."""
+def _with_unit(own: Sequence[str], beside: tuple[str, ...], stated: bool) -> Meaning | None:
+    """The meaning of the chunks of a name, of which the last ones may be its unit where none is `stated`."""
     whole = _interpret([*words_of(own), *beside])
     if whole is not None and whole.quantity == "speed" and not {"rpm", "erpm"}.isdisjoint(words_of(own)):
         return replace(whole, unit="rpm")
     if whole is not None and whole.sure and whole.columns and not is_long_unit(own[-1]):
-        if _is_unit_or_phase(own, whole.quantity):
+        if not stated and _is_unit_or_phase(own, whole.quantity):
             return replace(whole, columns=(), sure=False)
         return whole
     for count in (1, 2, 3):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from .formats.source import Source
 from .naming import Meaning, candidates
 from .quantities import CANONICAL
 from .reading import Unused
+from .rules import Rule
 from .units import canonical
 from .vocabulary import COMMANDED, ESTIMATED
 
@@ -61,3 +64,15 @@ def quoted(text: str) -> str:
     """`text` as a basic string of TOML."""
     plain = text.replace("\\", "\\\\").replace('"', '\\"')
     return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in plain) + '"'
+
+
+def entry(rule: Rule | None) -> str:
+    """An entry of [columns] as TOML."""
+    if rule is None:
+        return "false"
+    plain: dict[str, Any] = {"from": rule.source, "unit": rule.unit, "file": rule.file}
+    texts = {key: quoted(value) for key, value in plain.items() if value is not None}
+    numbers = {"period": rule.period, "value": rule.value}
+    changed = {"scale": rule.scale if rule.scale != 1.0 else None, "offset": rule.offset or None}
+    entries = texts | {k: repr(float(v)) for k, v in (numbers | changed).items() if v is not None}
+    return "{ " + ", ".join(f"{key} = {value}" for key, value in entries.items()) + " }"

@@ -5,16 +5,18 @@ Everything that is missing or unclear is collected, and refused at once.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 from ._core import DataError
 from .errors import Problem, fact, refuse_all
+from .formats.sniff import name_and_unit
 from .formats.source import Source
 from .naming import Meaning, meaning
 from .notes import line_for, look_alike, never_taken, quoted
-from .quantities import CANONICAL, LOGS, TEMPERATURES, normal
+from .quantities import CANONICAL, LOGS, TEMPERATURES, normal, spellings
 from .reading import Account, Unused, missed
 from .rules import Rule, Rules
 from .stated import unit_of
@@ -117,7 +119,7 @@ def surveyed(source: Source, rules: Rules, *, whole: bool) -> Survey:
     told = rules.get("t") is not None or any(found.quantity == "time" for found in doubts.values())
     if "t" not in draft.plan and not told:
         draft.problems.append(_no_time(source))
-    if whole:
+    if whole and (draft.given or _has_header(source)):
         _ask(draft)
     plan = {name: draft.plan[name] for name in CANONICAL if name in draft.plan}
     how = {name: draft.how.get(name, COLUMNS) for name in plan}
@@ -169,7 +171,7 @@ def _which(source: Source, column: str) -> Problem:
 def _guess(draft: _Draft, columns: Iterable[str]) -> None:
     """What the names of the columns say, each by itself."""
     source = draft.source
-    plain = {normal(name) for name in source.names}
+    plain = {way for name in source.names for way in spellings(name_and_unit(name)[0])}
     tool, log = next(((tool, table) for tool, (marks, table) in LOGS.items() if marks <= plain), ("", {}))
     meanings = {column: meaning(column, source.unit(column)) for column in columns}
     pair = "i_q" in draft.given or any(
@@ -178,9 +180,13 @@ def _guess(draft: _Draft, columns: Iterable[str]) -> None:
     for column, found in meanings.items():
         stated, key = source.unit(column), normal(column)
         unit, beside = unit_and_words(stated)
-        if key in log:
-            name, documented = log[key]
-            draft.claim(column, name, documented, _EXACT, f"{tool} log")
+        known = next((way for way in spellings(name_and_unit(column)[0]) if way in log), None)
+        if known is not None:
+            name, documented = log[known]
+            if documented is None and unit is None:
+                draft.doubts[column] = Meaning(CANONICAL[name].dimension, (name,))
+            else:
+                draft.claim(column, name, unit or documented, _EXACT, f"{tool} log")
         elif column in source.clocks and column != "t":
             # Stamps of the time of day go behind a column that counts time.
             draft.claim(column, "t", "s", 1, CLOCK)
@@ -216,6 +222,8 @@ def _take(draft: _Draft, column: str, found: Meaning) -> None:
     dimension = found.quantity
     unassumed = dimension in {"angle", "speed", "torque", "time"}
     if unassumed and found.unit is not None and canonical(found.unit, dimension) is None:
+        if found.sure and dimension == "torque" and found.role in ranks:
+            draft.unused[column] = look_alike(draft.source, column, replace(found, sure=False))
         # Names of these are names of much else, which the unit tells: a position in mm is no angle.
         found = replace(found, sure=False, columns=())
     if dimension in {"torque", "time"} and not found.sure:
@@ -334,7 +342,20 @@ def _doubt(draft: _Draft, column: str, found: Meaning) -> None:
         draft.problems.append(Problem(problem, fix, column, tuple(lines), brief))
 
 
+def _has_header(source: Source) -> bool:
+    """Whether the columns have names, and not only numbers."""
+    return not source.names or any(re.fullmatch(r"column \d+", name) is None for name in source.names)
+
+
 def _no_time(source: Source) -> Problem:
+    if not _has_header(source):
+        fix = 'give each column by its number in [columns], as in t = { from = "column 1", unit = "s" }'
+        return Problem(
+            "there is no header line with column names",
+            f"put one above the numbers, or {fix}; it has {len(source.names)} columns",
+            "t",
+            brief=fix,
+        )
     fix = 'add t = { from = "...", unit = "s" } or t = { period = ... } (in s) to [columns]'
     return Problem(
         "there is no time column",
@@ -370,7 +391,7 @@ def _ask(draft: _Draft) -> None:
         if lone is not None:
             wanted = f"{lost} (or {zero} if it was held at zero)"
         lines = () if lone is None else (zero,)
-        how = _how(draft, ("current",), wanted)
+        how = _how(draft, ("current", "torque"), wanted)
         draft.problems.append(Problem(lacks, how, lost, lines, f"give {wanted}"))
 
 
@@ -378,9 +399,15 @@ def _how(draft: _Draft, quantities: tuple[str, ...], wanted: str) -> str:
     """The lines of [columns] that would give a quantity, else the names to choose from."""
     lines = [u for u in draft.unused.values() if u.quantity in quantities and u.use is not None]
     if lines:
-        told = [f"'{u.column}' was not taken, since {u.why}: {u.use} would take it" for u in lines[:4]]
+        told = [f"'{u.column}' was not taken, since {u.why}: {_of_motor(u)} would take it" for u in lines[:4]]
         return f"give {wanted}, or settle it in [columns]: {'; '.join(told)}"
     return f"give {wanted} (the file has {listed_names(draft.source.names)}; map them in [columns])"
+
+
+def _of_motor(entry: Unused) -> str | None:
+    """The line that would use a column; where currents are missing, a torque is wanted as the motor's."""
+    own = entry.use is not None and "tau_e" in entry.could_be
+    return f"tau_e{entry.use.removeprefix('tau_m')}" if own and entry.use is not None else entry.use
 
 
 def _account(draft: _Draft, plan: dict[str, Rule]) -> Account:

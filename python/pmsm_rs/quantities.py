@@ -50,13 +50,30 @@ def ordered(names: Iterable[str]) -> list[str]:
 
 TEMPERATURES: Final[dict[str, str]] = {
     **dict.fromkeys(("temperature", "winding_temperature", "temperature_winding"), "temperature"),
+    **dict.fromkeys(("wicklungstemperatur", "temperatur_wicklung"), "temperature"),
     **dict.fromkeys(("temperature_magnet", "magnet_temperature"), "temperature_magnet"),
+    **dict.fromkeys(("magnettemperatur", "temperatur_magnet"), "temperature_magnet"),
 }
 """Normalised names of temperatures; a drive logs many, of which these are the motor's."""
 
+_ODRIVE: Final[dict[str, tuple[str, str | None]]] = {
+    "iq_measured": ("i_q", "A"),
+    "id_measured": ("i_d", "A"),
+    "vq_setpoint": ("v_q", "V"),
+    "vd_setpoint": ("v_d", "V"),
+    "vel_estimate": ("omega_m", "Hz"),
+    "pos_estimate": ("theta_m", "rev"),
+    "pos_vel_mapper_vel": ("omega_m", "Hz"),
+    "pos_vel_mapper_pos_rel": ("theta_m", "rev"),
+    "encoder_phase": ("theta_e", "rad"),
+    "vbus_voltage": ("v_dc", "V"),
+}
+
 # Whole logs with documented units: (a name that only this tool writes, name -> (canonical, unit)).
-# VESC Tool logs (vedderb/vesc_tool, vescinterface.cpp); moteus telemetry (mjbots/moteus, docs/reference.md).
-LOGS: Final[dict[str, tuple[frozenset[str], dict[str, tuple[str, str]]]]] = {
+# VESC Tool logs (vedderb/vesc_tool, vescinterface.cpp); moteus telemetry (mjbots/moteus, docs/reference.md);
+# ODrive properties (docs.odriverobotics.com, API reference, from firmware 0.5 on in turns); the monitor of
+# SimpleFOC (docs.simplefoc.com/monitoring), which prints currents in mA, while own code often logs A.
+LOGS: Final[dict[str, tuple[frozenset[str], dict[str, tuple[str, str | None]]]]] = {
     "VESC": (
         frozenset({"d_axis_current", "erpm"}),
         {
@@ -82,7 +99,23 @@ LOGS: Final[dict[str, tuple[frozenset[str], dict[str, tuple[str, str]]]]] = {
             "motor_temp_c": ("temperature", "°C"),
         },
     ),
+    "ODrive": (frozenset({"iq_measured", "vel_estimate"}), _ODRIVE),
+    "ODrive 0.6": (frozenset({"iq_measured", "pos_vel_mapper_vel"}), _ODRIVE),
+    "SimpleFOC": (
+        frozenset({"target", "voltage_q", "velocity", "angle"}),
+        {
+            "voltage_q": ("v_q", "V"),
+            "voltage_d": ("v_d", "V"),
+            "current_q": ("i_q", None),
+            "current_d": ("i_d", None),
+            "velocity": ("omega_m", "rad/s"),
+            "angle": ("theta_m", "rad"),
+        },
+    ),
 }
+"""Per tool the names that only its logs have, and what others of its names are, with the unit, None where
+that is asked.
+"""
 
 
 @lru_cache(maxsize=1024)
@@ -90,3 +123,13 @@ def normal(name: str) -> str:
     """A name in lower case with single underscores, without a log's own prefix such as `servo_stats.`."""
     last = name.rsplit(".", 1)[-1] if re.match(r"^[A-Za-z_]+\.[A-Za-z_]", name) else name
     return re.sub(r"[^a-z0-9]+", "_", last.strip().lower()).strip("_")
+
+
+@lru_cache(maxsize=1024)
+def spellings(name: str) -> tuple[str, ...]:
+    """The ways in which LOGS may have a name: the whole of it in lower case with single underscores, then
+    without the parts that points set off in front, such as `axis0.`.
+    """
+    parts = name.strip().lower().split(".")
+    ways = (".".join(parts[k:]) for k in range(len(parts)))
+    return tuple(re.sub(r"[^a-z0-9]+", "_", way).strip("_") for way in ways)

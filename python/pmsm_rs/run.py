@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from . import _core
 from ._core import DataError, Machine, NotIdentifiableError, Recording, UsageError
 from .answers import Diagnosis, Identification
+from .corrections import corrected
 from .errors import NothingToAsk, did_you_mean, expect, expect_whole, fact, refuse
 from .given import machine_of, recording_of
 from .options import DiagnosisOptions
@@ -287,15 +288,22 @@ def _complete(
     floors = floors or [data.get("noise_floor", {})] * len(recordings)
     each = zip(recordings, floors, strict=True)
     complete = _with_read(data, [_read(recording, steady="v_q" in own) for recording, own in each])
+    # Lines that undo a mistake are those of the first recording; only where all were read alike do they help.
+    accounts = [_account(recording).columns for recording in recordings]
+    if all(columns == accounts[0] for columns in accounts):
+        complete["data_quality"] = [corrected(each, accounts[0]) for each in complete["data_quality"]]
     if validation is not None:
         lost = [_of("Validation run", finding) for finding in warnings(_read(validation))]
         complete["data_quality"] += lost
     return complete
 
 
+def _account(recording: Recording) -> Account:
+    return getattr(recording, "account", None) or Account.of_arrays(recording.names)
+
+
 def _read(recording: Recording, *, steady: bool = True) -> dict[str, Any]:
-    account = getattr(recording, "account", None) or Account.of_arrays(recording.names)
-    return told(account, recording.column("t"), recording.kind, recording.load, steady=steady)
+    return told(_account(recording), recording.column("t"), recording.kind, recording.load, steady=steady)
 
 
 def _with_read(data: dict[str, Any], reads: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

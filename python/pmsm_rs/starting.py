@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import PurePath
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,8 @@ from numpy.typing import NDArray
 from ._core import Machine
 from .config import MachineFile
 from .errors import Problem, printable, shown
-from .notes import quoted
+from .notes import entry, quoted
 from .poles import Frame, PolePairs
-from .rules import Rule
 from .signals import UNNAMED, Signal
 from .units import dimension_of
 from .words import listed
@@ -144,7 +144,10 @@ def _columns(
     incomplete: bool,
 ) -> list[str]:
     given = described.columns if isinstance(described, MachineFile) else {}
-    lines = ["[columns]"] + [f"{name} = {_rule(rule)}" for name, rule in given.items()]
+    lines = ["[columns]"]
+    if isinstance(described, MachineFile) and described.dbc is not None:
+        lines.append(f"dbc = {quoted(os.path.abspath(described.dbc))}")
+    lines += [f"{name} = {entry(rule)}" for name, rule in given.items()]
     doubtful = [signal for signal in signals if not signal.names and signal.use]
     for signal in doubtful:
         if (frame := frames.get(signal.column)) is not None:
@@ -181,18 +184,6 @@ def _columns(
 def _comment(text: str) -> list[str]:
     plain = " ".join(printable(text).split())
     return textwrap.wrap(plain, _WIDTH, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False)
-
-
-def _rule(rule: Rule | None) -> str:
-    """An entry of [columns] as TOML."""
-    if rule is None:
-        return "false"
-    plain: dict[str, Any] = {"from": rule.source, "unit": rule.unit, "file": rule.file}
-    texts = {key: quoted(value) for key, value in plain.items() if value is not None}
-    numbers = {"period": rule.period, "value": rule.value}
-    changed = {"scale": rule.scale if rule.scale != 1.0 else None, "offset": rule.offset or None}
-    entries = texts | {k: repr(float(v)) for k, v in (numbers | changed).items() if v is not None}
-    return "{ " + ", ".join(f"{key} = {value}" for key, value in entries.items()) + " }"
 
 
 def _line(name: str, value: float | None, comment: str) -> str:

@@ -100,7 +100,8 @@ _WRITTEN: Final = frozenset(_SPELLINGS) | {unit.lower() for units in UNITS.value
 
 
 def _squeezed(plain: str) -> str:
-    return re.sub(r"[\s*·.⋅]", "", plain)
+    """`plain` without the signs of a product, among them the hyphen of `oz-in`."""
+    return re.sub(r"[\s*·.⋅]|(?<=[a-z])-(?=(?:in|ft|m|mm|cm)$)", "", plain, flags=re.IGNORECASE)
 
 
 @lru_cache(maxsize=1024)

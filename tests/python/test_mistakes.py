@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pmsm_rs as pm
 import pytest
+from conftest import csv_text
 from pmsm_rs import demo
 from pmsm_rs.config import read_machine
+from pmsm_rs.corrections import corrected, undoing
+from pmsm_rs.rules import Rule
 
 pq = pytest.importorskip("pyarrow.parquet")
 
@@ -78,3 +81,90 @@ def test_a_scale_that_the_nameplate_contradicts_is_told(columns, scaled, factor,
 
 def test_a_nameplate_as_it_is_allowed_to_be_is_no_finding(columns):
     assert not [f for f in diagnosed(columns).data_quality if "nameplate" in f["finding"]]
+
+
+# What a diagnosis may say of a log, and what has then been done to the columns.
+UNDONE = {
+    "all currents had the opposite sign": {name: (name, -1.0) for name in ("i_a", "i_b", "i_c")},
+    "all voltages had the opposite sign": {name: (name, -1.0) for name in ("v_d", "v_q")},
+    "i_b had the opposite sign": {"i_b": ("i_b", -1.0)},
+    "v_d and v_q were interchanged": {"v_d": ("v_q", 1.0), "v_q": ("v_d", 1.0)},
+    "the phases a and c were interchanged": {"i_a": ("i_c", 1.0), "i_c": ("i_a", 1.0)},
+    "the currents of the phases b, c, a were in the columns of a, b, c": {
+        "i_a": ("i_b", 1.0),
+        "i_b": ("i_c", 1.0),
+        "i_c": ("i_a", 1.0),
+    },
+}
+"""Per mistake the true column that each column of the log holds, and its sign."""
+
+
+@pytest.mark.parametrize("mistake", UNDONE)
+def test_the_lines_that_undo_a_mistake_make_the_columns_right(mistake, columns, tmp_path):
+    """In a file whose names, units and scales are its own."""
+    header = {"t": "t", "v_d": "ud [mV]", "v_q": "uq [mV]", "theta_e": "theta_el [deg]", "omega_e": "we [Hz]"}
+    header |= {f"i_{phase}": f"i{phase} (mA)" for phase in "abc"}
+    size = {"v": 1e3, "i": 1e3}
+    log = {name: columns[name] for name in header}
+    log |= {name: sign * columns[other] for name, (other, sign) in UNDONE[mistake].items()}
+    log = {name: values * size.get(name[0], 1.0) for name, values in log.items()}
+    log["theta_e"], log["omega_e"] = np.degrees(log["theta_e"]), log["omega_e"] / (2.0 * np.pi)
+    path, machine = tmp_path / "run.csv", tmp_path / "machine.toml"
+    path.write_text(csv_text(log, header))
+    finding = {
+        "finding": f"the log reads as if {mistake}: with that undone the bare machine leaves 1.00",
+        "consequence": "",
+        "fix": "check wiring",
+    }
+    rules = pm.load(path).account.columns
+    fix = corrected(finding, rules)["fix"]
+    assert fix.startswith("check wiring; these lines of [columns] undo it in the log: ")
+    machine.write_text(f"[machine]\nn_p = 4\n[columns]\n{fix.partition(': ')[2].replace('; ', chr(10))}\n")
+    recording = pm.load(path, machine)
+    for name in UNDONE[mistake]:
+        np.testing.assert_allclose(recording.column(name), columns[name], atol=1e-9)
+
+
+@pytest.mark.parametrize(("words", "off"), [("30° too large", 30.0), ("90° too small", -90.0)])
+def test_an_angle_is_undone_in_the_unit_of_the_file(words, off, columns, tmp_path):
+    columns["theta_e"] = columns["theta_e"] + np.radians(off)
+    path = tmp_path / "run.csv"
+    path.write_text(
+        csv_text(columns | {"theta_e": np.degrees(columns["theta_e"])}, {"theta_e": "theta_el [deg]"})
+    )
+    rule = undoing(f"theta_e was {words}", pm.load(path).account.columns)["theta_e"]
+    assert (rule.offset, rule.unit) == (-off, "deg")
+
+
+def test_a_speed_of_the_wrong_sign_is_undone():
+    found = undoing("the speed had the opposite sign", {"n": Rule("rpm", "rpm", offset=3.0)})
+    assert found == {"n": Rule("rpm", "rpm", scale=-1.0, offset=-3.0)}
+
+
+def test_d_and_q_of_another_axis_are_undone():
+    rules = {name: Rule(f"x_{name}", "A") for name in ("i_d", "i_q", "v_d", "v_q")}
+    found = undoing("d and q were those of an axis 90° ahead of the magnet", rules)
+    assert {name: (rule.source, rule.scale) for name, rule in found.items()} == {
+        "i_d": ("x_i_q", -1.0),
+        "i_q": ("x_i_d", 1.0),
+        "v_d": ("x_v_q", -1.0),
+        "v_q": ("x_v_d", 1.0),
+    }
+
+
+@pytest.mark.parametrize(
+    "mistake", ["the voltages were logged one row early", "i_a had the opposite sign", "something new"]
+)
+def test_what_no_line_undoes_is_told_as_it_was(mistake):
+    finding = {
+        "finding": f"the log reads as if {mistake}: with that undone",
+        "consequence": "",
+        "fix": "look",
+    }
+    assert corrected(finding, {"t": Rule("t", "s")}) == finding
+
+
+def test_a_diagnosis_tells_the_lines(columns):
+    columns["v_d"], columns["v_q"] = columns["v_q"], columns["v_d"]
+    [fix] = [f["fix"] for f in diagnosed(columns).data_quality if "reads as if" in f["finding"]]
+    assert 'v_d = { from = "v_q", unit = "V" }; v_q = { from = "v_d", unit = "V" }' in fix

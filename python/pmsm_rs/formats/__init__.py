@@ -12,6 +12,7 @@ from pathlib import Path
 
 from .._core import DataError
 from ..errors import opened, refuse
+from .canlog import log_kind
 from .gate import checked_limit
 from .source import Source
 
@@ -26,6 +27,10 @@ _MAGIC = (
     (b"UnFinMF ", "mdf"),
     (b"TDSm", "tdms"),
     (b"\xff\xff\xff\xff", "feather"),
+    (b"ULog\x01\x12\x35", "ulog"),
+    (b"#ROSBAG V2", "rosbag"),
+    (b"SQLite format 3\0", "rosbag"),
+    (b"\x89MCAP", "mcap"),
 )
 _STRANGERS = (
     (b"FEA1", "a Feather file of version 1", "save it again as Feather version 2 or Parquet"),
@@ -54,11 +59,19 @@ _SUFFIX = {
     ".mf4": "MDF",
     ".mdf": "MDF",
     ".json": "json",
+    ".ulg": "ulog",
+    ".bag": "ROS",
+    ".db3": "ROS 2",
+    ".mcap": "MCAP",
+    ".blf": "BLF",
 }
+_DESCRIBED = frozenset({"can", "mdf"})
+"""Formats whose frames of a CAN bus a description takes apart."""
 
 
-def open_source(path: str | os.PathLike[str], max_bytes: int) -> Source:
-    """The columns of the file at `path`, none of them read yet.
+def open_source(path: str | os.PathLike[str], max_bytes: int, dbc: str | None = None) -> Source:
+    """The columns of the file at `path`, none of them read yet; the file `dbc` describes the frames of a CAN
+    bus.
 
     Raises UsageError where there is no such file or `max_bytes` is no number of bytes, DataError where it is
     no recording or would take more than `max_bytes` bytes of memory.
@@ -84,6 +97,8 @@ def open_source(path: str | os.PathLike[str], max_bytes: int) -> Source:
     kind = next((kind for magic, kind in _MAGIC if head.startswith(magic)), "csv")
     if kind == "csv" and _BRACKET.match(head):
         kind = "json"
+    if kind == "csv" and log_kind(head) is not None:
+        kind = "can"
     claimed = _SUFFIX.get(file.suffix.lower())
     if kind == "csv" and claimed is not None:
         raise refuse(
@@ -92,7 +107,8 @@ def open_source(path: str | os.PathLike[str], max_bytes: int) -> Source:
             file=name,
             fix="export it again; it may be cut short or damaged",
         )
-    source: Source = import_module(f".{kind}", __name__).open_file(file, max_bytes)
+    given = {"dbc": dbc} if kind in _DESCRIBED else {}
+    source: Source = import_module(f".{kind}", __name__).open_file(file, max_bytes, **given)
     return source
 
 

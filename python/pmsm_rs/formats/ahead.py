@@ -25,9 +25,13 @@ class Opening(threading.Thread):
         except BaseException as error:
             self._error = error
 
-    def source(self) -> Source:
-        """The opened file, once it is. Raises UsageError and DataError as `open_source`."""
+    def source(self, dbc: str | None = None) -> Source:
+        """The opened file, once it is, with the description `dbc` of a CAN bus where it takes one. Raises
+        UsageError and DataError as `open_source`.
+        """
         self.join()
+        if dbc is not None:
+            return open_source(self.file, self._max_bytes, dbc)
         if self._error is not None:
             raise self._error
         assert self._source is not None

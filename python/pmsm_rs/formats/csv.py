@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .._core import DataError
 from ..errors import refuse, shown
-from . import scope
+from . import scope, twincat
 from .arrow import with_gaps
 from .clock import Clock, Texts, found, seconds
 from .gate import admit, take, within
@@ -42,7 +42,10 @@ _BLANKS: Final = r"[^\S\n]"
 def open_file(file: Path, max_bytes: int) -> Source:
     """The columns of a text file. Raises DataError where it is no text or has no table."""
     name = str(file)
-    text, axis = scope.uncounted(_text(file.read_bytes(), name))
+    content = _text(file.read_bytes(), name)
+    if twincat.is_export(content):
+        return twincat.open_text(content, name, max_bytes)
+    text, axis = scope.uncounted(content)
     layout = scope.seconds(sniff(_sample(text), name))
     needed = len(layout.columns) * _COLUMN_BYTES
     if needed > max_bytes:

@@ -2,7 +2,7 @@
 
 A damaged file can make a decoder panic where it can only abort, or ask for any amount of memory. Here that
 ends this process and not the user's. On standard output come messages, each a length (4 bytes, little
-endian) and JSON; standard input carries one line with the members wanted.
+endian) and JSON; standard input carries a line for each time that members are wanted, until it is closed.
 """
 
 from __future__ import annotations
@@ -12,7 +12,11 @@ import json
 import os
 import sys
 from importlib import import_module
-from typing import Any
+from time import process_time
+from typing import Any, Final
+
+_REQUESTS: Final = 20
+"""Times the processor time of one answer that all of them may take."""
 
 
 def say(message: dict[str, Any]) -> None:
@@ -48,12 +52,12 @@ def send(columns: list[list[Any]]) -> None:
 
 
 def main() -> None:
-    """Answers one file: its members, then the values of those wanted."""
+    """Answers one file: its members, then the values of those wanted, as often as some are."""
     task = json.loads(sys.argv[1])
     sys.path[:] = task["path"]
     # A damaged file can ask for any amount of memory, or send a reader round in circles.
     described, unpacked = task["memory"]
-    cap("RLIMIT_CPU", task["seconds"], task["seconds"])
+    cap("RLIMIT_CPU", task["seconds"], _REQUESTS * task["seconds"])
     cap("RLIMIT_AS", described, unpacked)
     refused: type[BaseException] = KeyboardInterrupt
     try:
@@ -61,15 +65,19 @@ def main() -> None:
         member = import_module("pmsm_rs.formats.member")
         selection = import_module("pmsm_rs.formats.selection").Selection
         refused = member.Refused
-        table = reader.Table(task["file"], task["max_bytes"])
+        table = reader.Table(task["file"], task["max_bytes"], **task["given"])
         say({"members": [vars(entry) for entry in table.members]})
-        asked = json.loads(sys.stdin.readline() or "[]")
-        wanted = [
-            member.Wanted(index, column, selection(*part), gaps) for index, column, gaps, *part in asked
-        ]
-        if wanted:
+        for line in sys.stdin:
+            asked = json.loads(line)
+            wanted = [
+                member.Wanted(index, column, selection(*part), gaps) for index, column, gaps, *part in asked
+            ]
+            cap("RLIMIT_CPU", int(process_time()) + task["seconds"], _REQUESTS * task["seconds"])
             cap("RLIMIT_AS", unpacked, unpacked)
-            send(table.read(wanted))
+            try:
+                send(table.read(wanted))
+            except refused as error:
+                say({"refused": vars(error)})
     except refused as error:
         say({"refused": vars(error)})
     except MemoryError:

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import weakref
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
@@ -27,14 +28,24 @@ _OWN_MEMORY: Final = 1 << 30
 _MEMORY_PER_BYTE: Final = 16
 # Far below what any sound file has been seen to need.
 _BYTES_PER_SECOND: Final = 2_000_000
+SLOW: Final = 50_000
+"""Bytes per second of logs whose messages Python takes apart one by one."""
 # Starting the slowest decoder takes some three seconds of processor time.
 _FEWEST_SECONDS: Final = 15
 
 
 class _Child:
-    """The decoder of one file: started with the list of columns, asked once for values."""
+    """The decoder of one file: it starts with the list of columns, and is asked for values."""
 
-    def __init__(self, file: str, decoder: str, what: str, max_bytes: int) -> None:
+    def __init__(
+        self,
+        file: str,
+        decoder: str,
+        what: str,
+        max_bytes: int,
+        speed: int = _BYTES_PER_SECOND,
+        given: Mapping[str, str] | None = None,
+    ) -> None:
         self.file, self.what = file, what
         size = os.path.getsize(file)
         unpacked = 3 * max_bytes + _OWN_MEMORY
@@ -42,9 +53,10 @@ class _Child:
             "file": os.path.abspath(file),
             "decoder": decoder,
             "max_bytes": max_bytes,
+            "given": dict(given or {}),
             # Little until the sizes that the file declares are known to be within what is allowed.
             "memory": [min(_MEMORY_PER_BYTE * size + _OWN_MEMORY, unpacked), unpacked],
-            "seconds": _FEWEST_SECONDS + size // _BYTES_PER_SECOND,
+            "seconds": _FEWEST_SECONDS + size // speed,
             "path": [os.path.abspath(entry) for entry in sys.path if entry]
             + [str(Path(__file__).parents[2])],
         }
@@ -93,7 +105,7 @@ class _Child:
         ]
 
     def values(self, wanted: list[Wanted]) -> list[NDArray[np.float64]]:
-        """The values of the members wanted; the decoder ends with them."""
+        """The values of the members wanted. Raises Refused and DataError as `message`."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         asked = [[item.index, item.column, item.gaps, *vars(item.part).values()] for item in wanted]
@@ -117,22 +129,32 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def open_isolated(
-    file: Path, decoder: str, what: str, max_bytes: int, *, needs: tuple[str, str] | None = None
+    file: Path,
+    decoder: str,
+    what: str,
+    max_bytes: int,
+    *,
+    needs: tuple[str | tuple[str, ...], str] | None = None,
+    speed: int = _BYTES_PER_SECOND,
+    given: Mapping[str, str] | None = None,
 ) -> Source:
     """The columns of a file that `decoder`, a module of `decoders`, reads in a process of its own.
 
-    `what` names the format to the user; `needs` is the library it takes and the extra that brings it. Raises
-    UsageError where the library is not installed and DataError on damage.
+    `what` names the format to the user; `needs` are the libraries it takes and the extra that brings them.
+    `speed` is how many bytes a sound file has at most per second of decoding, and `given` what the decoder is
+    told besides. Raises UsageError where a library is not installed and DataError on damage.
     """
     name = str(file)
-    if needs is not None and find_spec(needs[0]) is None:
+    libraries = () if needs is None else (needs[0],) if isinstance(needs[0], str) else needs[0]
+    missing = next((library for library in libraries if find_spec(library) is None), None)
+    if needs is not None and missing is not None:
         raise refuse(
             UsageError,
-            f"{needs[0]}, which reads {what} files, is not installed",
+            f"{missing}, which reads {what} files, is not installed",
             file=name,
             fix=f"install it with: pip install 'pmsm-rs[{needs[1]}]'",
         )
-    child = _Child(name, decoder, what, max_bytes)
+    child = _Child(name, decoder, what, max_bytes, speed, given)
     ended = weakref.finalize(child, _end, child.process)
     try:
         members = child.members()
@@ -144,15 +166,11 @@ def open_isolated(
         raise
 
     def fetch(wanted: list[Wanted]) -> list[NDArray[np.float64]]:
-        # Whoever reads a second time gets a decoder of their own.
-        reader = child if ended.alive else _Child(name, decoder, what, max_bytes)
-        end = ended if ended.alive else weakref.finalize(reader, _end, reader.process)
         try:
-            if reader is not child:
-                reader.members()
-            return reader.values(wanted)
-        finally:
-            end()
+            return child.values(wanted)
+        except DataError:
+            ended()
+            raise
 
     try:
         return admit(name, members, fetch, max_bytes)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from .._core import DataError
 from ..errors import refuse, shown
 from .gate import admit, one_by_one
+from .matstruct import Array, Structure, columns
 from .member import BOOLEAN, COMPLEX, NUMBER, TEXT, Member
 from .source import Source
 
@@ -42,7 +43,10 @@ _TYPES: Final = {
 _CLASSES: Final = range(1, 16)
 _NUMERIC: Final = range(6, 16)
 _CHAR: Final = 4
-_OTHER: Final = {1: "a cell array", 2: "a structure", 3: "an object", 5: "a sparse matrix"}
+_OTHER: Final = {1: "a cell array", 3: "an object", 5: "a sparse matrix"}
+_STRUCTURE: Final = "it holds a structure"
+_DEEPEST: Final = 16
+_LETTERS: Final = {1: "ascii", 2: "latin-1", 16: "utf-8"}
 _COMPLEX, _LOGICAL = 0x800, 0x200
 # Of a packed variable this much is unpacked to find its size and its name, which has at most 63 characters.
 _HEAD_BYTES: Final = 4096
@@ -75,7 +79,7 @@ def open_file(file: Path, max_bytes: int) -> Source:
         order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
         if order is None:
             raise _Malformed("the byte-order mark is missing")
-        variables = list(_variables(memoryview(data)[_HEADER_BYTES:], order))
+        variables = list(_variables(memoryview(data)[_HEADER_BYTES:], order, max_bytes))
     except (_Malformed, zlib.error, UnicodeDecodeError) as error:
         raise _damaged(error, name) from error
 
@@ -92,7 +96,8 @@ def _damaged(error: Exception, file: str) -> DataError:
     return refuse(DataError, f"this .mat file cannot be read ({shown(str(error))})", file=file, fix=_FIX)
 
 
-def _variables(data: memoryview, order: str) -> Iterator[_Variable]:
+def _variables(data: memoryview, order: str, max_bytes: int) -> Iterator[_Variable]:
+    nothing = memoryview(b"")
     for kind, body in _elements(data, order):
         packed = kind == _COMPRESSED
         content, size = body, len(body)
@@ -104,8 +109,57 @@ def _variables(data: memoryview, order: str) -> Iterator[_Variable]:
             content = plain[start:]
         if kind == _MATRIX:
             member = _member(content, size, order)
-            if member is not None:
+            if member is not None and member.why == _STRUCTURE and size <= max_bytes:
+                whole = _unpacked(body, size) if packed else body
+                for inner, own in columns(member.name, _structure(whole, order, 0)):
+                    yield _Variable(inner, own or nothing, False, len(own or nothing))
+            elif member is not None:
                 yield _Variable(member, body, packed, size)
+
+
+def _unpacked(body: memoryview, size: int) -> memoryview:
+    """The content of a packed element of `size` bytes."""
+    plain = memoryview(zlib.decompressobj().decompress(body, size + 8))
+    if len(plain) < size + 8:
+        raise _Malformed("a variable is cut short")
+    return plain[8:]
+
+
+def _structure(data: memoryview, order: str, depth: int) -> Structure:
+    """The structure in an element: flags, size, name, length of the field names, these, and the fields."""
+    parts = _elements(data, order)
+    _, dims, _, length, names = (_part(parts) for _ in range(5))
+    width = int(np.frombuffer(length[1][:4], order + "i4")[0]) if len(length[1]) >= 4 else 0
+    count = math.prod(int(n) for n in np.frombuffer(dims[1], order + "i4"))
+    if width < 1 or depth > _DEEPEST or len(names[1]) % width:
+        raise _Malformed("the fields of a structure cannot be read")
+    text = bytes(names[1])
+    fields = [text[at : at + width].split(b"\0")[0].decode("ascii") for at in range(0, len(text), width)]
+    if not fields:
+        return Structure(())
+    elements = []
+    for _ in range(count):
+        elements.append({field: _field(_part(parts)[1], order, depth) for field in fields})
+    return Structure(tuple(elements))
+
+
+def _field(data: memoryview, order: str, depth: int) -> Structure | str | Array:
+    """The value of a field; what has no numbers, as an array that says so."""
+    # An empty array may have no content at all.
+    member = _member(data, len(data), order, "field") if data else None
+    if member is None:
+        return ""
+    if member.why == _STRUCTURE:
+        return _structure(data, order, depth + 1)
+    if member.kind == TEXT:
+        parts = _elements(data, order)
+        for _ in range(3):
+            _part(parts)
+        kind, letters = _part(parts)
+        return bytes(letters).decode(
+            _LETTERS.get(kind, {"<": "utf-16-le", ">": "utf-16-be"}[order]), "replace"
+        )
+    return Array(member, data, lambda: _values(_Variable(member, data, False, len(data)), order))
 
 
 def _tag(data: memoryview, order: str) -> tuple[int, int, int]:
@@ -133,12 +187,14 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
         at = at + 8 if start == 4 else end if kind == _COMPRESSED else end + -size % 8
 
 
-def _member(data: memoryview, size: int, order: str) -> Member | None:
-    """What the first elements of a variable of `size` bytes declare, None where it has no name."""
+def _member(data: memoryview, size: int, order: str, field: str = "") -> Member | None:
+    """What the first elements of a variable of `size` bytes declare, None where it has no name and is no
+    `field`.
+    """
     parts = _elements(data, order)
     flags, dims, name = (_part(parts) for _ in range(3))
     word = int(np.frombuffer(flags[1][:4], order + "u4")[0]) if len(flags[1]) >= 4 else 0
-    text = bytes(name[1]).decode("ascii")
+    text = bytes(name[1]).decode("ascii") or field
     number = word & 0xFF
     if not text or number not in _CLASSES:
         return None
@@ -151,7 +207,7 @@ def _member(data: memoryview, size: int, order: str) -> Member | None:
         # MATLAB keeps a string as a row of characters.
         return Member(text, kind=TEXT, shape=shape[:1])
     if number not in _NUMERIC:
-        return Member(text, shape=shape, why=f"it holds {_OTHER[number]}")
+        return Member(text, shape=shape, why=_STRUCTURE if number == 2 else f"it holds {_OTHER[number]}")
     kind = COMPLEX if word & _COMPLEX else BOOLEAN if word & _LOGICAL else NUMBER
     return Member(text, kind=kind, shape=shape, memory=size)
 
@@ -160,11 +216,7 @@ def _values(variable: _Variable, order: str) -> NDArray[Any]:
     """The values of a numeric variable. Raises _Malformed where they are not what was declared."""
     content = variable.body
     if variable.packed:
-        inflate = zlib.decompressobj()
-        plain = memoryview(inflate.decompress(variable.body, variable.size + 8))
-        if len(plain) < variable.size + 8:
-            raise _Malformed("a variable is cut short")
-        content = plain[8:]
+        content = _unpacked(variable.body, variable.size)
     shape = variable.member.shape or ()
     parts = _elements(content, order)
     for _ in range(3):

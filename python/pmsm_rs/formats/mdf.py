@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from .._core import DataError
@@ -10,8 +11,8 @@ from .isolated import open_isolated
 from .source import Source
 
 
-def open_file(file: Path, max_bytes: int) -> Source:
-    """The channels of an MDF file.
+def open_file(file: Path, max_bytes: int, dbc: str | None = None) -> Source:
+    """The channels of an MDF file; the file `dbc` describes the frames of a CAN bus in it.
 
     Raises UsageError without asammdf; DataError on damage, on channels of different time bases, and on more
     than `max_bytes` declared.
@@ -25,4 +26,5 @@ def open_file(file: Path, max_bytes: int) -> Source:
             file=str(file),
             fix="close it with the tool that recorded it, or finalize it with asammdf",
         )
-    return open_isolated(file, "mdf", "MDF", max_bytes, needs=("asammdf", "mdf"))
+    given = {} if dbc is None else {"dbc": os.path.abspath(dbc)}
+    return open_isolated(file, "mdf", "MDF", max_bytes, needs=("asammdf", "mdf"), given=given)

@@ -234,14 +234,8 @@ def _header(
         named = split(text, separator) if text else []
         if len(named) == width and not any(is_number(x, comma) for x in named):
             return i, named, None
-    raise refuse(
-        DataError,
-        "there is no header line with column names",
-        file=file,
-        row=first + 1,
-        place=f"line {first + 1}",
-        fix="put a line with the names of the columns above the numbers",
-    )
+    # Without a header the columns go by their numbers.
+    return first - 1, [f"column {c + 1}" for c in range(width)], None
 
 
 def _stamp(line: str) -> int | None:

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from ..gate import take, within
 from ..member import BOOLEAN, NUMBER, NUMBER_BYTES, OBJECT, TEXT, Member, Refused, Wanted
 from ..source import MISSING_FIX
-from . import Parts
+from . import NO_TIME, NO_TIME_FIX, Parts
 
 TIME: Final = "time"
-_NO_TIME: Final = "no channel with a time base is wanted"
-_NO_TIME_FIX: Final = "map at least one channel"
 _CUT_FIX: Final = "export it again; it may be cut short or damaged"
 _MASTER, _VIRTUAL_MASTER = 2, 3
+_FRAMES: Final = ("CAN_DataFrame", "CAN_DataFrame.ID")
 # Signed, unsigned and floating-point numbers in either byte order.
 _NUMERIC: Final = range(6)
 _STRINGS: Final = range(6, 10)
@@ -26,12 +25,15 @@ _STRINGS: Final = range(6, 10)
 class Table:
     """The channels of a file as GROUP/CHANNEL, groups counted from 0, and the time of each group."""
 
-    def __init__(self, file: str, max_bytes: int) -> None:
-        """Reads the metadata, not the values."""
+    def __init__(self, file: str, max_bytes: int, dbc: str | None = None) -> None:
+        """Reads the metadata, not the values; with a `dbc` takes logged frames of a CAN bus apart."""
         from asammdf import MDF
 
         self.max_bytes = max_bytes
         self.file: Any = MDF(file, raise_on_multiple_occurrences=False)
+        if dbc is not None and any(channel in self.file for channel in _FRAMES):
+            self.file = self.file.extract_bus_logging({"CAN": [(dbc, 0)]})
+            self.file.configure(raise_on_multiple_occurrences=False)
         self.places: list[tuple[int, int | None]] = []
         self.members: list[Member] = []
         for g, group in enumerate(cast("list[Any]", self.file.groups)):
@@ -51,7 +53,7 @@ class Table:
         if any(member.stamps for member in self.members) and not any(
             member.name == TIME and not member.stamps for member in self.members
         ):
-            self.members.append(Member(TIME, unit="s", stamps=True, why=_NO_TIME, fix=_NO_TIME_FIX))
+            self.members.append(Member(TIME, unit="s", stamps=True, why=NO_TIME, fix=NO_TIME_FIX))
 
     def read(self, wanted: list[Wanted]) -> Parts:
         """The channels and times wanted, after a check of their declared sizes."""

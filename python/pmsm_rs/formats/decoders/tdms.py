@@ -10,12 +10,10 @@ import numpy as np
 from ...units import canonical
 from ..gate import take, within
 from ..member import NUMBER, NUMBER_BYTES, Member, Refused, Wanted, kind_of
-from . import Parts
+from . import NO_TIME, NO_TIME_FIX, Parts
 
 _AXIS: Final = "sample times"
 _TIMES: Final = frozenset({"t", "time"})
-_NO_TIME: Final = "no channel with a time base is wanted"
-_NO_TIME_FIX: Final = "map at least one channel"
 _CUT_FIX: Final = "export it again; it may be cut short or damaged"
 
 
@@ -69,7 +67,7 @@ class Table:
             for k, axis in enumerate(self.axes)
         ]
         if self.axes or clocks:
-            self.members.append(Member("t", unit="s", stamps=True, why=_NO_TIME, fix=_NO_TIME_FIX))
+            self.members.append(Member("t", unit="s", stamps=True, why=NO_TIME, fix=NO_TIME_FIX))
 
     def read(self, wanted: list[Wanted]) -> Parts:
         """The channels wanted, after their declared lengths have been checked against the file."""
