@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 
 from ._core import Machine, MachineError, PmsmError
 from .datasheet import Converted, settled
-from .errors import did_you_mean, opened, refuse, shown
+from .errors import clauses, did_you_mean, opened, refuse, shown
 from .quantities import CANONICAL
 from .rules import Rule, Rules
 from .schema import NotNegative, Number, Positive, Table, validated
@@ -22,6 +22,21 @@ from .units import canonical, suggest
 _DBC = "dbc"
 """Key of [columns] that names no column but the description of a CAN bus."""
 _LARGEST_FILE = 1 << 20
+# Parts of a dotted key, of which Python's reader takes the square.
+_DEEPEST = 32
+# Characters of the name of a column that is mapped.
+_LONGEST_NAME = 4096
+# Entries of a table: all of them that are not known are told, with the nearest that is.
+_MOST_ENTRIES = 1000
+_MARK = re.compile(r"\"\"\"|'''|[\"'#\n.=,\[\]{}]")
+# How strings and comments end. No part of them can match in two ways.
+_ENDS = {
+    '"': re.compile(r'(?:[^"\\\n]|\\.)*+["\n]'),
+    "'": re.compile(r"[^'\n]*+['\n]"),
+    "#": re.compile(r"[^\n]*+"),
+    '"""': re.compile(r'(?:[^"\\]|\\.|"{1,2}+(?!"))*+"{3,5}', re.DOTALL),
+    "'''": re.compile(r"(?:[^']|'{1,2}+(?!'))*+'{3,5}"),
+}
 # A whole number beyond 64 bits has at least as many digits, be they hexadecimal.
 _LONG_NUMBER = re.compile(r"[0-9A-Fa-f_]{16,}")
 LoadKind = Literal["none", "known_constant", "measured", "unknown_constant", "unknown_piecewise", "locked"]
@@ -65,7 +80,7 @@ class _Load(Table):
 
 
 class _Column(Table):
-    source: Annotated[str | None, Field(alias="from")] = None
+    source: Annotated[str | None, Field(alias="from", max_length=_LONGEST_NAME)] = None
     unit: str | None = None
     scale: Number = 1.0
     offset: Number = 0.0
@@ -124,7 +139,7 @@ def read_machine(path: str | os.PathLike[str]) -> MachineFile:
     if sheet.i_rated is not None and isinstance(drive, Ratings) and drive.i_rated is not None:
         errors.append("machine.i_rated: [drive] has it as well; give it once")
     if errors:
-        raise refuse(MachineError, "; ".join(errors), file=name, fix="correct the machine file")
+        raise refuse(MachineError, clauses(errors), file=name, fix="correct the machine file")
     assert isinstance(plate, _Machine)
     assert isinstance(drive, Ratings)
     assert isinstance(load, _Load)
@@ -144,12 +159,13 @@ def read_toml(name: str, role: str = "machine file", kind: type[PmsmError] = Mac
     with opened(name, role) as file:
         if file.stat().st_size > _LARGEST_FILE:
             raise refuse(kind, f"it is far too large for a {role}", file=name, fix="name the TOML file")
-        content = file.read_bytes()
+        data = file.read_bytes()
     try:
-        text = content.decode("utf-8-sig")
+        text = data.decode("utf-8-sig")
+        _check_nesting(text, name, kind)
         if _LONG_NUMBER.search(text):
             _whole_numbers_fit(text, name, kind)
-        return tomllib.loads(text)
+        content = tomllib.loads(text)
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         what = (
             "it is no UTF-8 text"
@@ -159,6 +175,48 @@ def read_toml(name: str, role: str = "machine file", kind: type[PmsmError] = Mac
         raise refuse(
             kind, f"this is no valid TOML ({what})", file=name, fix="correct it at that place"
         ) from error
+    for where, table in [
+        ("the file", content),
+        *((f"[{shown(key)}]", part) for key, part in content.items()),
+    ]:
+        if isinstance(table, dict) and len(table) > _MOST_ENTRIES:
+            raise refuse(
+                kind,
+                f"{where} has {len(table)} entries, more than {_MOST_ENTRIES}",
+                file=name,
+                fix="leave out what does not belong there",
+            )
+    return content
+
+
+def _check_nesting(text: str, name: str, kind: type[PmsmError]) -> None:
+    """Raises `kind` where a dotted key has more than `_DEEPEST` parts.
+
+    What is within quotes or a comment is passed over. The text is gone through once.
+    """
+    at, parts = 0, 0
+    while (found := _MARK.search(text, at)) is not None:
+        at, mark = found.end(), found[0]
+        if mark in _ENDS:
+            ended = _ENDS[mark].match(text, at)
+            if ended is None:
+                # Nothing ends it, as Python's reader will say.
+                return
+            at = ended.end()
+        elif mark == ".":
+            parts += 1
+        else:
+            parts = 0
+        if parts >= _DEEPEST:
+            line = text.count("\n", 0, at) + 1
+            raise refuse(
+                kind,
+                f"a key has more than {_DEEPEST} parts",
+                file=name,
+                row=line,
+                place=f"line {line}",
+                fix="correct it at that place",
+            )
 
 
 def _whole_numbers_fit(text: str, name: str, kind: type[PmsmError]) -> None:
@@ -231,10 +289,9 @@ def _columns(content: object, errors: list[str]) -> dict[str, Rule | None]:
             errors.append(f"{path}: there is no such column ({did_you_mean(name, CANONICAL)})")
         elif entry is False:
             rules[name] = None
-        elif isinstance(entry, str):
-            rules[name] = Rule(entry)
         else:
-            column = validated(_Column, path, entry if isinstance(entry, dict) else None or {}, errors)
+            given = {"from": entry} if isinstance(entry, str) else entry
+            column = validated(_Column, path, given if isinstance(given, dict) else {}, errors)
             if column is None:
                 continue
             if column.period is not None and name != "t":
@@ -243,7 +300,7 @@ def _columns(content: object, errors: list[str]) -> dict[str, Rule | None]:
                 errors.append(f"{path}: t comes from the recording itself, or has a period")
             if column.unit is not None and canonical(column.unit, CANONICAL[name].dimension) is None:
                 errors.append(
-                    f"{path}.unit: '{column.unit}' is no unit of {CANONICAL[name].dimension} "
+                    f"{path}.unit: '{shown(column.unit)}' is no unit of {CANONICAL[name].dimension} "
                     f"({suggest(column.unit, CANONICAL[name].dimension)})"
                 )
             rules[name] = Rule(**column.model_dump())

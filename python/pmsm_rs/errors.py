@@ -18,6 +18,9 @@ _LONGEST_SHOWN = 80
 _MOST_LISTED = 40
 # Problems of a file that one refusal tells.
 _MOST_TOLD = 12
+# The same of a machine file or a configuration, and characters of each.
+_MOST_CLAUSES = 24
+_LONGEST_CLAUSE = 1000
 # Names, and characters of a name, that are searched for a near one: comparing takes the square of the length.
 _MOST_COMPARED = 1000
 _LONGEST_COMPARED = 64
@@ -100,6 +103,18 @@ def refuse_all(kind: type[Refusal], problems: Sequence[Problem], file: str | Non
             fix=". ".join(each.fix for each in problems[:_MOST_TOLD]),
         )
     return _annotate(error, problems=tuple(problems))
+
+
+def clauses(problems: Sequence[str]) -> str:
+    """What is wrong with a file as one clause: the first problems, long ones cut, and how many more there
+    are.
+    """
+    told = [
+        text if len(text) <= _LONGEST_CLAUSE else f"{text[: _LONGEST_CLAUSE - 80]}…{text[-79:]}"
+        for text in problems[:_MOST_CLAUSES]
+    ]
+    more = len(problems) - len(told)
+    return "; ".join([*told, *([f"and {more} more like these"] if more else [])])
 
 
 def _ended(clause: str) -> str:

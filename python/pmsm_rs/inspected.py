@@ -19,7 +19,7 @@ from .words import listed, lower_first
 _LONGEST: Final = 25
 """Signs of a name in a table."""
 _MOST: Final = 40
-"""Columns in a table: a file may have thousands."""
+"""Columns in a table, and things to settle: a file may have thousands."""
 _NAMED: Final = 8
 """Columns that one reason names."""
 _NAMELESS: Final = "(no name)"
@@ -56,8 +56,10 @@ def text(found: InspectionValues, *, blocks: bool = True, machine_file: bool = T
     lines = [*_head(found), *_used(found, blocks), *_unused(found, blocks), *_questions(found)]
     if found.tasks:
         lines += ["", "To settle before a diagnosis"]
-        for count, task in enumerate(found.tasks, 1):
+        for count, task in enumerate(found.tasks[:_MOST], 1):
             lines.append(hung(f"  {count}  ", f"{_subject(task)}{task.problem}; {task.fix}"))
+        if len(found.tasks) > _MOST:
+            lines.append(f"  and {len(found.tasks) - _MOST} more, which the answer in JSON lists")
     if found.findings:
         lines += ["", "Findings"]
         for item in found.findings:
@@ -164,8 +166,9 @@ def _cells(signal: Signal, blocks: bool) -> tuple[str, ...]:
     name = shown(signal.column) or _NAMELESS
     if len(name) > _LONGEST:
         name = f"{name[: _LONGEST - 10]}…{name[-9:]}"
+    unit = printable((signal.unit or "")[:_LONGEST])
     gaps = str(signal.missing) if signal.missing and not signal.is_empty else ""
-    cells = (name, span, signal.unit or "", gaps, "empty" if signal.is_empty else line)
+    cells = (name, span, unit, gaps, "empty" if signal.is_empty else line)
     return cells if blocks else tuple(map(plain, cells))
 
 

@@ -63,7 +63,8 @@ def line_for(source: Source, column: str, found: Meaning, name: str) -> str:
 def quoted(text: str) -> str:
     """`text` as a basic string of TOML."""
     plain = text.replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in plain) + '"'
+    escaped = (f"\\U{ord(c):08x}" if ord(c) > 0xFFFF else f"\\u{ord(c):04x}" for c in plain)
+    return '"' + "".join(c if c.isprintable() else e for c, e in zip(plain, escaped, strict=True)) + '"'
 
 
 def entry(rule: Rule | None) -> str:

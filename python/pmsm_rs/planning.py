@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from ._core import DataError
-from .errors import Problem, fact, refuse_all
+from .errors import Problem, fact, refuse_all, shown
 from .formats.sniff import name_and_unit
 from .formats.source import Source
 from .naming import Meaning, meaning
@@ -276,13 +276,15 @@ def _choose(draft: _Draft) -> None:
 
 
 def _rivals(source: Source, claims: list[_Claim], slot: str) -> Problem:
-    names = [f"'{claim.column}'" for claim in claims]
+    names = [f"'{shown(claim.column)}'" for claim in claims[:_LISTED]]
+    if len(claims) > _LISTED:
+        names.append(f"{len(claims) - _LISTED} more")
     both = (
         f"both {names[0]} and {names[1]}" if len(names) == 2 else f"{', '.join(names[:-1])} and {names[-1]}"
     )
     lines = [
         f'{claim.name} = {{ from = {quoted(source.header(claim.column))}, unit = "{claim.unit}" }}'
-        for claim in claims
+        for claim in claims[:_LISTED]
     ]
     return Problem(
         f"{both} could be {slot}",
@@ -414,26 +416,26 @@ def _account(draft: _Draft, plan: dict[str, Rule]) -> Account:
     source = draft.source
     used = {rule.source for rule in plan.values()}
     used |= {part for column in used & {*source.clocks} for part in source.clocks[column or ""]}
-    shown = {
+    told = {
         name: rule if rule.source is None else replace(rule, source=source.header(rule.source))
         for name, rule in plan.items()
     }
     beside = {name: rule for name, rule in draft.given.items() if rule is not None and rule.file is not None}
     for name, rule in beside.items():
-        shown[name] = replace(rule, unit=rule.unit or CANONICAL[name].unit)
+        told[name] = replace(rule, unit=rule.unit or CANONICAL[name].unit)
     arrays = {name.partition("[")[0].removesuffix(".real").removesuffix(".imag") for name in used if name}
     ignored = [name for name in dict.fromkeys(source.names) if name not in used and name not in arrays]
     unused = [replace(u, column=source.header(u.column)) for u in draft.unused.values()]
     return Account(
-        {name: shown[name] for name in CANONICAL if name in shown},
+        {name: told[name] for name in CANONICAL if name in told},
         tuple(source.header(name) for name in ignored),
         tuple(unused),
-        missed({*shown}, draft.given, unused),
+        missed({*told}, draft.given, unused),
         "recording" if source.file is None else "file",
     )
 
 
 def listed_names(names: tuple[str, ...]) -> str:
     """The first names of a file, in quotes."""
-    shown = ", ".join(f"'{name}'" for name in names[:_LISTED])
-    return shown + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
+    told = ", ".join(f"'{shown(name)}'" for name in names[:_LISTED])
+    return told + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")

@@ -10,17 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._core import DataError
-from .errors import fact
+from .errors import Problem, fact, refuse
 from .formats.selection import Selection
 from .formats.source import Source
 from .naming import meaning
 from .planning import Survey
+from .reading import Unused
 from .units import canonical, dimension_of
 
 STRETCHES: Final = 20
 """Parts of a column whose highest values show its course."""
 _TOGETHER: Final = 64
 """Columns that are read at a time: a file may have thousands."""
+_READS: Final = 16
+"""Times that a file is read over for its columns, at least as many as make groups of `_TOGETHER`."""
+_FAULTS: Final = 64
+"""Columns that cannot be read, each of which has the others read over, before the rest is passed over."""
 UNNAMED: Final = "nothing in the name says that it is a signal of the motor"
 """Why a column is not used whose name says nothing."""
 
@@ -72,17 +77,21 @@ def signals(source: Source, survey: Survey) -> tuple[list[Signal], dict[str, NDA
     found: dict[str, Signal] = {}
     # What is used is read by itself, so that it can be read where all columns together take too much memory.
     rest = [column for column in columns if column not in taken and column != source.common]
-    groups = [rest[start : start + _TOGETHER] for start in range(0, len(rest), _TOGETHER)]
+    size = max(_TOGETHER, -(-len(rest) // _READS))
+    groups = [rest[start : start + size] for start in range(0, len(rest), size)]
+    fates = _Fates(source, survey)
+    faults = 0
     for group in [[column for column in columns if column in taken and column != source.common], *groups]:
-        for column, own in _values(source, group):
-            found[column] = _signal(column, own, taken.get(column, []), source, survey)
+        for column, own in _values(source, group, _FAULTS - faults):
+            found[column] = _signal(column, own, taken.get(column, []), fates)
+            faults += isinstance(own, DataError)
             wanted = column in taken or found[column].use
             if wanted and not isinstance(own, DataError):
                 raw[column] = own
     if source.common in columns:
         # The times that stand for those of any group have no values of their own.
         nothing: NDArray[np.float64] = np.empty(0)
-        found[source.common] = _signal(source.common, nothing, taken.get(source.common, []), source, survey)
+        found[source.common] = _signal(source.common, nothing, taken.get(source.common, []), fates)
     return [found[column] for column in columns], raw
 
 
@@ -97,10 +106,21 @@ def _columns(source: Source, taken: Iterable[str]) -> list[str]:
     return [*dict.fromkeys([*listed, *rest])]
 
 
-def _values(source: Source, columns: Sequence[str]) -> Iterator[tuple[str, NDArray[np.float64] | DataError]]:
-    """The values of each column, or why they cannot be read."""
+def _values(
+    source: Source, columns: Sequence[str], faults: int
+) -> Iterator[tuple[str, NDArray[np.float64] | DataError]]:
+    """The values of each column, or why they cannot be read; behind so many `faults` no more is tried."""
     left = list(columns)
     while left:
+        if faults < 0:
+            error = refuse(
+                DataError,
+                f"it was passed over, as {_FAULTS} other columns cannot be read",
+                file=source.file,
+                fix="export columns of numbers alone",
+            )
+            yield from ((column, error) for column in left)
+            return
         try:
             yield from source.read(left, gaps=True).items()
             return
@@ -111,6 +131,7 @@ def _values(source: Source, columns: Sequence[str]) -> Iterator[tuple[str, NDArr
                 yield from ((column, error) for column in left)
                 return
             left.remove(str(faulty))
+            faults -= 1
             yield str(faulty), error
 
 
@@ -118,12 +139,12 @@ def _signal(
     column: str,
     values: NDArray[np.float64] | DataError,
     names: list[str],
-    source: Source,
-    survey: Survey,
+    fates: _Fates,
 ) -> Signal:
+    source, survey = fates.source, fates.survey
     header = source.header(column)
     rule = survey.plan[names[0]] if names else None
-    why, use = (None, ()) if names else _fate(column, header, source, survey)
+    why, use = (None, ()) if names else fates.of(column)
     unit = _stated(column, source) if rule is None else rule.unit
     if isinstance(values, DataError):
         place, fix = fact(values, "place"), "" if names else f"; {fact(values, 'fix')}"
@@ -147,7 +168,7 @@ def _signal(
         course(values),
         why,
         use,
-        next((each.could_be for each in survey.account.unused if each.column == header), ()),
+        fates.unused[header].could_be if header in fates.unused else (),
         source.bases.get(column) if len(source.stamps) > 1 else None,
     )
 
@@ -160,20 +181,35 @@ def _stated(column: str, source: Source) -> str | None:
     return text if dimension is None or text is None else canonical(text, dimension)
 
 
-def _fate(column: str, header: str, source: Source, survey: Survey) -> tuple[str, tuple[str, ...]]:
-    """Why a column is not used, and the lines of [columns] of which one would use it."""
-    for problem in survey.problems:
-        if problem.column in {column, header} and problem.lines:
+class _Fates:
+    """What `survey` says of the columns of `source` that are not used, found by their names and headers."""
+
+    def __init__(self, source: Source, survey: Survey) -> None:
+        self.source, self.survey = source, survey
+        self.problems: dict[str | None, Problem] = {}
+        for problem in survey.problems:
+            if problem.lines:
+                self.problems.setdefault(problem.column, problem)
+        self.unused: dict[str, Unused] = {}
+        for entry in survey.account.unused:
+            self.unused.setdefault(entry.column, entry)
+        self.clocks = {part: clock for clock, parts in reversed([*source.clocks.items()]) for part in parts}
+        self.stamps = frozenset(source.stamps.values())
+
+    def of(self, column: str) -> tuple[str, tuple[str, ...]]:
+        """Why a column is not used, and the lines of [columns] of which one would use it."""
+        header = self.source.header(column)
+        problem = self.problems.get(column) or self.problems.get(header)
+        if problem is not None:
             return problem.problem, problem.lines
-    for entry in survey.account.unused:
-        if entry.column == header:
+        entry = self.unused.get(header)
+        if entry is not None:
             return entry.why, () if entry.use is None else (entry.use,)
-    clock = next((clock for clock, parts in source.clocks.items() if column in parts), None)
-    if clock is not None:
-        return f"it is a part of the sample time '{source.header(clock)}'", ()
-    if column in source.stamps.values():
-        return "it holds the sample times of its group", ()
-    return UNNAMED, ()
+        if column in self.clocks:
+            return f"it is a part of the sample time '{self.source.header(self.clocks[column])}'", ()
+        if column in self.stamps:
+            return "it holds the sample times of its group", ()
+        return UNNAMED, ()
 
 
 def course(values: NDArray[np.float64]) -> tuple[float, ...]:

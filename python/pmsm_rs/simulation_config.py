@@ -39,7 +39,7 @@ from typing import Any, TypeVar
 from . import simulation_tables as tables
 from ._core import Machine, MachineError, UsageError
 from .config import Plate, Ratings, read_machine, read_toml
-from .errors import did_you_mean, refuse
+from .errors import clauses, did_you_mean, refuse
 from .registry import effects
 from .schema import Table, validated
 
@@ -93,7 +93,7 @@ def read(
     errors: list[str] = []
     built = _build(content, folder, errors)
     if errors or built is None:
-        raise refuse(UsageError, "; ".join(errors), file=file, fix="correct the configuration")
+        raise refuse(UsageError, clauses(errors), file=file, fix="correct the configuration")
     built.settings.update(exact)
     return built
 

@@ -18,6 +18,7 @@ from .notes import entry, quoted
 from .poles import Frame, PolePairs
 from .signals import UNNAMED, Signal
 from .units import dimension_of
+from .wording import LONGEST
 from .words import listed
 
 _WIDTH: Final = 100
@@ -39,6 +40,8 @@ _CHOICES: Final = (
 )
 _MOST: Final = 24
 """Columns that are offered: a file may have thousands."""
+_MOST_DOUBTFUL: Final = 60
+"""Columns in doubt that get a line of their own."""
 _CURRENTS: Final = ("i_a", "i_b", "i_c", "i_d", "i_q")
 
 
@@ -149,7 +152,7 @@ def _columns(
         lines.append(f"dbc = {quoted(os.path.abspath(described.dbc))}")
     lines += [f"{name} = {entry(rule)}" for name, rule in given.items()]
     doubtful = [signal for signal in signals if not signal.names and signal.use]
-    for signal in doubtful:
+    for signal in doubtful[:_MOST_DOUBTFUL]:
         if (frame := frames.get(signal.column)) is not None:
             lines += _comment(f"'{shown(signal.column)}': {frame.name}, as {frame.beside} shows")
             lines += [line for line in signal.use if line.startswith(f"{frame.name} =")]
@@ -160,6 +163,8 @@ def _columns(
             choice = f"; it could also be {listed(others, 'or')}"
         lines += _comment(f"'{shown(signal.column)}': {signal.why or ''}{choice}")
         lines += [f"#{line}" for line in signal.use]
+    if len(doubtful) > _MOST_DOUBTFUL:
+        lines.append(f"# and {len(doubtful) - _MOST_DOUBTFUL} more columns like these")
     if not has_time and not any(line.startswith("t =") for signal in doubtful for line in signal.use):
         lines.append("#t = { period =  }  # s from row to row, where the file has no time")
     offered = {line for signal in doubtful for line in signal.use}
@@ -167,6 +172,8 @@ def _columns(
     lines += [f"#{line}  # where it was held at this value" for line in absent]
     silent = [each for each in signals if each.why == UNNAMED and each.low != each.high]
     silent = [each for each in silent if each.unit is None or dimension_of(each.unit) is not None]
+    # No line is offered for a name that would hide the others.
+    silent = [each for each in silent if len(each.column) <= LONGEST]
     if incomplete and silent:
         lines += _comment(
             "Columns whose names say nothing. For each signal of the motor write its canonical name "

@@ -14,15 +14,17 @@ from numpy.typing import NDArray
 from ._core import DataError
 from .columns import assemble
 from .errors import refuse
-from .formats.gate import admit, one_by_one
+from .formats.gate import admit, few_enough, one_by_one
 from .formats.json import object_of, pairs_of
-from .formats.member import Member
+from .formats.member import Member, Refused
 from .formats.sniff import is_number, name_and_unit, skipped, split
 from .rules import Rules
 
 NAME = "standard input"
 _CHUNK = 1 << 16
 _LONGEST_LINE = 1 << 20
+# What the names of the columns mean is found anew for each lot of lines.
+_MOST_NAMES = 1000
 _MISSING = frozenset({"", "nan", "null", "na", "n/a", "inf", "+inf", "-inf"})
 _SEPARATORS = (",", ";", "\t", "|")
 
@@ -97,6 +99,14 @@ def _bad(problem: str, number: int, fix: str, column: str | None = None) -> Data
     return refuse(DataError, problem, file=NAME, row=number, place=f"line {number}", column=column, fix=fix)
 
 
+def _few_enough(names: tuple[str, ...], number: int) -> None:
+    """Raises DataError on far too many names."""
+    try:
+        few_enough(len(names), _MOST_NAMES)
+    except Refused as refused:
+        raise _bad(refused.problem, number, "send the columns that are to be followed") from None
+
+
 class _Table(Protocol):
     """Names and units of the columns, of which two may have one name, and how a line becomes a row."""
 
@@ -117,6 +127,7 @@ class _Text:
         self.units = tuple(unit for _, unit in fields)
         if header.lstrip().startswith("["):
             raise _bad("this is no JSON object", number, 'send objects such as {"t": 0.0, "i_d": 1.0}')
+        _few_enough(self.names, number)
         if len(self.names) < 2 or all(is_number(name, False) for name in self.names):
             raise _bad("this is no header", number, "begin with the names of the columns, such as t,v_d,v_q")
         self.comma = self.separator != ","
@@ -147,6 +158,7 @@ class _Objects:
     def __init__(self, line: str, number: int) -> None:
         self.names = tuple(sorted(name for name, _ in self._object(line, number)))
         self.units: tuple[str | None, ...] = (None,) * len(self.names)
+        _few_enough(self.names, number)
         if not self.names:
             raise _bad("the object is empty", number, 'send objects such as {"t": 0.0, "i_d": 1.0}')
 

@@ -216,7 +216,8 @@ def test_ctrl_c_on_the_command_line_writes_the_best_so_far(tmp_path: Path) -> No
     code = (
         "import os, signal, sys\n"
         "from pmsm_rs import cli\n"
-        "cli.terminal.progress = lambda stages=None: lambda stage, fraction: os.kill(os.getpid(), signal.SIGINT)\n"
+        "stop = lambda stage, fraction: os.kill(os.getpid(), signal.SIGINT)\n"
+        "cli.terminal.progress = lambda stages=None: stop\n"
         "cli.main(sys.argv[1:])\n"
     )
     arguments = ["diagnose", recording, "--machine", machine, "--validate", validation, "--json", "a.json"]

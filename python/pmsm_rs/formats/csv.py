@@ -18,7 +18,7 @@ from ..errors import refuse, shown
 from . import scope, twincat
 from .arrow import with_gaps
 from .clock import Clock, Texts, found, seconds
-from .gate import admit, take, within
+from .gate import admit, few_enough, take, within
 from .member import Member, Refused, Wanted
 from .remark import Remark
 from .sniff import SAMPLE_LINES, Layout, is_number, signed, skipped, sniff, split
@@ -48,13 +48,15 @@ def open_file(file: Path, max_bytes: int) -> Source:
     text, axis = scope.uncounted(content)
     layout = scope.seconds(sniff(_sample(text), name))
     needed = len(layout.columns) * _COLUMN_BYTES
-    if needed > max_bytes:
-        raise refuse(
-            DataError,
-            f"its {len(layout.columns)} columns need {needed} bytes, more than the {max_bytes} allowed",
-            file=name,
-            fix="export fewer columns, or raise max_bytes",
-        )
+    try:
+        few_enough(len(layout.columns))
+        if needed > max_bytes:
+            raise Refused(
+                f"its {len(layout.columns)} columns need {needed} bytes, more than the {max_bytes} allowed",
+                "export fewer columns, or raise max_bytes",
+            )
+    except Refused as refused:
+        raise refuse(DataError, refused.problem, file=name, fix=refused.fix) from refused
     counted = next((k for k, column in enumerate(layout.columns) if axis and column.name == "X"), None)
     if counted is not None:
         layout = scope.timed(layout)

@@ -66,6 +66,7 @@ def main() -> None:
         selection = import_module("pmsm_rs.formats.selection").Selection
         refused = member.Refused
         table = reader.Table(task["file"], task["max_bytes"], **task["given"])
+        import_module("pmsm_rs.formats.gate").few_enough(len(table.members))
         say({"members": [vars(entry) for entry in table.members]})
         for line in sys.stdin:
             asked = json.loads(line)

@@ -12,6 +12,8 @@ from .selection import Selection
 
 # A refusal names the first few of the candidates.
 _SHOWN: Final = 4
+# Groups have names of at most 1024 characters, so no path is cut behind.
+_LONGEST_PATH: Final = 1025
 
 
 class Directory:
@@ -68,7 +70,7 @@ class Directory:
             for table in (self._by_name, self._by_header, self._notes):
                 if reading.name in table:
                     return table[reading.name], reading
-            cuts = [at for at, sign in enumerate(reading.name) if sign == "/"]
+            cuts = [at for at, sign in enumerate(reading.name[:_LONGEST_PATH]) if sign == "/"]
             ways = [self._by_path.get((reading.name[:at], reading.name[at + 1 :]), []) for at in cuts]
             if found := [index for way in ways for index in way]:
                 return found, reading

@@ -7,6 +7,7 @@ for every format:
 - Integers and floating-point numbers are numbers. Booleans, text, dates and objects are not.
 - Complex numbers are wanted by their part, `.real` or `.imag`. Real numbers have no imaginary part.
 - What the wanted values take in memory is compared with the limit before any of them is unpacked.
+- A file has at most `MOST_COLUMNS` columns.
 """
 
 from __future__ import annotations
@@ -47,6 +48,9 @@ _NO_NUMBERS: Final = {
     OBJECT: ("it holds no plain numbers", PLAIN_FIX),
 }
 
+MOST_COLUMNS: Final = 200_000
+"""Far more than any recording has. Each takes about a kilobyte, and its name a tenth of a millisecond."""
+
 Fetch = Callable[[list[Wanted]], Sequence[NDArray[np.float64]]]
 """What `take` makes of each member wanted; members come in ascending order of their index."""
 
@@ -57,6 +61,12 @@ def checked_limit(max_bytes: object) -> int:
     if not plain or not math.isfinite(max_bytes) or max_bytes < 0:  # type: ignore[arg-type, operator]
         raise refuse(UsageError, f"max_bytes is {max_bytes!r}", fix="give a number of bytes from 0 on")
     return int(max_bytes)  # type: ignore[call-overload, no-any-return]
+
+
+def few_enough(columns: int, most: int = MOST_COLUMNS) -> None:
+    """Raises Refused where there are more than `most` columns."""
+    if columns > most:
+        raise Refused(f"it has {columns} columns, more than {most}", "export fewer columns")
 
 
 def within(size: int, max_bytes: int) -> None:
@@ -115,8 +125,12 @@ def admit(
     `remarks` what it did to them.
 
     A member goes by its own name where no other has it, else by GROUP/NAME. Raises DataError where there is
-    no member; reading raises it on whatever the rules of this module exclude.
+    no member, or far too many; reading raises it on whatever the rules of this module exclude.
     """
+    try:
+        few_enough(len(members))
+    except Refused as refused:
+        raise _refusal(refused, file, place) from refused
     if not any(not member.is_note for member in members):
         raise refuse(DataError, "it holds no columns of numbers", file=file, fix=PLAIN_FIX)
     directory = Directory(members)

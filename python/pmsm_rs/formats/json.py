@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .._core import DataError
 from ..errors import refuse
-from .gate import admit, one_by_one
+from .gate import admit, few_enough, one_by_one
 from .listed import array_of, shape_of
 from .member import UNKNOWN, Member, Refused
 from .source import Source
@@ -55,6 +55,7 @@ def open_file(file: Path, max_bytes: int) -> Source:
     if not columns:
         raise refuse(DataError, "it holds no lists of numbers", file=name, fix=_FIX)
     try:
+        few_enough(len(columns))
         members = [
             Member(column, group, kind=UNKNOWN, shape=shape_of(values)) for group, column, values in columns
         ]

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from .._core import DataError
 from ..errors import refuse, shown
-from .gate import admit, one_by_one
+from .gate import admit, few_enough, one_by_one
 from .matstruct import Array, Structure, columns
-from .member import BOOLEAN, COMPLEX, NUMBER, TEXT, Member
+from .member import BOOLEAN, COMPLEX, NUMBER, TEXT, Member, Refused
 from .source import Source
 
 _FIX: Final = "save it again from MATLAB with save(..., '-v7')"
@@ -80,6 +80,9 @@ def open_file(file: Path, max_bytes: int) -> Source:
         if order is None:
             raise _Malformed("the byte-order mark is missing")
         variables = list(_variables(memoryview(data)[_HEADER_BYTES:], order, max_bytes))
+        few_enough(len(variables))
+    except Refused as refused:
+        raise refuse(DataError, refused.problem, file=name, fix=refused.fix) from refused
     except (_Malformed, zlib.error, UnicodeDecodeError) as error:
         raise _damaged(error, name) from error
 
