@@ -14,6 +14,7 @@ from ._core import DataError, Machine, NotIdentifiableError, Recording, UsageErr
 from .answers import Diagnosis, Identification
 from .errors import NothingToAsk, did_you_mean, expect_whole, fact, refuse
 from .options import DiagnosisOptions
+from .provenance import dated, stated
 from .reading import Account, told, warnings
 from .words import lower_first
 
@@ -208,7 +209,8 @@ def diagnose(
         )
     except (DataError, NotIdentifiableError) as error:
         raise _in_file(error, recordings) from error
-    return Diagnosis.of(_complete(json.loads(answer), recordings, validation) | converted, traces)
+    complete = _complete(json.loads(answer), recordings, validation)
+    return Diagnosis.of(complete | converted | {"machine": stated(known, recordings)}, traces)
 
 
 def _expect_recordings(*given: object) -> None:
@@ -269,14 +271,16 @@ def _complete(
     each = zip(recordings, floors, strict=True)
     complete = _with_read(data, [_read(recording, steady="v_q" in own) for recording, own in each])
     if validation is not None:
-        lost = [_of("Validation run", finding) for finding in warnings(_read(validation))]
-        complete["data_quality"] += lost
+        other = _read(validation)
+        complete["validation"] = other
+        complete["data_quality"] += [_of("Validation run", finding) for finding in warnings(other)]
     return complete
 
 
 def _read(recording: Recording, *, steady: bool = True) -> dict[str, Any]:
     account = getattr(recording, "account", None) or Account.of_arrays(recording.names)
-    return told(account, recording.column("t"), recording.kind, recording.load, steady=steady)
+    account_of = told(account, recording.column("t"), recording.kind, recording.load, steady=steady)
+    return dated(_file(recording)) | account_of
 
 
 def _with_read(data: dict[str, Any], reads: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
