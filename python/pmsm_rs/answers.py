@@ -85,18 +85,27 @@ class Diagnosis(DiagnosisValues):
             return super().from_json(text, traces)
 
     @overload
-    def report(self, path: str | os.PathLike[str], title: str | None = None) -> None: ...
+    def report(
+        self, path: str | os.PathLike[str], title: str | None = None, *, command: str | None = None
+    ) -> None: ...
     @overload
-    def report(self, path: None = None, title: str | None = None) -> Page: ...
-    def report(self, path: str | os.PathLike[str] | None = None, title: str | None = None) -> Page | None:
+    def report(self, path: None = None, title: str | None = None, *, command: str | None = None) -> Page: ...
+    def report(
+        self,
+        path: str | os.PathLike[str] | None = None,
+        title: str | None = None,
+        *,
+        command: str | None = None,
+    ) -> Page | None:
         """One self-contained HTML page: written to `path`, or returned for a notebook to show.
 
-        The same answer gives the same bytes. Raises UsageError if it cannot be written.
+        `command` is the command line that made the answer, where there is one; the page shows it. The same
+        answer, title and command give the same bytes. Raises UsageError if it cannot be written.
         """
         from .notebook import Page
         from .report import render
 
-        page = Page(render(self, title))
+        page = Page(render(self, title, command))
         if path is None:
             return page
         page.save(path)

@@ -59,8 +59,6 @@ def compare(answer: DiagnosisValues) -> str:
 def _compared(name: str, entry: Estimate | None, truth: float) -> list[str]:
     if entry is None or entry.value is None:
         return []
-    value, spread, sign = estimate(entry)
-    tail = f" ± {spread}" if spread else ""
     real = estimate(replace(entry, value=truth, stderr=None))
     off = f" ({percent(abs(entry.value / truth - 1.0))} off)" if truth else ""
-    return [f"  {name}: found {value}{tail} {sign}".rstrip() + f", put in {real[0]} {real[2]}".rstrip() + off]
+    return [f"  {name}: found {estimate(entry)}, put in {real}{off}"]

@@ -11,14 +11,14 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
-from . import atomic, figures, plot, report, traces, words
+from . import atomic, figures, palette, report, tables, words
 from .headline import headline
 from .readout import ignored, origins
 
 if TYPE_CHECKING:
     from .results import DiagnosisValues, IdentificationValues
 
-TONES: Final = {"good": "#00785a", "found": plot.AFTER, "doubt": "#9a5b00", "poor": "#5d6873"}
+TONES: Final = {tone: palette.LIGHT[tone] for tone in ("good", "found", "doubt", "poor")}
 """Colours of verdicts, dark enough for small letters on white."""
 _CELL: Final = "padding:3px 14px 3px 0;text-align:left;vertical-align:top;background:none"
 
@@ -50,7 +50,7 @@ def diagnosis(answer: DiagnosisValues) -> str:
     """The card of a diagnosis."""
     chip, tone = report.chip(answer)
     chosen = [candidate for candidate in answer.ranking if candidate.effect in answer.effects]
-    tables = [(words.title(c.effect), report.rows(c)) for c in chosen if c.parameters]
+    found = [(words.title(c.effect), tables.rows(c)) for c in chosen if c.parameters]
     judged = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
     part = answer.fit.get(judged, {})
     fit = [
@@ -75,11 +75,11 @@ def diagnosis(answer: DiagnosisValues) -> str:
         tone=TONES[tone],
         headline=headline(answer),
         notes=notes,
-        tables=tables,
+        tables=found,
         fit=fit,
         fit_of=f"Measured minus model on the {judged}",
         fit_heads=["before", "after", "noise"],
-        picture=_worst(answer),
+        picture=figures.worst(answer),
         closing=f"Next: {answer.next_experiment}" if answer.next_experiment else None,
     )
 
@@ -90,7 +90,7 @@ def identification(answer: IdentificationValues) -> str:
     chip = "Interrupted" if answer.interrupted else "Converged" if answer.converged else "Not converged"
     notes = [f"{words.listed(item['parameters'])}: {item['why']}" for item in answer.cannot_show]
     rows = [
-        report.row(name, entry, report.MEANINGS.get(name, "")) for name, entry in answer.parameters.items()
+        tables.row(name, entry, tables.MEANINGS.get(name, "")) for name, entry in answer.parameters.items()
     ]
     reasons = Counter(row.why_none for row in rows if row.why_none)
     for why, count in reasons.items():
@@ -113,13 +113,8 @@ def identification(answer: IdentificationValues) -> str:
     )
 
 
-def _worst(answer: DiagnosisValues) -> figures.Picture | None:
-    """The residual over time of the channel that the model without the effects fails most."""
-    if answer.shown is None:
-        return None
-    return figures.residual(answer, traces.rated(answer.traces[answer.shown], answer.noise_floor)[0])
-
-
 def _card(**content: Any) -> str:
     template = report.template("notebook.html.j2")
-    return template.render(cell=_CELL, before=plot.BEFORE, after=plot.AFTER, **content)
+    return template.render(
+        cell=_CELL, before=palette.LIGHT["before"], after=palette.LIGHT["after"], **content
+    )

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from . import traces
+from . import palette, traces
 from ._core import UsageError
 from .errors import did_you_mean, refuse
-from .traces import Array, Trace
+from .traces import Trace
 from .unmodelled import reach
 from .words import channel, subscripted
 from .words import unit as unit_of
@@ -34,10 +34,10 @@ if TYPE_CHECKING:
     Source = DiagnosisValues | Mapping[str, NDArray[np.float64]]
 
 
-MEASURED: Final = "#1b1f24"
-BEFORE: Final = "#d55e00"
-AFTER: Final = "#0072b2"
-NOISE: Final = "#8a939c"
+MEASURED: Final = palette.LIGHT["measured"]
+BEFORE: Final = palette.LIGHT["before"]
+AFTER: Final = palette.LIGHT["after"]
+NOISE: Final = palette.LIGHT["noise"]
 _FEW: Final = 400
 _OPEN, _CLOSE = "$_{\\mathrm{", "}}$"
 
@@ -123,11 +123,8 @@ def residual_map(
     trace = _trace(source, name, x, y)
     ax = _axes(ax)
     values = traces.residual(trace, name, when)
-    ok = np.isfinite(values) & np.isfinite(trace[x]) & np.isfinite(trace[y])
-    grid = [np.linspace(*_span(trace[v][ok]), cells + 1) for v, cells in ((x, 22), (y, 16))]
-    total, *_ = np.histogram2d(trace[x][ok], trace[y][ok], bins=grid, weights=values[ok])
-    count, *_ = np.histogram2d(trace[x][ok], trace[y][ok], bins=grid)
-    mean = np.ma.masked_array(total / np.maximum(count, 1), mask=count < min(4, max(1, ok.sum() // 400)))
+    *grid, cells = traces.mean_map(trace[x], trace[y], values, (22, 16))
+    mean = np.ma.masked_invalid(cells)
     peak = float(np.ma.filled(np.abs(mean).max(), 0.0)) or 1.0
     symbol, unit = symbol_of(name)
     mesh = ax.pcolormesh(grid[0], grid[1], mean.T, cmap="PuOr_r", vmin=-peak, vmax=peak, lw=0)
@@ -136,11 +133,6 @@ def residual_map(
     bar.ax.tick_params(length=0)
     bar.set_label(f"{symbol} measured − model in {unit}")
     return _label(ax, *(" in ".join(symbol_of(v)) for v in (x, y)))
-
-
-def _span(values: Array) -> tuple[float, float]:
-    low, high = (float(bound) for bound in np.quantile(values, [0.002, 0.998])) if values.size else (0.0, 1.0)
-    return (low, high) if high > low else (low - 0.5, low + 0.5)
 
 
 def order_spectrum(source: Source, name: str, angle: str = "op_theta_e", *, ax: Axes | None = None) -> Axes:

@@ -25,9 +25,9 @@ def origin(name: str, entry: Mapping[str, Any]) -> str:
     if entry.get("file"):
         source += f" of {shown(entry['file'])}"
     if entry["scale"] != 1.0:
-        source += f" times {number(entry['scale'], 6)}"
+        source += f" times {entry['scale']:.6g}"
     if entry.get("offset"):
-        source += f" plus {number(entry['offset'], 6)}"
+        source += f" plus {entry['offset']:.6g}"
     return source
 
 

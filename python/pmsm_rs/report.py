@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import json
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
-from . import budget, figures, plot, words
+from . import budget, figures, palette, plot_data, tables, words
+from .advice import next_step
+from .corrected import machine_file
 from .headline import headline, is_whole
-from .quantities import CANONICAL
-from .readout import converted, extent, ignored, origin, reasons
-from .registry import effects
-from .results import Candidate, DiagnosisValues, Estimate, Location
-from .summary import recording_name
+from .readout import converted
+from .results import Candidate, DiagnosisValues
 
 if TYPE_CHECKING:
-    from jinja2 import Template
+    from jinja2 import Environment, Template
 
-VERDICTS = {
+VERDICTS: Final = {
     "no_mismatch": ("Model complete", "good"),
     "named": ("Effect named", "found"),
     "partial": ("Named in part", "found"),
@@ -27,9 +27,11 @@ VERDICTS = {
     "unknown": ("Unknown physics", "doubt"),
     "undetermined": ("Undetermined", "poor"),
 }
-_LITERAL = re.compile(r"((?<!\w)'[^']*'(?!\w)|\b\w+ = \{[^{}]*\})")
+_IN_PART: Final = ("No mismatch in what was asked", "doubt")
+_LITERAL: Final = re.compile(r"((?<!\w)'[^']*'(?!\w)|\b\w+ = \{[^{}]*\})")
 """A name in quotes, or a line of TOML."""
-_IN_PART = ("No mismatch in what was asked", "doubt")
+_AT_FIRST: Final = 6
+"""Effects that the first screen shows."""
 
 
 def chip(answer: DiagnosisValues) -> tuple[str, str]:
@@ -39,114 +41,123 @@ def chip(answer: DiagnosisValues) -> tuple[str, str]:
     return VERDICTS.get(answer.verdict, (answer.verdict, "poor"))
 
 
-@dataclass(frozen=True)
-class ParameterRow:
-    """A parameter as the report shows it."""
+def render(answer: DiagnosisValues, title: str | None = None, command: str | None = None) -> str:
+    """The page as HTML text. The same answer, title and command give the same text.
 
-    name: str
-    meaning: str
-    value: str
-    spread: str
-    unit: str
-    interval: str
-    why_none: str
-
-
-@dataclass(frozen=True)
-class FitRow:
-    """Residuals of one channel in units of its noise, and as bars of a logarithmic scale."""
-
-    symbol: str
-    unit: str
-    noise: str
-    before: str
-    after: str
-    before_ratio: float | None
-    after_ratio: float | None
-    before_bar: float
-    after_bar: float
-
-
-def render(answer: DiagnosisValues, title: str | None = None) -> str:
-    """The page as HTML text. The same answer and title give the same text."""
+    `command` is the command line that made the answer, which the page shows where it is given.
+    """
     label, tone = chip(answer)
     judged = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
+    found = [(words.title(c.effect), tables.rows(c)) for c in _chosen(answer) if c.parameters]
+    motor = tables.motor_rows(answer)
+    fit = tables.fit(answer, judged)
+    style, script = _style(), _source("report.js")
     return template("report.html.j2").render(
         answer=answer,
         title=title or "Diagnosis",
+        command=command,
+        policy=_policy(style, script),
+        style=style,
+        script=script,
+        data=_data(answer),
         chip=label,
         tone=tone,
         headline=headline(answer),
-        leading=_leading(answer),
-        read=[
-            (recording_name(entry, count), _origins(read), extent(read), ignored(read), reasons(read))
-            for count, (read, entry) in enumerate(_each_read(answer), 1)
-        ],
-        nameplate=converted(answer.nameplate),
-        candidates=[(c, words.title(c.effect), rows(c)) for c in answer.ranking[:8]],
-        unlisted=max(0.0, 1.0 - sum(c.probability for c in answer.ranking)),
-        effects=[
-            (words.title(c.effect), rows(c))
-            for c in answer.ranking
-            if c.effect in answer.effects and c.parameters
-        ],
-        base=[row(name, entry, _meaning(name)) for name, entry in answer.base.items()],
+        first=_first(answer),
+        next_step=next_step(answer),
+        overview=figures.worst(answer, width=420.0),
+        ratios=figures.ratios(fit),
+        fit=fit,
         judged=judged,
-        fit=_fit(answer, judged),
-        each=_each(answer),
-        trained=_fit(answer, "recording") if judged == "validation" else [],
-        located=figures.located(answer) if answer.located else [],
+        trained=tables.fit(answer, "recording") if judged == "validation" else [],
+        read=tables.read(answer),
+        nameplate=converted(answer.nameplate),
+        places=tables.places(answer),
+        located=figures.located(answer),
         budget=figures.budget(answer),
+        budget_fills=figures.budget_fills(answer),
+        budget_table=tables.budget_table(answer),
         budget_run=next((entry.run for entry in budget.judged(answer.budget)), ""),
+        candidates=answer.ranking[:8],
+        unlisted=max(0.0, 1.0 - sum(c.probability for c in answer.ranking)),
         unmodelled=answer.unmodelled,
-        maps=figures.unmodelled(answer),
+        maps=[figures.unmodelled(term) for term in answer.unmodelled.terms] if answer.unmodelled else [],
+        effects=found,
+        motor=motor,
+        plate=any(row.nameplate for row in motor),
+        sheet=tables.spreadsheet([*found, ("", motor)]) if found or motor else "",
+        machine_file=machine_file(answer),
+        correlation=_correlation(answer),
         before_after=figures.before_after(answer),
+        against_noise=figures.against_noise(answer),
         shown=answer.shown,
-        places=_places(answer.located),
+        each=tables.each(answer),
         blind=[(item, words.title(item["effect"])) for item in answer.cannot_see],
-        colours={"before": plot.BEFORE, "after": plot.AFTER, "measured": plot.MEASURED, "noise": plot.NOISE},
     )
 
 
-def _each_read(answer: DiagnosisValues) -> list[tuple[Mapping[str, Any], Mapping[str, Any]]]:
-    """What was read of each recording, with its entry of several."""
-    return list(zip(answer.read, answer.recordings or [{}] * len(answer.read), strict=False))
+def _chosen(answer: DiagnosisValues) -> list[Candidate]:
+    """The candidates that the model holds."""
+    return [candidate for candidate in answer.ranking if candidate.effect in answer.effects]
 
 
-def _origins(read: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
-    """Canonical column, its meaning, where it came from, and the unit it had there."""
-    return [
-        (name, CANONICAL[name].meaning, origin(name, entry), entry["unit"])
-        for name, entry in read["columns"].items()
-    ]
+def _first(answer: DiagnosisValues) -> list[tuple[Candidate, str, list[tables.ParameterRow]]]:
+    """What the first screen shows of effects: those of the model, else the likeliest where none is sure."""
+    candidates = _chosen(answer)
+    if not candidates and answer.verdict in {"named", "partial", "ambiguous"}:
+        candidates = list(answer.ranking[:1])
+    return [(c, words.title(c.effect), tables.rows(c)) for c in candidates[:_AT_FIRST]]
 
 
-MEANINGS = {
-    "r_s": "stator resistance",
-    "l_d": "d-axis inductance",
-    "l_q": "q-axis inductance",
-    "psi_m": "magnet flux linkage",
-    "j": "inertia",
-    "b": "viscous friction",
-    "tau_load": "load torque",
-}
+def _correlation(answer: DiagnosisValues) -> figures.Picture | None:
+    """The picture of `model.correlation` where the answer has one: `parameters`, and the rows of `matrix`."""
+    entry = answer.model.get("correlation")
+    return None if not entry else figures.correlation(entry["parameters"], entry["matrix"])
 
 
-def _places(located: Iterable[Location]) -> list[tuple[Location, str, str]]:
-    """Places with the words for their equation and operating points."""
-    return [(at, words.EQUATIONS.get(at.equation, at.equation), _where(at.where)) for at in located]
+def _data(answer: DiagnosisValues) -> str:
+    """The traces for the script as JSON that cannot end its element; empty without any."""
+    packed = plot_data.packed(answer)
+    if packed is None:
+        return ""
+    return json.dumps(packed, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
-def _meaning(name: str) -> str:
-    """What a parameter of the machine or of the run is; `_of_2` is that of the second recording."""
-    own, _, recording = name.partition("_of_")
-    meaning = MEANINGS.get(own, "")
-    return f"{meaning}, recording {recording}" if meaning and recording else meaning
+def _policy(style: str, script: str) -> str:
+    """The content security policy: this one style, this one script, and nothing from outside."""
+
+    def digest(text: str) -> str:
+        return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
+
+    return (
+        f"default-src 'none'; style-src 'sha256-{digest(style)}'; script-src 'sha256-{digest(script)}'; "
+        "base-uri 'none'; form-action 'none'"
+    )
+
+
+@cache
+def _style() -> str:
+    dark = f"@media (prefers-color-scheme:dark){{:root{{{palette.style(palette.DARK)}}}}}"
+    paper = f"@media print{{:root{{{palette.style(palette.LIGHT)}}}}}"
+    return f":root{{{palette.style(palette.LIGHT)}}}\n{dark}\n{paper}\n{_source('report.css')}"
+
+
+@cache
+def _source(name: str) -> str:
+    """The text of a file beside the templates."""
+    environment = _environment()
+    assert environment.loader is not None, "it has one"
+    return environment.loader.get_source(environment, name)[0].strip()
 
 
 @cache
 def template(name: str) -> Template:
     """A template of the package; whatever it fills in is escaped."""
+    return _environment().get_template(name)
+
+
+@cache
+def _environment() -> Environment:
     import jinja2
 
     environment = jinja2.Environment(
@@ -160,114 +171,22 @@ def template(name: str) -> Template:
         percent=words.percent,
         number=words.number,
         effect=words.title,
-        probability=words.probability,
+        sentence=words.upper_first,
         typeset=_typeset,
     )
-    return environment.get_template(name)
+    return environment
 
 
-def _typeset(text: str) -> str:
-    """`text` escaped, its symbols with subscripts; names in quotes and lines of TOML stay as they are, so
-    that they can be copied.
+def _typeset(text: str) -> Any:
+    """`text` escaped, its symbols with subscripts and effects by their titles; names in quotes and lines of
+    TOML stay as they are, so that they can be copied.
     """
     from markupsafe import Markup, escape
 
     parts = _LITERAL.split(text)
-    parts[::2] = [words.subscripted(str(escape(part)), "<sub>", "</sub>") for part in parts[::2]]
+    plain = [str(escape(words.titled(part))) for part in parts[::2]]
+    parts[::2] = [words.subscripted(part, "<sub>", "</sub>") for part in plain]
     parts[1::2] = [
         str(escape(part)) if part.startswith("'") else f"<code>{escape(part)}</code>" for part in parts[1::2]
     ]
     return Markup("".join(parts))
-
-
-def _leading(answer: DiagnosisValues) -> Candidate | None:
-    named = answer.verdict in {"named", "partial", "ambiguous"} and answer.ranking
-    return answer.ranking[0] if named else None
-
-
-def rows(candidate: Candidate) -> list[ParameterRow]:
-    meanings = _meanings().get(candidate.effect, {})
-    return [row(name, entry, meanings.get(name, "")) for name, entry in candidate.parameters.items()]
-
-
-@cache
-def _meanings() -> dict[str, dict[str, str]]:
-    return {entry["id"]: {p["name"]: p["meaning"] for p in entry["parameters"]} for entry in effects()}
-
-
-def row(name: str, entry: Estimate, meaning: str) -> ParameterRow:
-    value, spread, unit = words.estimate(entry)
-    return ParameterRow(name, meaning, value, spread, unit, words.interval(entry), entry.why_none or "")
-
-
-def _fit(answer: DiagnosisValues, run: str) -> list[FitRow]:
-    import math
-
-    part = answer.fit.get(run, {})
-    before, after = part.get("before", {}), part.get("after", {})
-    ratios = {
-        name: (
-            before[name] / floor if floor else None,
-            after[name] / floor if floor and name in after else None,
-        )
-        for name in before
-        for floor in [answer.noise_floor.get(name)]
-    }
-    peak = max([2.0, *(r for pair in ratios.values() for r in pair if r)])
-
-    def bar(ratio: float | None) -> float:
-        # Logarithmic from the noise itself (a sliver) to the worst channel (the full width).
-        return 0.0 if not ratio else round(4 + 96 * max(0.0, math.log(ratio)) / math.log(peak), 1)
-
-    rows = []
-    for name, value in before.items():
-        symbol, unit = words.channel(name)
-        first, second = ratios[name]
-        rows.append(
-            FitRow(
-                symbol,
-                unit,
-                words.number(answer.noise_floor.get(name)),
-                words.number(value),
-                words.number(after.get(name)),
-                first,
-                second,
-                bar(first),
-                bar(second),
-            )
-        )
-    return rows
-
-
-@dataclass(frozen=True)
-class RecordingRow:
-    """One of several recordings as the report shows it, residuals as multiples of its own noise."""
-
-    name: str
-    kind: str
-    load: str
-    duration: str
-    fit: tuple[tuple[str, str, str], ...]
-
-
-def _each(answer: DiagnosisValues) -> list[RecordingRow]:
-    rows = []
-    for count, entry in enumerate(answer.recordings, 1):
-        noise, before, after = entry["noise_floor"], entry["fit"]["before"], entry["fit"]["after"]
-        fit = tuple(
-            (words.channel(name)[0], words.number(before[name] / floor), words.number(after[name] / floor))
-            for name, floor in noise.items()
-            if floor and before.get(name) is not None and after.get(name) is not None
-        )
-        kind, load = (entry[key].replace("_", " ") for key in ("kind", "load"))
-        seconds = f"{words.number(entry['duration'])} s"
-        rows.append(RecordingRow(recording_name(entry, count), kind, load, seconds, fit))
-    return rows
-
-
-def _where(ranges: tuple[Any, ...]) -> str:
-    parts = []
-    for item in ranges:
-        bounds = f"{words.number(item['low'])} to {words.number(item['high'])} {words.unit(item['unit'])}"
-        parts.append(f"{item['variable']} from {bounds}".rstrip())
-    return words.listed(parts)

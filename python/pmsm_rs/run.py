@@ -16,6 +16,7 @@ from .errors import NothingToAsk, did_you_mean, expect, expect_whole, fact, refu
 from .given import machine_of, recording_of
 from .options import DiagnosisOptions
 from .progress import Progress
+from .provenance import dated, stated
 from .reading import Account, told, warnings
 from .words import lower_first
 
@@ -208,6 +209,7 @@ def diagnose(
     except (DataError, NotIdentifiableError) as error:
         raise _in_file(error, recordings) from error
     data = _complete(json.loads(answer), recordings, other) | converted
+    data |= {"machine": stated(known, recordings)}
     return Diagnosis.of(_with_formulas(data, traces, recordings, other), traces)
 
 
@@ -293,8 +295,9 @@ def _complete(
     if all(columns == accounts[0] for columns in accounts):
         complete["data_quality"] = [corrected(each, accounts[0]) for each in complete["data_quality"]]
     if validation is not None:
-        lost = [_of("Validation run", finding) for finding in warnings(_read(validation))]
-        complete["data_quality"] += lost
+        other = _read(validation)
+        complete["validation"] = other
+        complete["data_quality"] += [_of("Validation run", finding) for finding in warnings(other)]
     return complete
 
 
@@ -303,7 +306,10 @@ def _account(recording: Recording) -> Account:
 
 
 def _read(recording: Recording, *, steady: bool = True) -> dict[str, Any]:
-    return told(_account(recording), recording.column("t"), recording.kind, recording.load, steady=steady)
+    account_of = told(
+        _account(recording), recording.column("t"), recording.kind, recording.load, steady=steady
+    )
+    return dated(_file(recording)) | account_of
 
 
 def _with_read(data: dict[str, Any], reads: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
 from .budget import judged, sentence
 from .headline import headline
 from .readout import converted, extent, ignored, origins, reasons
-from .results import DiagnosisValues, Estimate, IdentificationValues, json_text
+from .results import DiagnosisValues, Estimate, IdentificationValues, Location, json_text
 from .words import channel, estimate, listed, lower_first, number, percent
 
 WIDTH = 100
@@ -19,14 +19,17 @@ WIDTH = 100
 
 def hung(head: str, text: str) -> str:
     """`text` behind `head`, wrapped to the width of a terminal with the later lines below the first."""
-    return textwrap.fill(text, WIDTH, initial_indent=head, subsequent_indent=" " * len(head))
+    # textwrap breaks no line at a no-break space: a number stays with its sign of percent.
+    kept = text.replace(" %", "\u00a0%")
+    filled = textwrap.fill(kept, WIDTH, initial_indent=head, subsequent_indent=" " * len(head))
+    return filled.replace("\u00a0%", " %")
 
 
 def diagnosis(answer: DiagnosisValues) -> str:
     """A diagnosis as text: the finding, what was read, where it sits, candidates, parameters, fit, what is
     left, what is not seen, what next.
     """
-    lines = [textwrap.fill(headline(answer), WIDTH)]
+    lines = [hung("", headline(answer))]
     if answer.interrupted:
         lines.append("Interrupted: this is the best so far.")
     for item in answer.data_quality:
@@ -36,7 +39,8 @@ def diagnosis(answer: DiagnosisValues) -> str:
     lines += _read(answer)
     if answer.located:
         lines += ["", "Where it sits"]
-        lines += [hung(f"  {percent(place.share):>6}  ", place.sentence) for place in answer.located[:4]]
+        places = told_once(answer.located)[:4]
+        lines += [hung(f"  {share_of(place):>6}  ", place.sentence) for place in places]
     if answer.ranking:
         lines += ["", "Candidates"]
         for candidate in answer.ranking[:5]:
@@ -73,6 +77,24 @@ def diagnosis(answer: DiagnosisValues) -> str:
     return "\n".join(lines)
 
 
+def told_once(located: Sequence[Location]) -> list[Location]:
+    """The places without those whose sentence another one repeats word by word."""
+    return [
+        at
+        for count, at in enumerate(located)
+        if not any(
+            at.sentence in other.sentence and (at.sentence != other.sentence or number < count)
+            for number, other in enumerate(located)
+            if number != count
+        )
+    ]
+
+
+def share_of(at: Location) -> str:
+    """The share of the mismatch at a place, a dash where it is none of its own."""
+    return percent(at.share) if at.share > 0.0 else "–"
+
+
 def _read(answer: DiagnosisValues) -> list[str]:
     """Which column became what, and which were not used; once for recordings that were read alike."""
     lines = []
@@ -107,19 +129,16 @@ def _unseen(answer: DiagnosisValues) -> list[str]:
     ]
 
 
-def _parameters(entries: list[tuple[str, object]]) -> list[str]:
-    rows = [
-        (name, *estimate(entry), entry.why_none) for name, entry in entries if isinstance(entry, Estimate)
-    ]
+def _parameters(entries: Sequence[tuple[str, Estimate]]) -> list[str]:
+    rows = [(name, estimate(entry), entry.why_none) for name, entry in entries]
     if not rows:
         return []
     wide = max(len(row[0]) for row in rows)
     lines = ["", "Parameters"]
     reasons: dict[str, list[str]] = {}
-    for name, value, spread, sign, why in rows:
-        tail = f" ± {spread}" if spread else ""
-        lines.append(f"  {name:<{wide}}  {value}{tail} {sign}".rstrip())
-        if why and not spread:
+    for name, written, why in rows:
+        lines.append(f"  {name:<{wide}}  {written}")
+        if why and not written.spread:
             reasons.setdefault(why, []).append(name)
     lines += [hung("  ", f"no uncertainty for {listed(names)}: {why}") for why, names in reasons.items()]
     return lines
@@ -131,13 +150,18 @@ def _fit(answer: DiagnosisValues, run: str) -> list[str]:
         return []
     lines = [
         "",
-        f"Measured minus model on the {run}{'s' if run == 'recording' and answer.recordings else ''}, rms",
+        f"Measured minus model on the {_run(answer, run)}, rms",
         f"  {'':<8} {'before':>10} {'after':>10} {'noise':>10}",
     ]
     for name, value in before.items():
         cells = [number(value), number(after.get(name)), number(answer.noise_floor.get(name))]
         lines.append(f"  {name:<8} " + " ".join(f"{cell:>10}" for cell in cells) + f"  {channel(name)[1]}")
     return lines
+
+
+def _run(answer: DiagnosisValues, run: str) -> str:
+    several = "recordings" if answer.recordings else "recording"
+    return "validation run" if run == "validation" else several
 
 
 def _each(answer: DiagnosisValues) -> list[str]:

@@ -77,6 +77,24 @@ def binned(x: Array, y: Array, bins: int) -> tuple[Array, Array, Array]:
     return centre, mean, np.sqrt(np.maximum(square - mean**2, 0.0))
 
 
+def mean_map(x: Array, y: Array, values: Array, cells: tuple[int, int]) -> tuple[Array, Array, Array]:
+    """Edges over x and y, and the mean of `values` between them, shape `cells`; NaN where next to nothing is.
+
+    The edges pass over the outermost 0.2 % of the samples.
+    """
+    ok = np.isfinite(values) & np.isfinite(x) & np.isfinite(y)
+    grid = [np.linspace(*_reached(v[ok]), count + 1) for v, count in zip((x, y), cells, strict=True)]
+    total, *_ = np.histogram2d(x[ok], y[ok], bins=grid, weights=values[ok])
+    count, *_ = np.histogram2d(x[ok], y[ok], bins=grid)
+    fewest = min(4, max(1, int(ok.sum()) // 400))
+    return grid[0], grid[1], np.where(count < fewest, np.nan, total / np.maximum(count, 1))
+
+
+def _reached(values: Array) -> tuple[float, float]:
+    low, high = (float(bound) for bound in np.quantile(values, [0.002, 0.998])) if values.size else (0.0, 1.0)
+    return (low, high) if high > low else (low - 0.5, low + 0.5)
+
+
 def orders() -> NDArray[np.int_]:
     """The orders that a spectrum shows."""
     return np.arange(1, 15)
@@ -103,3 +121,38 @@ def rated(trace: Trace, noise: Mapping[str, float]) -> list[str]:
     return sorted(
         channels(trace), key=lambda name: -rms(residual(trace, name, "before")) / (noise.get(name) or 1.0)
     )
+
+
+def elapsed(trace: Trace) -> Array:
+    """The time of a trace (s), in which recordings that lie end to end follow one another."""
+    t = trace["t"]
+    steps = np.diff(t)
+    back = steps <= 0.0
+    if not back.any():
+        return t
+    # A recording begins one usual step after the one before it ends.
+    usual = float(np.median(steps[~back])) if not back.all() else 1.0
+    return np.asarray(t[0] + np.concatenate([[0.0], np.cumsum(np.where(back, usual, steps))]))
+
+
+def autocorrelation(values: Array, lags: int) -> Array:
+    """Correlation of a residual with itself at lags of 0 to `lags` samples, shape (lags + 1,).
+
+    What is not finite counts as nothing. Zero where there is nothing at all.
+    """
+    ok = np.isfinite(values)
+    x = np.where(ok, values - (values[ok].mean() if ok.any() else 0.0), 0.0)
+    power = float(x @ x)
+    if power <= 0.0:
+        return np.zeros(lags + 1)
+    return np.array([float(x[: len(x) - lag] @ x[lag:]) / power for lag in range(lags + 1)])
+
+
+def density(values: Array, scale: float, reach: float, bins: int) -> tuple[Array, Array]:
+    """Centres and density of `values / scale` in `bins` equal bins from -reach to reach; what lies beyond
+    counts as part of the whole.
+    """
+    finite = values[np.isfinite(values)] / scale
+    edges = np.linspace(-reach, reach, bins + 1)
+    count, _ = np.histogram(finite, edges)
+    return (edges[1:] + edges[:-1]) / 2.0, count / (max(finite.size, 1) * (edges[1] - edges[0]))

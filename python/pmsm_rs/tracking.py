@@ -127,8 +127,7 @@ class WindowEstimate:
         else:
             cells = []
             for name, entry in self.parameters.items():
-                value, spread, sign = estimate(entry)
-                cells.append(f"{name} {value}{f' ± {spread}' if spread else ''} {sign}".rstrip())
+                cells.append(f"{name} {estimate(entry)}")
             if self.disturbed_load_torque is not None and {"j", "b"} & set(self.parameters):
                 cells.append(f"T_Ld {number(self.disturbed_load_torque, 4)} N·m")
             looks = ", ".join(self.drift.looks_like or ()) or "steady"

@@ -1,4 +1,4 @@
-"""Small files that ask for far more than their size, one of each kind; none may end, fill or stall a reader."""
+"""Small files that ask for far more than their size; none may end, fill or stall a reader."""
 
 from __future__ import annotations
 

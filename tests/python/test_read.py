@@ -140,7 +140,7 @@ def test_what_the_columns_table_made_stands_in_the_answer(tmp_path: Path, run: R
         "temperature": {"from": None, "unit": "K", "scale": 1.0, "value": 300.0},
     }
     text = " ".join(ran.out.split())
-    assert "tau_e from iq [A] times 1.70000 (N·m)" in text
+    assert "tau_e from iq [A] times 1.7 (N·m)" in text
     assert "omega_m from speed_rpm (rpm)" in text
     assert "1500 rows, one every 1 ms" in text
 

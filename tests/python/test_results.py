@@ -169,12 +169,8 @@ def test_the_report_is_one_small_sound_page(tmp_path: Path) -> None:
     assert all(address.startswith(("#", "data:image/png")) for address in tags.addresses), (
         "nothing may be fetched from elsewhere"
     )
-    assert "<script" not in page
-    assert page.count("<svg") == 4 + 4
-    assert (
-        re.findall(r"nan|None\b", re.sub(r"<style>.*?</style>|<svg.*?</svg>", "", page, flags=re.DOTALL))
-        == []
-    )
+    plain = re.sub(r"<(style|script|svg)\b.*?</\1>", "", page, flags=re.DOTALL)
+    assert re.findall(r"\bnan\b|\bNone\b", plain) == []
 
 
 def test_the_report_has_the_same_bytes_every_time(tmp_path: Path) -> None:
@@ -255,7 +251,9 @@ def test_text_of_an_answer_cannot_become_markup(tmp_path: Path) -> None:
         next_experiment=evil,
     )
     answer.report(tmp_path / "r.html", title=evil)
-    assert "<script" not in (tmp_path / "r.html").read_text()
+    page = (tmp_path / "r.html").read_text()
+    assert "<script>alert" not in page
+    assert page.count("<script") == 2, "the data and the script of the page itself"
     assert "<script" not in answer._repr_html_()
 
 
@@ -413,7 +411,7 @@ def test_the_history_of_a_swarm() -> None:
 def test_answers_in_a_notebook() -> None:
     card = diagnosis()._repr_html_()
     assert "The model leaves out inverter dead time." in card
-    assert card.count("<svg") == 1
+    assert card.count('role="img"') == 1
     assert len(card) < 100_000
     assert "<svg" not in Diagnosis.from_json(json.dumps(ANSWER))._repr_html_()
     fit = Identification.from_json(json.dumps(IDENTIFICATION))._repr_html_()
@@ -460,28 +458,11 @@ def test_thinning_loses_no_peak(n: int, bins: int, seed: int) -> None:
 )
 def test_any_estimate_can_be_written(value: float, stderr: float | None, unit: str) -> None:
     entry = Estimate.of(estimate(value, stderr, unit))
-    shown, spread, sign = words.estimate(entry)
-    assert shown
-    assert "e" not in shown.replace("inf", "")
-    assert (spread == "") == (stderr is None)
-    assert sign is not None
-    words.interval(entry)
-
-
-@pytest.mark.parametrize(
-    ("value", "stderr", "unit", "text"),
-    [
-        (1.0643, 0.012, "V", ("1.064", "0.012", "V")),
-        (0.00957, 0.00003, "H", ("9.570", "0.030", "mH")),
-        (0.0000021, None, "H", ("2.100", "", "µH")),
-        (0.1928, 0.0004, "V s", ("0.19280", "0.00040", "V·s")),
-        (123.4, 9.7, "1", ("123.4", "9.7", "")),
-    ],
-)
-def test_estimates_read_well(
-    value: float, stderr: float | None, unit: str, text: tuple[str, str, str]
-) -> None:
-    assert words.estimate(Estimate.of(estimate(value, stderr, unit))) == text
+    shown = words.estimate(entry)
+    assert shown.value
+    assert "e" not in shown.value.replace("inf", "")
+    assert (shown.spread == "") == (stderr is None)
+    assert not re.search(r"-0(\.0*)?(?![.\d])", f"{shown} {words.interval(entry)}")
 
 
 def test_certainty_is_never_claimed() -> None:
