@@ -1,4 +1,4 @@
-"""Rewrites printed output and pictures in README.md and the manual from what the installed package does.
+"""Rewrites the printed output in README.md and the manual from what the installed package does.
 
     make readme
 
@@ -19,15 +19,13 @@ from pathlib import Path
 from shutil import copyfile
 
 import numpy as np
-from matplotlib.figure import Figure
-from pmsm_rs import Diagnosis, budget, diagnose, load, plot
+from pmsm_rs import load
 from pmsm_rs.config import read_machine
 from pmsm_rs.demo import recording_files
 
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
 PAGES = (README, ROOT / "docs" / "getting_started.md")
-PICTURE = ROOT / "docs" / "demo.png"
 FINDING = ("Candidates", "Budget of the mismatch")
 """The sections of the demo's output that README.md shows below the headline."""
 
@@ -105,23 +103,6 @@ def wording(text: str) -> str:
     return re.sub(r" +", " ", re.sub(r"-?\d+(\.\d+)?(e-?\d+)?", "#", text))
 
 
-def demo_answer() -> Diagnosis:
-    """The diagnosis that `pmsm-rs demo` makes."""
-    recording, validation, machine = recording_files()
-    return diagnose(load(recording, machine), read_machine(machine).machine, load(validation, machine))
-
-
-def picture(path: Path) -> None:
-    """Measured minus model of the torque current on the validation run, and the budget of each channel."""
-    answer = demo_answer()
-    figure = Figure(figsize=(10, 3.2), layout="constrained", facecolor="white")
-    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
-    plot.residual_over_time(answer, "i_q", ax=left)
-    left.legend(frameon=False, fontsize="small", ncols=3, loc="lower left", bbox_to_anchor=(0, 1))
-    budget.draw(budget.judged(answer.budget), right)
-    figure.savefig(path, dpi=100, metadata={"Software": None})
-
-
 def main() -> int:
     """Rewrites or checks."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -139,7 +120,6 @@ def main() -> int:
         return int(bool(wrong))
     for page, text in filled.items():
         page.write_text(text, encoding="utf-8")
-    picture(PICTURE)
     return 0
 
 
