@@ -80,9 +80,7 @@ def pipeline(effects: int) -> Diagram:
     ]
     for x, y, heading, text in steps:
         drawing.box(x, y, 165, 90, text, STEP, heading)
-    drawing.box(
-        230, 210, 165, 90, "verdict, parameters,\nbudget, limits,\nnext experiment", GOOD, "Answer"
-    )
+    drawing.box(230, 210, 165, 90, "verdict, parameters,\nbudget, limits,\nnext experiment", GOOD, "Answer")
     drawing.box(810, 120, 150, 90, f"{effects} effects with\nequations", INPUT, "Catalogue")
     drawing.arrow((190, 75), (228, 75))
     drawing.arrow((105, 210), (105, 165), (312, 165), (312, 122))

@@ -23,9 +23,10 @@ sys.path.insert(0, str(DOCS.parent))
 sys.path.insert(0, str(DOCS))
 
 from diagrams import pipeline, verdicts  # noqa: E402
+from readme import fill  # noqa: E402
+
 from proof.case import make_case  # noqa: E402
 from proof.machines import SERVO  # noqa: E402
-from readme import fill  # noqa: E402
 
 FOLDER: Final = DOCS / "how_it_works"
 PAGE: Final = DOCS / "how_it_works.md"
@@ -63,7 +64,9 @@ def picture(answer: Diagnosis, path: Path) -> None:
 def comparison(answer: Diagnosis, truth: dict[str, Any]) -> str:
     """The names found with their probabilities, and parameters beside the values that were put in."""
     lines = [f"Verdict: {answer.verdict}", ""]
-    lines += [f"{percent(c.probability):>6}  {title(c.effect)}" for c in answer.ranking if c.probability > 0.01]
+    lines += [
+        f"{percent(c.probability):>6}  {title(c.effect)}" for c in answer.ranking if c.probability > 0.01
+    ]
     lines += ["", f"{'parameter':<24}{'found':<34}put in"]
     found = {name: entry for name, entry in answer.base.items() if name in truth["base_true"]}
     pairs = [(name, entry, truth["base_true"][name]) for name, entry in found.items()]
