@@ -42,7 +42,7 @@ CHOICES: Final = (
     (
         "Search ranges",
         "from scratch r_s within ±50 % of the nameplate and the load within ±20 % of 3 N·m, which a drive "
-        "knows from its torque command; from window to window within ±20 % of the last result, one particle "
+        "knows from its torque command. From window to window within ±20 % of the last result, one particle "
         "on it",
     ),
     (
