@@ -67,7 +67,9 @@ def row(name: str, settings: dict[str, Any]) -> str:
 def main() -> None:
     """Rewrites the table."""
     rows = [row(name, settings) for name, settings in RECORDINGS.items()]
-    table = "\n".join(["| recording of 2 s | effects it would show | would not show |", "|---|---|---|", *rows])
+    table = "\n".join(
+        ["| recording of 2 s | effects it would show | would not show |", "|---|---|---|", *rows]
+    )
     text = PAGE.read_text(encoding="utf-8")
     pattern = r"(<!-- output of manoeuvres -->)\n.*?<!-- end -->"
     PAGE.write_text(

@@ -64,7 +64,7 @@ def test_a_banned_word_is_found_in_its_private_sense_alone() -> None:
     assert findings("The equation leaves 3 times the noise.")
     assert findings("A run that only judges.")
     assert findings("What the model leaves.")
-    assert not findings("The model leaves out dead time. Leave the field empty. It leaves the file as it was.")
+    assert not findings("The model leaves out dead time. Leave the field empty. It leaves the file as is.")
     assert not findings("The code `judge` is a name of a program.")
 
 
