@@ -1,5 +1,5 @@
 # `make demo` and `make test` need Python >= 3.11, cargo and a C linker, and fetch the rest into .venv and target.
-# Other goals: soak, readme, proof, proof-docs, accuracy, miri, wheel, format, docs, doc, clean.
+# Other goals: soak, readme, pictures, words, proof, proof-docs, accuracy, miri, wheel, format, docs, doc, clean.
 
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -23,7 +23,7 @@ MINUTES ?= 10
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md \
   $(shell find crates python -type f -not -name '*.so' -not -name '*.pyc' -not -path '*/target/*')
 
-.PHONY: help need demo built unit test lint rustfmt clippy ruff mypy rust python soak readme readme-check proof proof-docs accuracy miri wheel format docs doc clean
+.PHONY: help need demo built unit test lint rustfmt clippy ruff mypy rust python soak readme readme-check pictures words proof proof-docs accuracy miri wheel format docs doc clean
 
 help:
 	@echo 'make demo      install into $(VENV) and diagnose the recording that ships with the package'
@@ -32,7 +32,9 @@ help:
 	@echo 'make proof     make 600 sealed cases, diagnose and score them; CASES= SEED= OUT= FAMILIES= SPLIT=scoring JOBS=2'
 	@echo 'make accuracy  score the diagnosis on concealed cases, where CONCEALED=folder has them'
 	@echo 'make miri      the unsafe code under Miri; needs a nightly toolchain with miri and rust-src'
-	@echo 'make readme    put real output and the picture into README.md'
+	@echo 'make readme    put real output into README.md and the manual'
+	@echo 'make pictures  make the example and the pictures of the manual'
+	@echo 'make words     look for long sentences and banned words in messages, docstrings and pages'
 	@echo 'make wheel     build the wheel only'
 	@echo 'make format    rustfmt and ruff format'
 	@echo 'make docs      the manual, with every example run'
@@ -123,6 +125,13 @@ readme-check: $(VENV)/.test
 
 readme: $(VENV)/.installed
 	$(BIN)/python docs/readme.py
+
+# The example comes from the independent motor in proof/.
+pictures: $(VENV)/.test
+	$(BIN)/python docs/pictures.py
+
+words: | need
+	"$$(.ci/need python)" docs/words.py
 
 # Interrupted, the same command goes on where it stopped.
 proof: CASES ?= 600

@@ -1,10 +1,10 @@
-"""Rewrites the printed output and the picture in README.md from what the installed package does.
+"""Rewrites the printed output in README.md and the manual from what the installed package does.
 
     make readme
 
-Each block between `<!-- output of NAME -->` and `<!-- end -->` is replaced. `--check` only compares, and
-exits with 1 if README.md does not say what the package prints; last digits may differ between processors, so
-numbers are left out of that comparison.
+Each block between `<!-- output of NAME -->` and `<!-- end -->` of the pages is replaced. `--check` only
+compares. It names each page that does not show what the package prints, and exits with 1. Last digits may
+differ between processors, so the comparison leaves numbers out.
 """
 
 from __future__ import annotations
@@ -19,14 +19,15 @@ from pathlib import Path
 from shutil import copyfile
 
 import numpy as np
-from matplotlib.figure import Figure
-from pmsm_rs import Diagnosis, diagnose, load, plot
+from pmsm_rs import load
 from pmsm_rs.config import read_machine
 from pmsm_rs.demo import recording_files
 
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
-PICTURE = ROOT / "docs" / "demo.png"
+PAGES = (README, ROOT / "docs" / "getting_started.md")
+FINDING = ("Candidates", "Budget of the mismatch")
+"""The sections of the demo's output that README.md shows below the headline."""
 
 
 def printed(folder: Path, *arguments: str) -> str:
@@ -47,17 +48,26 @@ def python_example(text: str) -> str:
     return found.group(1)
 
 
+def sections(text: str, *headings: str) -> str:
+    """The first paragraph of an answer, and the paragraphs below these headings."""
+    first, *others = text.split("\n\n")
+    shown = [part.rstrip() for heading in headings for part in others if part.startswith(heading)]
+    assert len(shown) == len(headings), "the answer has each of these sections once"
+    return "\n\n".join([first, *shown]) + "\n"
+
+
 def outputs(text: str, folder: Path) -> dict[str, str]:
-    """What each block of the README must hold."""
+    """What each block of the pages must hold; `text` is that of README.md."""
     for source, name in zip(recording_files(), ("run.parquet", "other.parquet", "machine.toml"), strict=True):
         copyfile(source, folder / name)
     own = folder / "own"
     own.mkdir()
     log(own / "run.csv")
+    demo = command(folder, "demo")
     return {
-        "demo": command(folder, "demo"),
+        "demo": demo,
+        "finding": sections(demo, *FINDING),
         "inspect": command(own, "inspect", "run.csv", "--write", "machine.toml"),
-        "effects": command(folder, "effects"),
         "python": printed(folder, sys.executable, "-c", python_example(text)),
     }
 
@@ -79,7 +89,7 @@ def log(path: Path) -> None:
 
 
 def fill(text: str, blocks: dict[str, str]) -> str:
-    """The README with its blocks replaced."""
+    """The page with its blocks replaced."""
 
     def block(found: re.Match[str]) -> str:
         return f"{found[1]}\n```text\n{blocks[found[2]]}```\n<!-- end -->"
@@ -93,37 +103,23 @@ def wording(text: str) -> str:
     return re.sub(r" +", " ", re.sub(r"-?\d+(\.\d+)?(e-?\d+)?", "#", text))
 
 
-def demo_answer() -> Diagnosis:
-    """The diagnosis that `pmsm-rs demo` makes."""
-    recording, validation, machine = recording_files()
-    return diagnose(load(recording, machine), read_machine(machine).machine, load(validation, machine))
-
-
-def picture(path: Path) -> None:
-    """Torque current where the plain model is worst, and its mismatch over the direct current."""
-    answer = demo_answer()
-    figure = Figure(figsize=(10, 3.2), layout="constrained", facecolor="white")
-    left, right = figure.subplots(1, 2)
-    plot.trajectory(answer, "i_q", ax=left)
-    plot.residual_over(answer, "i_q", "op_i_q", ax=right)
-    left.legend(frameon=False, fontsize="small")
-    right.legend(frameon=False, fontsize="small")
-    figure.savefig(path, dpi=100, metadata={"Software": None})
-
-
 def main() -> int:
     """Rewrites or checks."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--check", action="store_true", help="change nothing; exit with 1 if it would")
     check = parser.parse_args().check
     os.environ["NO_COLOR"] = "1"
-    text = README.read_text(encoding="utf-8")
+    texts = {page: page.read_text(encoding="utf-8") for page in PAGES}
     with tempfile.TemporaryDirectory() as folder:
-        filled = fill(text, outputs(text, Path(folder)))
+        blocks = outputs(texts[README], Path(folder))
+    filled = {page: fill(text, blocks) for page, text in texts.items()}
     if check:
-        return int(wording(filled) != wording(text))
-    README.write_text(filled, encoding="utf-8")
-    picture(PICTURE)
+        wrong = [page for page, text in texts.items() if wording(filled[page]) != wording(text)]
+        for page in wrong:
+            print(f"{page.relative_to(ROOT)} does not show what the package prints", file=sys.stderr)
+        return int(bool(wrong))
+    for page, text in filled.items():
+        page.write_text(text, encoding="utf-8")
     return 0
 
 

@@ -15,7 +15,7 @@ other = pm.load(other_file, machine=machine_file)
 print(run)
 
 # %%
-# The nameplate is off by 5 to 20 %. A second run of the same machine only judges.
+# The nameplate is off by 5 to 20 %. A second run of the same machine checks the prediction.
 machine = pm.Machine(n_p=4, r_s=1.24, l_d=8.2e-3, l_q=7.1e-3, psi_m=0.159, j=4.4e-3)
 answer = pm.diagnose(run, machine, validation=other)
 answer

@@ -17,7 +17,7 @@ run, other = pm.load(run_file, machine), pm.load(other_file, machine)
 answer = pm.diagnose(run, machine.machine, validation=other)
 
 # %%
-# What the model without the effect leaves, over time and over the operating point.
+# The residual of the model without the effect, over time and over the operating point.
 figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.4), layout="constrained")
 plot.residual_over_time(answer, "i_q", ax=left)
 plot.residual_over(answer, "i_q", "op_i_q", ax=right)

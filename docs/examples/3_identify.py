@@ -33,6 +33,6 @@ ax = plot.history(fit)
 ax.grid(alpha=0.3)
 
 # %%
-# All parameters, with least squares behind the swarm. As what is left over is no noise, there is no honest
+# All parameters, with least squares behind the swarm. As the residual is no noise, there is no honest
 # uncertainty, and the answer says so.
 print(pm.identify(run, machine.machine, method="pso+lm", seed=1))

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 class Identification(IdentificationValues):
     """Estimated parameters of the dq-model.
 
-    `history` holds the best cost of each generation, `rms` measured minus model per channel in its SI unit,
-    and `cannot_show` the parameters that this recording does not determine, with the reason.
+    `history` holds the best cost of each generation, and `rms` measured minus model per channel in its SI
+    unit. `cannot_show` lists the parameters that this recording does not determine, with the reason.
     """
 
     @classmethod
@@ -50,23 +50,23 @@ class Diagnosis(DiagnosisValues):
     under `model` there.
 
     `read` says for each recording which of its columns became what, which were not used and why, and which
-    questions could be asked; in the JSON answer it is an object for one recording and a list for several. The
+    questions could be asked. In the JSON answer it is an object for one recording and a list for several. The
     verdict is `no_mismatch`, `named`, `partial` (the named effects are missing, and something else beside
     them that is not in the catalogue), `ambiguous`, `unknown` or `undetermined`. Channels are i_d, i_q (A),
-    omega_e (rad/s, electrical), of operating points v_d, v_q (V). `noise_floor` is what a perfect model would
-    leave in each, `fit["recording" or "validation"]["before" or "after"]` what is left, both as root mean
+    omega_e (rad/s, electrical), of operating points v_d, v_q (V). `noise_floor` is the residual of a perfect
+    model in each, `fit["recording" or "validation"]["before" or "after"]` the residual, both as root mean
     square in the channel's unit. `data_quality` has finding, consequence and fix; `cannot_see` effect, why,
-    and power, the probability that it would have been found. `remaining` says what the effects that were
-    found, named or not, leave beyond noise, and is empty where they reach it. `budget` says
-    which share of the mismatch each effect takes away, by channel and run. `options` are the constants on
-    which the verdict rests, see `DiagnosisOptions`. `reason` says why a verdict is `undetermined`, and is
-    None otherwise. `data["path"]` is the way to the model, one effect more at each step.
+    and power, the probability that it would have been found. `remaining` says what exceeds the noise beside
+    the effects that were found, named or not, and is empty where nothing does. `budget` says which share of
+    the mismatch each effect takes away, by channel and run. `options` are the constants on which the verdict
+    rests, see `DiagnosisOptions`. `reason` says why a verdict is `undetermined`, and is None otherwise.
+    `data["path"]` is the way to the model, one effect more at each step.
 
     `traces["recording"]` and, where a validation run was given, `traces["validation"]` hold arrays of shape
-    (samples,): `t` in s, per channel `NAME_measured`, `NAME_before`, `NAME_after`, and the operating point
-    `op_omega_e` (rad/s), `op_i_d`, `op_i_q` (A), `op_theta_e`, `op_theta_m` (rad) as far as they are known.
-    Several recordings lie end to end there, numbered by `recording`; `recordings` says of each its file,
-    samples, duration in s, kind, load, noise_floor and fit, and is empty for a single one.
+    (samples,). They are `t` in s and, per channel, `NAME_measured`, `NAME_before` and `NAME_after`. The
+    operating point is `op_omega_e` (rad/s), `op_i_d`, `op_i_q` (A), `op_theta_e` and `op_theta_m` (rad), as
+    far as known. Several recordings lie end to end there, numbered by `recording`. `recordings` says of each
+    its file, samples, duration in s, kind, load, noise_floor and fit; it is empty for a single one.
     """
 
     @property

@@ -1,8 +1,8 @@
 """Columns of several time bases brought to one: groups of a file that were sampled at other rates or times.
 
 The lead is the fastest base that holds a voltage, a current or the motor torque. What is sampled as fast is
-lined up with it. A slow speed or angle is left out where the lead has the other one, a slow load torque, DC
-link or temperature is interpolated, and what is too slow to be either is refused.
+lined up with it. A slow speed or angle is left out where the lead has the other one. A slow load torque, DC
+link or temperature is interpolated. What is too slow for either is refused.
 """
 
 from __future__ import annotations
@@ -37,8 +37,9 @@ _ON_TIME: Final = 1e-3
 
 @dataclass(frozen=True)
 class Bases:
-    """The time bases of a plan: sample times (s) by base, the base of each canonical column that has one, the
-    lead, and what was left out, by canonical name with the reason.
+    """The time bases of a plan: sample times (s) by base, the base of each canonical column, and the lead.
+
+    What was left out is listed by canonical name with the reason.
     """
 
     stamps: Mapping[str, NDArray[np.float64]]

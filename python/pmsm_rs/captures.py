@@ -110,8 +110,10 @@ def _open(columns: Columns, v: Vector, remarks: list[Remark], file: str | None) 
 
 
 def _is_held(v: Vector, i: Vector) -> bool:
-    """Whether a voltage acts from its sample to the next, as that of a drive's log: where it jumps the
-    current bends at once then, and with the mean of the samples at both ends in a capture of the voltage.
+    """Whether a voltage acts from its sample to the next, as that of a drive's log.
+
+    Where such a voltage jumps, the slope of the current changes at once. In a capture of the voltage the
+    slope follows the mean of the samples at both ends.
     """
     # The bend of the current about a sample comes from the voltage behind it less the one before it.
     bend, step = np.diff(i, 2), np.diff(v)
@@ -255,7 +257,7 @@ def _flux(found: Rotation, i: Vector) -> Remark:
         f"r_s = {found.r_s:.4g} ohm, l_d = {1e3 * found.l_d:.4g} mH, l_q = {1e3 * found.l_q:.4g} mH and "
         f"psi_m = {found.psi_m:.4g} V s{lost}.",
         "Nothing was asked of the motion, of sensor offsets, and of what is the same all around a turn, "
-        "such as saturation: each could be an error of this angle. l_d and l_q rest on it, too, "
+        "such as saturation: each could be an error of this angle. l_d and l_q depend on it, too, "
         f"l_q to within {1e3 * at_best:.2g} mH.",
         "Log the angle to have all of it asked.",
     )

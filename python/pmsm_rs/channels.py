@@ -22,8 +22,9 @@ TOLD: Final = 0.02
 _FEWEST_MEANS: Final = 100
 """Means of which a correlation is taken at least."""
 _APART: Final = 0.25
-"""How far the correlation of two channels may be from that of two phases a third of a turn apart, -1/2, or of
-two that are measured against the third, 1/2.
+"""Largest distance of the correlation of two channels from -1/2, or from 1/2.
+
+Two phases a third of a turn apart have -1/2, two that are measured against the third phase have 1/2.
 """
 
 
@@ -125,8 +126,7 @@ def _to_star_point(
     whole = {name: columns[name] for name in alive}
     whole[lost] = -sum(whole.values())  # type: ignore[assignment]
     remark = Remark(
-        f"{lost} was not recorded: it is what {names} leave, as voltages to the star point add up to "
-        "nothing.",
+        f"{lost} was not recorded: it follows from {names}, as voltages to the star point add up to nothing.",
         "If they were measured between phases, psi_m is too large by the square root of three; a third "
         f"harmonic would be taken for one of {lost}.",
         "Record the third voltage as well.",

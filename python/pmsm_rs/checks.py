@@ -39,8 +39,9 @@ def angle_against_speed(
     """Raises DataError where the logged angle turns at another rate or in another direction than the logged
     speed.
 
-    The ratio of the two is 1 if both are what their names say, n_p or 1/n_p if electrical and mechanical were
-    mixed up, and π/180 or 2π if a unit is wrong. Too slow a sampling to follow the angle decides nothing.
+    The ratio of the two is 1 if both are what their names say. It is n_p or 1/n_p if electrical and
+    mechanical were mixed up, and π/180 or 2π if a unit is wrong. Too slow a sampling to follow the angle
+    decides nothing.
     """
     for angle, speed, pairs in (
         ("theta_e", "omega_e", 1.0),
@@ -76,9 +77,9 @@ def rotor_frame_against_phases(columns: Mapping[str, NDArray[np.float64]], file:
     """Raises DataError where logged d and q values are those of the logged phases in another convention.
 
     Both are compared at the logged electrical angle: √(3/2) is the power-invariant transformation, 1/√2 root
-    mean squares, −1 a turned sign. What is filtered or sampled otherwise, so that neither follows from the
-    other, decides nothing, and neither does the turn of voltages, which some drives log at the angle of
-    another instant.
+    mean squares, −1 a turned sign. Where one is filtered or sampled otherwise, so that neither
+    follows from the other, nothing is refused. Nor is a turn of the voltages, which some drives log at the
+    angle of another instant.
     """
     for sign, turns in (("i", True), ("v", False)):
         names = [f"{sign}_{axis}" for axis in "dqab"]

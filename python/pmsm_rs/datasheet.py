@@ -38,8 +38,8 @@ QUANTITIES: Final[dict[str, tuple[str, str]]] = {
 CANONICAL: Final = ("n_p", "r_s", "l_d", "l_q", "psi_m", "j", "b")
 """Keys that the model has itself."""
 _GEAR: Final = (
-    "a gear ratio is not taken, as it does not say which columns are of the output side; "
-    'scale those to the motor in [columns], as in omega_m = { from = "speed", scale = 9.0, unit = "rpm" }, '
+    "a gear ratio is not taken, as it does not say which columns are of the output side. "
+    'Scale those to the motor in [columns], as in omega_m = { from = "speed", scale = 9.0, unit = "rpm" }, '
     "theta_m likewise and tau_m by the inverse"
 )
 

@@ -64,9 +64,10 @@ def refuse(
 
 
 class Problem(NamedTuple):
-    """One of several things that are wrong with a file: its column, what it is, and the way out. `lines` are
-    those of [columns] of which one would settle it, and `brief` is the way out for who sees them and the
-    columns of the file beside it; empty where it is `fix`.
+    """One of several things that are wrong with a file: its column, what it is, and the way out.
+
+    `lines` are those of [columns] of which one would settle it. `brief` is the way out for a reader who sees
+    these lines and the columns of the file; empty where it is `fix`.
     """
 
     problem: str

@@ -120,12 +120,12 @@ def diagnose_many(
 
     `recordings` are files or recordings in memory; `machine` is one machine (file) for all or one for each;
     `validations`, where given, has one for each or None. `executor` is any concurrent.futures.Executor, such
-    as a ProcessPoolExecutor or dask's `client.get_executor()`, or a function that makes one, which is asked
-    again after a pool broke; by default threads of this process, as many as there are processors. `threads`
-    are those within one diagnosis.
+    as a ProcessPoolExecutor or dask's `client.get_executor()`, or a function that makes one. The function is
+    asked again after a pool broke. By default threads of this process do the work, one per processor.
+    `threads` are those within one diagnosis.
 
-    `ledger` names a file to which every finished recording is appended; run again with the same ledger, what
-    it holds is not computed again, unless recording, machine, seed or version of the package changed.
+    `ledger` names a file to which every finished recording is appended. In a second run with the same ledger,
+    what it holds is not computed again unless recording, machine, seed or version of the package changed.
 
     An error with one recording is a Failure in its place. On Ctrl-C what is finished is returned, marked
     `interrupted`. Raises UsageError where the arguments do not fit together or the ledger cannot be written,

@@ -1,8 +1,8 @@
 """The readings of the constants on a nameplate, and the flux linkage that each gives.
 
-With amplitude-invariant Park components (Krishnan, Permanent Magnet Synchronous and Brushless DC Motor
-Drives, 2010) the torque is 3/2 n_p psi_m i_q, where i_q is the peak of the phase current, and the peak of the
-phase voltage at open terminals is n_p psi_m omega_m. So
+Park components keep amplitudes (Krishnan, Permanent Magnet Synchronous and Brushless DC Motor Drives, 2010).
+The torque is 3/2 n_p psi_m i_q, where i_q is the peak of the phase current. The peak of the phase voltage at
+open terminals is n_p psi_m omega_m. So
 
     k_t per A peak        = 3/2 n_p psi_m               k_t per A rms         = 3/2 sqrt(2) n_p psi_m
     k_e phase peak        = n_p psi_m                   k_e phase rms         = n_p psi_m / sqrt(2)

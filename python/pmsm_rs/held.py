@@ -16,7 +16,7 @@ _SENSED: Final = frozenset(
     {"i_a", "i_b", "i_c", "i_d", "i_q", "theta_e", "theta_m", "omega_e", "omega_m", "tau_e", "tau_m"}
 )
 _FEWEST: Final = 32
-"""Updates from which a column is judged."""
+"""Fewest updates from which something is said of a column."""
 _NEW: Final = 0.5
 """Share of rows with a new value below which a column is held, or coarse."""
 _COARSE: Final = 2.5

@@ -1,6 +1,6 @@
 """A ledger of finished work: one JSON object per line, only ever appended to, each on disk before the next.
 
-A process that dies leaves at most its last line torn. Such a line is kept, ended, and passed over when the
+When a process dies, at most its last line is torn. Such a line is kept, ended, and passed over when the
 ledger is read again.
 """
 

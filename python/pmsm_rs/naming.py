@@ -54,10 +54,11 @@ _ROOTS: Final = {
 class Meaning:
     """What a name says.
 
-    `columns` are the canonical ones that it may be: one where that is certain, several where electrical and
-    mechanical are in doubt, none where no column can be made of it. `sure` is False where some of its words
-    are not known. `unit` is the one that the name or the file states. `other` marks a quantity that is none
-    of the motor's, such as a control error, and `shaft_in_rpm` a speed that in rpm is always the shaft's.
+    `columns` are the canonical ones that it may be. There is one where that is certain, several where
+    electrical and mechanical are in doubt, none where no column can be made of it. `sure` is False where some
+    of its words are not known. `unit` is the one that the name or the file states. `other` marks a quantity
+    that is none of the motor's, such as a control error, and `shaft_in_rpm` a speed that in rpm is always the
+    shaft's.
     """
 
     quantity: str

@@ -15,31 +15,30 @@ _CORE: Final[dict[str, Any]] = json.loads(_core.diagnosis_options())
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnosisOptions:
-    """The constants on which a verdict rests; their values stand under `options` in every answer.
+    """The constants on which a verdict rests; every answer lists their values under `options`.
 
     All are pure numbers but `run_up` (s) and the costs, which are in nats (1 nat is a factor e in
     probability).
 
-    How much the data say: `rows_per_sample` rows of a waveform count as one independent sample, and a channel
-    has at least `fewest_samples`. A mean square below `floor_known_to` times that of the noise earns nothing.
+    Samples: `rows_per_sample` rows of a waveform count as one independent sample, and a channel has at least
+    `fewest_samples`. A mean square below `floor_known_to` times that of the noise gains nothing.
 
-    How rare a cause is: an effect costs `effect_cost`, a coefficient of a map `coefficient_cost`; `unknown`
-    is kept for physics outside the catalogue; a set holds at most `most_effects`.
+    Priors of causes: an effect costs `effect_cost`, a coefficient of a map `coefficient_cost`. `unknown` is
+    kept for physics outside the catalogue. A set holds at most `most_effects`.
 
-    From where on a verdict speaks: a set counts as better from a gain of `decisive`; an effect is named
-    beside something else from the probability `named`, if it explains `beside_remainder` times what remains.
-    A channel is mismatched from an excess mean square of `mismatch` times the noise's, on another recording
-    of `mismatch_held_out`, and explained below `explained`. A model is refuted where another recording leaves
-    more than `refuted_times` what the bare machine leaves plus `refuted_by`. Something remains from
-    `remaining_times` times the noise, if chance does that more rarely than `remaining_chance`. No name is
-    likelier than `ceiling_unknown` where none is given, and than `ceiling_doubtful` where something else
-    remains.
+    Decisions: a set counts as better from a gain of `decisive`. An effect is named beside something else from
+    the probability `named`, if it explains `beside_remainder` times what remains. A channel is mismatched
+    from an excess mean square of `mismatch` times the noise's, on another recording of `mismatch_held_out`,
+    and explained below `explained`. A model is refuted where its mean square on another recording exceeds
+    `refuted_times` that of the dq-model plus `refuted_by`. Something remains from `remaining_times` times the
+    noise, if chance does that more rarely than `remaining_chance`. No name is likelier than `ceiling_unknown`
+    where none is given, and than `ceiling_doubtful` where something else remains.
 
-    What is known beforehand: a nameplate value by `nameplate_spread`, a stated friction by `friction_spread`,
-    an inertia by the time `run_up` in which the torque brings the rotor to its speed, by `run_up_spread`
-    (standard deviations of the logarithm; of the friction, a share). A fit that leaves more than
-    `worse_than_constant` times a signal's own variation is no model, unless the signal varies by less than
-    `still` times its noise.
+    Priors of parameters: `nameplate_spread` and `run_up_spread` are standard deviations of a logarithm, of a
+    nameplate value and of the time `run_up`. In that time the largest torque brings a rotor of unknown
+    inertia to its largest speed. `friction_spread` is the standard deviation of a stated friction, as a share
+    of it. A fit whose residual exceeds `worse_than_constant` times a signal's own variation is no model,
+    unless the signal varies by less than `still` times its noise.
 
     Raises UsageError, when a diagnosis is made with it, for a value that is no finite number above zero.
     """

@@ -1,9 +1,9 @@
 """Pictures of a diagnosis and of an identification, on plain matplotlib axes.
 
 Every function draws on `ax`, or on axes of a new figure of pyplot, and returns the axes to be restyled. Where
-a `source` is asked for, it is a diagnosis, of which the run that is judged is drawn with its noise, or one of
-its `traces`. Residuals are measured minus model, in the channel's SI unit. Colours are those of Okabe and
-Ito, which people with colour-deficient sight tell apart.
+a `source` is asked for, it is a diagnosis or one of its `traces`. Of a diagnosis the validation run is drawn
+with its noise, or the recording where there is none. Residuals are measured minus model, in the channel's SI
+unit. Colours are those of Okabe and Ito, which people with colour-deficient sight tell apart.
 """
 
 from __future__ import annotations
@@ -157,8 +157,10 @@ def order_spectrum(source: Source, name: str, angle: str = "op_theta_e", *, ax: 
 
 
 def unmodelled(term: Term, *, ax: Axes | None = None) -> Axes:
-    """A term of a map of what no candidate explains: lines over one variable (one for either direction of
-    rotation where it depends on that), or colours over two with their own colour bar.
+    """A term of a map of what no candidate explains.
+
+    A term of one variable is drawn as lines, one for either direction of rotation where it depends on that. A
+    term of two is drawn in colours with their own colour bar.
     """
     ax = _axes(ax)
     first, *rest = term.variables

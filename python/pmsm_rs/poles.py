@@ -52,8 +52,10 @@ def pole_pairs(columns: Mapping[str, NDArray[np.float64]]) -> PolePairs | None:
 
 
 class Frame(NamedTuple):
-    """What a doubtful column is: the canonical name, the motion that tells, how many times as fast the
-    electrical one of the two turns, and the pole pairs, None where both are of one kind.
+    """What a doubtful column is: the canonical name, and the motion that tells.
+
+    With them come how many times as fast the electrical one of the two turns, and the pole pairs, None where
+    both are of one kind.
     """
 
     name: str

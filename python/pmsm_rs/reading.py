@@ -42,7 +42,7 @@ class Account:
     """What became of the columns of a file or frame.
 
     `columns` holds the rule behind each canonical column, units resolved. `ignored` are the names of all the
-    others, `unused` those of them of which there is something to say, and `missed` the quantities of which
+    others, `unused` those of them of which there is something to say. `missed` are the quantities of which
     nothing was read although a column looks like it. `what` they are columns of: a file, or a recording in
     memory. `remarks` say what was done to the data, and `first` rows were cut before the first one.
     """
@@ -91,11 +91,11 @@ def told(
     *,
     steady: bool = True,
 ) -> dict[str, Any]:
-    """`read` of an answer: columns, ignored, rows, period (s) and questions, `not_used` for the columns of
-    which there is something to say, and `done` for what was done to the data.
+    """`read` of an answer: columns, ignored, rows, period (s), questions, `not_used` and `done`.
 
-    `stamps` are the sample times (s), shape (samples,); `kind` is that of the recording, None where it
-    answers no question. `steady` says whether a run without v_d has steady points, as far as is known.
+    `not_used` has the columns of which there is something to say, `done` what was done to the data. `stamps`
+    are the sample times (s), shape (samples,); `kind` is that of the recording, None where it answers no
+    question. `steady` says whether a run without v_d has steady points, as far as is known.
     """
     period = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
     return {

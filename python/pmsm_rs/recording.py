@@ -31,9 +31,9 @@ class Recording(_core.Recording):
     """Columns of one run under their canonical names, each of shape (samples,), in SI units.
 
     Give arrays by keyword, `Recording(t=..., v_d=..., v_q=..., i_d=..., i_q=..., omega_e=...)`, or one
-    mapping; `n` in rpm is taken as `omega_m`. `load` is what is known of the load torque (none,
-    known_constant with `load_value` in N·m, measured, unknown_constant, unknown_piecewise, locked); left out,
-    it is measured where there is a column tau_m and unknown_constant otherwise. `angle_error` (rad,
+    mapping; `n` in rpm is taken as `omega_m`. `load` is what is known of the load torque: none,
+    known_constant with `load_value` in N·m, measured, unknown_constant, unknown_piecewise or locked. Left
+    out, it is measured where there is a column tau_m and unknown_constant otherwise. `angle_error` (rad,
     electrical) says that angle and speed were not measured but taken from the voltages, and how far they may
     be off: then nothing is asked of the motion. Raises DataError naming column and row,
     and UsageError for what are no columns.

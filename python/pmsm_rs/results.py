@@ -135,10 +135,12 @@ class Location:
 
 @dataclass(frozen=True)
 class Remaining:
-    """What the effects `beside` leave of one equation: times the noise on the recording and on the validation
-    run (None without one), the variables over which it is left, and the probability of so much by chance.
-    `nearest` is a step like those of `path`: the model with that effect of the catalogue whose form comes
-    nearest. A smooth map does as well, so it is no name. None where no effect comes near.
+    """The residual of one equation beside the effects `beside`, where it exceeds the noise.
+
+    It is given in times the noise, on the recording and on the validation run (None without one). With it
+    come the variables on which it depends, and the probability of so much by chance. `nearest` is a step like
+    those of `path`: the model with that effect of the catalogue whose form comes nearest. A smooth map does
+    as well, so it is no name. None where no effect comes near.
     """
 
     equation: str
@@ -158,8 +160,8 @@ class Remaining:
 
 @dataclass(frozen=True)
 class Share:
-    """What an effect takes away of the excess mean square of the bare machine: by itself, and beside the
-    others, none of which takes its place.
+    """What an effect explains of the excess mean square of the dq-model: by itself, and beside the others,
+    none of which takes its place.
     """
 
     effect: str
@@ -171,10 +173,10 @@ class Share:
 class Budget:
     """The budget of one channel on one run, "recording" or "validation".
 
-    `before` and `after` are what the bare machine and the model leave, in times the noise. The shares are of
-    the excess mean square of the bare machine: `parts` of the effects, largest first, `shared` what any of
-    several effects could take away, `unmodelled` what the map of what has no name takes away, `rest` what is
-    left. They add up to one.
+    `before` and `after` are the residuals of the dq-model and of the final model, in times the noise. The
+    shares are of the excess mean square of the dq-model, and add up to one. `parts` are those of the effects,
+    largest first. `shared` is what any of several effects could explain, `unmodelled` what the map without a
+    name explains, and `rest` what remains.
     """
 
     run: str
@@ -299,7 +301,7 @@ class DiagnosisValues:
 
     @property
     def shown(self) -> str | None:
-        """Which traces are judged and drawn: "validation" where there is one, else "recording", None
+        """Which traces are compared and drawn: "validation" where there is one, else "recording", None
         without traces.
         """
         return next((name for name in ("validation", "recording") if name in self.traces), None)

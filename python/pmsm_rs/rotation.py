@@ -2,9 +2,9 @@
 
 The flux linkage that an integral of v - r_s i gives, less l_q i, is the active flux. It lies on the d axis
 for salient machines, too, and has the length psi_m + (l_d - l_q) i_d (Boldea, Paicu & Andreescu, IEEE Trans.
-Power Electronics 23 (2008) 2612). The drift of the integral, r_s, l_d, l_q and what an inverter loses in its
-dead time are those with which that length comes out, by least squares over the whole capture and beside the
-nameplate. Open terminals are the case i = 0.
+Power Electronics 23 (2008) 2612). Least squares over the whole capture, with
+the nameplate as prior, fit that length. They find the drift of the integral, r_s, l_d, l_q and the voltage
+lost in the dead time. Open terminals are the case i = 0.
 """
 
 from __future__ import annotations
@@ -39,9 +39,10 @@ _LOST: Final = 0.1
 """Standard deviation of the voltage that an inverter loses, share of the rms voltage."""
 _COASTING: Final = 2.0 * np.pi
 _DRIVEN: Final = 0.5 * np.pi
-"""Electrical angle to each side, at the usual speed, over which the angle is smoothed: a rotor turned from
-outside changes its speed slowly, and the magnets of its poles differ; a motor may reverse within a few turns.
-The half turn takes out what repeats twice or six times in one.
+"""Electrical angle to each side, at the usual speed, over which the angle is smoothed.
+
+A rotor turned from outside changes its speed slowly, and the magnets of its poles differ. A motor may reverse
+within a few turns. The half turn takes out what repeats twice or six times in one.
 """
 USUAL: Final = 0.9
 """Share of the samples that turn no faster than the usual speed."""
@@ -64,9 +65,9 @@ class Rotation:
 
     `theta` is the electrical angle (rad, unwrapped) and `omega` its rate (rad/s), both of shape (samples,)
     and without what repeats within a turn. `psi_m` (V s), `r_s` (ohm), `l_d` and `l_q` (H) are those of the
-    fit, `lost` the voltage (V) that the phases lose against the sign of their currents, `offset` that of the
-    channels as a space vector (V), `uneven` the share by which the length of the active flux misses its
-    model, and `error` the rms error of the angle (rad) that all of them and the smoothing leave.
+    fit. `lost` is the voltage (V) that the phases lose against the sign of their currents, `offset` that of
+    the channels as a space vector (V). `uneven` is the share by which the length of the active flux misses
+    its model, and `error` the rms error of the angle (rad) after the fit and the smoothing.
     """
 
     theta: Real
@@ -245,7 +246,7 @@ class _Circle:
         return rows, (weight * (self.given - self.found))[1:]
 
     def _alike(self) -> float:
-        """Samples of which one stands for an independent one."""
+        """Samples that count as one independent sample."""
         turns = max(1.0, np.ptp(np.unwrap(np.angle(self.active()))) / _TURN)
         return max(1.0, len(self.used) / (_LASTING * turns))
 
@@ -275,14 +276,15 @@ def _window(angle: Real, reach: float) -> int:
 
 
 def _even(x: Real, half: int) -> Real:
-    """Means over `half` samples to each side, taken twice so that an even acceleration does not bend them."""
+    """Means over `half` samples to each side, twice, so that an even acceleration does not change them."""
     once = _mean(x, half)
     return 2.0 * once - _mean(once, half)
 
 
 def _driven(t: Real, angle: Real, torque: Real, reach: float) -> Real:
-    """`smoothed` without bending what the torque of the motor does to the speed: twice integrated, its course
-    is taken out before and put back behind, as large as it is seen in the angle.
+    """`smoothed` without changing what the torque of the motor does to the speed.
+
+    That course, twice integrated, is subtracted before and added behind, as large as it is seen in the angle.
     """
     twice = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (torque[1:] + torque[:-1]))))
     twice = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (twice[1:] + twice[:-1]))))

@@ -137,11 +137,12 @@ def identify(
     None uses every processor; the answer does not depend on it. `progress(stage, fraction)` is called from
     time to time. On Ctrl-C the best so far is returned, marked `interrupted`.
 
-    With `uncertainties` False the answer holds values and cost alone, as a search that is repeated many times
-    needs them: no `stderr` and no `ci95`, an empty `rms`, in `cannot_show` only what cannot be fitted at all.
+    With `uncertainties` False the answer holds values and cost alone, for a search that is repeated many
+    times. It has no `stderr`, no `ci95` and an empty `rms`, and `cannot_show` only lists what cannot be
+    fitted at all.
 
-    Raises UsageError for what is no recording and for unknown names or bounds, MachineError for a wrong
-    machine file, DataError and NotIdentifiableError where the recording cannot give what is asked for.
+    Raises UsageError for what is no recording and for unknown names or bounds, and MachineError for a wrong
+    machine file. Raises DataError or NotIdentifiableError where the recording cannot give what is asked for.
     """
     expect_method(method)
     expect_whole(seed=seed, threads=threads)
@@ -176,14 +177,14 @@ def diagnose(
 
     A recording is a Recording or the name of a file, which is read as `machine` says. Everything is estimated
     on `recording`: several are fitted together by one machine with the same effects, each with its own clock,
-    noise, load and initial values. `machine` is the nameplate, or a machine file that holds it. `validation`,
-    another run of the same machine, only judges. `options` are the constants on which the verdict rests.
-    `progress(stage, fraction)` is called from time to time. `threads` None uses every processor; the answer
-    does not depend on it. On Ctrl-C the best so far is returned, marked `interrupted`.
+    noise, load and initial values. `machine` is the nameplate, or a machine file that holds it. `validation`
+    is another run of the same machine, to check the prediction. `options` are the constants on which the
+    verdict rests. `progress(stage, fraction)` is called from time to time. `threads` None uses every
+    processor; the answer does not depend on it. On Ctrl-C the best so far is returned, marked `interrupted`.
 
-    Raises UsageError without a recording, for what is none and for an option out of range, MachineError for a
-    wrong machine file, and DataError or NotIdentifiableError where the recordings cannot be used; of several
-    the message names the one, and so do the attributes `recording`, counted from 1, and `file`.
+    Raises UsageError without a recording, for what is none and for an option out of range, and MachineError
+    for a wrong machine file. Raises DataError or NotIdentifiableError where the recordings cannot be used. Of
+    several the message names the one, and so do the attributes `recording`, counted from 1, and `file`.
     """
     several = isinstance(recording, Sequence) and not isinstance(recording, str)
     runs: list[Any] = list(recording) if several else [recording]  # type: ignore[arg-type]
@@ -313,8 +314,9 @@ def _read(recording: Recording, *, steady: bool = True) -> dict[str, Any]:
 
 
 def _with_read(data: dict[str, Any], reads: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """The answer with `read`, an object for one recording and a list of them for several, and with a finding
-    for each column that was not used though it may be needed.
+    """The answer with `read`, and with a finding for each column that was not used though it may be needed.
+
+    `read` is an object for one recording and a list of them for several.
     """
     each = [warnings(read) for read in reads]
     findings = [

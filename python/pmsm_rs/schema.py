@@ -42,7 +42,7 @@ def validated(model: type[_Model], name: str, content: object, errors: list[str]
 
 
 def number(key: str, value: object) -> object:
-    """A whole number of TOML as the physical value it stands for."""
+    """A whole number of TOML as the physical value that it means."""
     return float(value) if isinstance(value, int) and not isinstance(value, bool) and key != "n_p" else value
 
 

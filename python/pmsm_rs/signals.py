@@ -38,8 +38,8 @@ class Signal:
     recognised. `low`, `high` and `course` are in `unit`, which is None where neither file nor name states it;
     all of them are over the values that are finite. `course` has the highest value of each of at most
     STRETCHES parts, NaN for a part without one. `missing` of `rows` values are not there, the first of them
-    at `first_missing`, in words. `why` says why it is not used or cannot be read, `use` are the lines of
-    [columns] of which one would use it, and `could_be` the canonical columns that it could be where there are
+    at `first_missing`, in words. `why` says why it is not used or cannot be read. `use` are the lines of
+    [columns] of which one would use it. `could_be` are the canonical columns that it could be where there are
     several. `base` is the time base of a column in a file that has several.
     """
 
@@ -96,7 +96,7 @@ def signals(source: Source, survey: Survey) -> tuple[list[Signal], dict[str, NDA
 
 
 def _columns(source: Source, taken: Iterable[str]) -> list[str]:
-    """The names of all columns; an array of which parts are taken stands for these."""
+    """The names of all columns; an array of which parts are taken counts as these."""
     parts: dict[str, list[str]] = {}
     for column in taken:
         if column not in source.names:

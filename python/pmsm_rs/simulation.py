@@ -24,11 +24,11 @@ from .recording import Recording
 class Truth:
     """What a simulated recording is the recording of.
 
-    `base` maps the base parameters to their values at the start (SI), `effects` each effect to its parameters
-    by name and, where they differ, to what an identification reports of it. `scales` are those at which the
-    effects' parameters are meant. `traces` maps i_d, i_q (A), theta_m (rad), omega_m (rad/s), tau_e, tau_load
-    (N·m), each base parameter that drifts, and tau_load_disturbed (N·m), eq. (4) of Liu, Liu & Cartes (2008),
-    to arrays of shape (samples,).
+    `base` maps the base parameters to their values at the start (SI). `effects` maps each effect to its
+    parameters by name and, where they differ, to what an identification reports of it. `scales` are those at
+    which the effects' parameters are meant. `traces` maps names to arrays of shape (samples,): `i_d`, `i_q`
+    (A), `theta_m` (rad), `omega_m` (rad/s), `tau_e`, `tau_load` (N·m), and each base parameter that drifts.
+    `tau_load_disturbed` (N·m) is eq. (4) of Liu, Liu & Cartes (2008).
     """
 
     base: dict[str, float]

@@ -26,7 +26,7 @@ class SystemFit(Fit):
     """Estimated parameters of a system of one's own; units are those of its equations.
 
     `cost` is the weighted sum of squares, `history` its best value after each generation of the swarm and
-    each step of least squares, `rms` the weighted error of each output (None if interrupted), and
+    each step of least squares. `rms` is the weighted error of each output (None if interrupted), and
     `cannot_show` the parameters that the recording does not determine, with the reason.
     """
 
@@ -73,8 +73,8 @@ def identify_system(
 ) -> SystemFit:
     """Finds the parameters with which a system of one's own reproduces a recording.
 
-    `rhs(t, x, u, p)` returns dx/dt, one entry per state; `x` are the states, `u` the inputs at time `t` (by
-    position, or by name where `inputs` is a mapping), `p` the parameters by name. `output` with the same
+    `rhs(t, x, u, p)` returns dx/dt, one entry per state. `x` are the states, `p` the parameters by name, and
+    `u` the inputs at time `t`, by position, or by name where `inputs` is a mapping. `output` with the same
     arguments returns what is measured; left out, it is the first states. `measured` holds the outputs, an
     array of shape (samples,) or (samples, outputs) or a mapping of arrays, NaN where there is no value; `t`
     has shape (samples,). `parameters` maps names to their bounds, `x0` is the first state, each entry a
@@ -213,7 +213,7 @@ class _Run:
                 raise
             raise refuse(
                 UsageError,
-                "the function branches on a value, which stands for many candidates",
+                "the function branches on a value, which holds many candidates",
                 fix="write it with np.where, or pass vectorised=False",
             ) from error
 

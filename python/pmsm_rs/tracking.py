@@ -41,8 +41,10 @@ _LOOKED_AT = 1000
 
 @dataclass(frozen=True)
 class Drift:
-    """What moved since earlier windows: `looks_like` holds any of "thermal", "load" and "mismatch", nothing
-    where all stayed within its uncertainty, and is None for a skipped window; `sentence` says it in words.
+    """What moved since earlier windows, in words in `sentence`.
+
+    `looks_like` holds any of "thermal", "load" and "mismatch". It is empty where all stayed within its
+    uncertainty, and None for a skipped window.
     """
 
     looks_like: tuple[str, ...] | None
@@ -140,7 +142,7 @@ class WindowEstimate:
 class Tracker:
     """Follows parameters through a stream of samples; memory does not grow with the stream.
 
-    `fit` names the parameters, with bounds in SI units or None for a wide range around the nameplate; an
+    `fit` names the parameters, with bounds in SI units or None for a wide range around the nameplate. An
     unknown load is fitted along with anything that acts on the speed. `window` is in s. `method` is "lm"
     (warm least squares, fast), "pso" (the paper's swarm: each window starts from the last one's result and
     seeks within the share `search` of it) or "pso+lm". `machine` is the nameplate, or a machine file that
@@ -189,7 +191,7 @@ class Tracker:
         `batch` is a mapping of canonical names to arrays of shape (samples,) in SI units, a frame, or
         anything else with an Arrow stream; every batch has the same columns. Rows with a value that is not
         finite are left out and counted in the window's notes, and so are rows that repeat or come out of
-        order; where time runs far back a new run begins.
+        order. Where time runs far back a new run begins.
 
         An exception, KeyboardInterrupt included, leaves the tracker as it was: the same batch can be given
         again. Raises DataError for columns that cannot be used.

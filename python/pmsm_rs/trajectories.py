@@ -13,7 +13,7 @@ _PARTS = ("_measured", "_before", "_after")
 
 
 def write(answer: DiagnosisValues, path: str | os.PathLike[str]) -> None:
-    """Writes t and NAME_measured, NAME_before, NAME_after of the run that is judged.
+    """Writes t and NAME_measured, NAME_before, NAME_after of the validation run, or else of the recording.
 
     Raises UsageError where there are no traces or the file cannot be written.
     """

@@ -65,8 +65,10 @@ class Term:
 
 @dataclass(frozen=True)
 class Unmodelled:
-    """A map of what no candidate explains: in words, the share of the held-out excess that it removes (None
-    without a map), and its terms (empty if no map improves the prediction).
+    """A map of what no candidate explains, in words and as terms.
+
+    With it comes the share of the held-out excess that it explains (None without a map). There are no terms
+    if no map improves the prediction.
     """
 
     sentence: str
@@ -88,8 +90,10 @@ def _count(variable: Mapping[str, Any]) -> int:
 
 
 def functions(variable: Mapping[str, Any], x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The functions of one factor at `x`, shape (functions, *x.shape): cos and sin of each order in turn, one
-    function for either direction of rotation, or uniform B-splines (de Boor 1978) whose ends hold outside.
+    """The functions of one factor at `x`, shape (functions, *x.shape).
+
+    They are cos and sin of each order in turn, one function for either direction of rotation, or uniform
+    B-splines (de Boor 1978) whose ends hold outside.
     """
     import numpy as np
 

@@ -1,8 +1,8 @@
 """Operating points that stand out: rows that the steady voltage equations of all others do not explain.
 
-A steady voltage is linear in resistance, inductance and flux, with an offset. What else there is bends this
-line, and bends it for neighbours alike. A row is wild that lies among the others, and whose voltage is far
-from the line while theirs are not.
+A steady voltage is linear in resistance, inductance and flux, with an offset. Other physics changes this
+line, and changes it for neighbours alike. An outlier lies among the others, and its voltage is far from the
+line while theirs are not.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from .formats.remark import Remark
 
 _FEWEST: Final = 20
-"""Rows from which one is judged."""
+"""Fewest rows among which an outlier is looked for."""
 _SCATTERS: Final = 10.0
-"""Times the scatter of all rows that a wild row is off."""
+"""Times the scatter of all rows that an outlier is off."""
 _ALONE: Final = 3.0
-"""Times the farthest of the other rows that a wild row is off."""
+"""Times the farthest of the other rows that an outlier is off."""
 _MOST: Final = 0.05
-"""Share of rows that may be wild; one always may."""
+"""Share of rows that may be outliers; one always may."""
 _SHOWN: Final = 6
 """Rows that a sentence names."""
 _ROUNDS: Final = 40
@@ -31,8 +31,10 @@ _ROUNDING: Final = 1e-9
 
 
 def wild_rows(columns: Mapping[str, NDArray[np.float64]]) -> dict[int, tuple[str, float, float]]:
-    """The wild rows of operating points, whose canonical SI `columns` are of shape (samples,): by row (from
-    0) the voltage that is off, by how many V, and how many times the scatter of all rows that is.
+    """The outliers among operating points, whose canonical SI `columns` are of shape (samples,).
+
+    Of each row (from 0) it gives the voltage that is off, by how many V, and how many times the scatter of
+    all rows that is.
     """
     speed = columns.get("omega_e", columns.get("omega_m"))
     if speed is None or not {"i_d", "i_q"} <= {*columns}:
@@ -47,7 +49,7 @@ def wild_rows(columns: Mapping[str, NDArray[np.float64]]) -> dict[int, tuple[str
 
 
 def told_of(wild: Mapping[int, tuple[str, float, float]], place: Callable[[int], str]) -> Remark:
-    """That the rows `wild`, as `wild_rows` gives them, were left out; `place` gives the words for a row."""
+    """That the outliers `wild` (see `wild_rows`) were left out; `place` gives the words for a row."""
     told = [
         f"{place(row)}, where {name} is {off:+.3g} V off, {times:.2g} times the scatter of all rows"
         for row, (name, off, times) in [*wild.items()][:_SHOWN]
@@ -55,7 +57,7 @@ def told_of(wild: Mapping[int, tuple[str, float, float]], place: Callable[[int],
     more = f"; {len(wild) - _SHOWN} more are like these" if len(wild) > _SHOWN else ""
     one = len(wild) == 1
     return Remark(
-        f"{'A wild row was' if one else f'{len(wild)} wild rows were'} left out: {'; '.join(told)}{more}.",
+        f"{'An outlier was' if one else f'{len(wild)} outliers were'} left out: {'; '.join(told)}{more}.",
         f"The answer does not rest on {'it' if one else 'them'}.",
         "Measure such a point again; it is kept where others near it agree.",
     )
@@ -81,7 +83,7 @@ def _far(voltage: NDArray[np.float64], given: list[NDArray[np.float64]]) -> dict
 
 
 def _residuals(voltage: NDArray[np.float64], terms: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What the line of the least sum of distances leaves of `voltage`."""
+    """Residual of `voltage` beside the line of the least sum of distances."""
     terms = terms / np.max(np.abs(terms), axis=0)
     weight = np.ones(len(voltage))
     off = voltage

@@ -108,7 +108,7 @@ def test_a_wild_row_is_told_by_its_number_and_left_out(tmp_path: Path) -> None:
     recording = pm.load(tmp_path / "r.csv")
     assert len(recording) == 35
     [remark] = recording.account.remarks
-    assert remark.finding.startswith("A wild row was left out: line 19, where v_q is +")
+    assert remark.finding.startswith("An outlier was left out: line 19, where v_q is +")
 
 
 def test_a_point_at_the_end_of_the_range_is_never_wild(tmp_path: Path) -> None:

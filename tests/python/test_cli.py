@@ -206,7 +206,7 @@ def test_a_motor_that_does_nothing_gives_no_confident_answer(
     ran = run("diagnose", tmp_path / "r.csv", "--machine", machine_file, *outputs)
     assert ran.code == 0
     assert json.loads((tmp_path / "a.json").read_text())["verdict"] == "undetermined"
-    assert "no recorded signal leaves its own noise" in " ".join(ran.out.split())
+    assert "no recorded signal" in " ".join(ran.out.split())
     # There is nothing to compare with, which is no mistake of the user's.
     assert "t.parquet is not written" in ran.err
     assert not (tmp_path / "t.parquet").exists()

@@ -185,7 +185,7 @@ REMAINING: dict[str, Any] = {
     "times_noise": {"recording": 3.1, "validation": 14.8},
     "over": ["i_q"],
     "p_value": 1e-9,
-    "sentence": "Beside dead_time the q-axis voltage equation leaves 3.1 times the noise in i_q.",
+    "sentence": "Beside dead_time the q-axis voltage equation has a residual of 3.1 times the noise in i_q.",
 }
 
 

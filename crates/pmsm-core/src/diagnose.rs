@@ -82,10 +82,10 @@ pub fn diagnose(
     monitor: &dyn Monitor,
 ) -> Result<Answer> {
     options.check()?;
-    monitor.report("bare machine", 0.0);
+    monitor.report("dq-model", 0.0);
     if validation.is_some_and(|run| recordings.iter().any(|recording| recording.same_samples(run))) {
         return Err(Error::unusable(
-            "the validation run is the recording itself: it judges nothing",
+            "the validation run is the recording itself: it checks nothing",
             "give another run of the same machine, or none",
         ));
     }
@@ -160,7 +160,7 @@ pub fn diagnose(
     if whole.poor && verdict::largest_excess(&base) > options.mismatch {
         base = fitting::refit(&whole, &base, monitor)?;
     }
-    monitor.report("bare machine", 0.1);
+    monitor.report("dq-model", 0.1);
     let mut outcome = searching::search(&whole, &others, &base, None, monitor)?;
     let (bare, best) = outcome.ends();
     let Judged { fitted: found, held_out, .. } = best;

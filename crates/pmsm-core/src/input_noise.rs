@@ -125,10 +125,7 @@ impl InputNoise {
         }
         if let (false, Some(control)) = (self.hidden.is_empty(), signals.control_period) {
             out.push(Finding {
-                finding: format!(
-                    "one row of the log stands for {:.1} control periods",
-                    signals.period / control
-                ),
+                finding: format!("one row of the log covers {:.1} control periods", signals.period / control),
                 consequence: "what the voltage did between the rows is unknown; transients count less".into(),
                 fix:
                     "log every control period, or the mean of the voltages commanded from one row to the next"

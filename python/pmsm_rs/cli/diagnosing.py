@@ -82,7 +82,7 @@ def demo(report_file: str, json_file: str | None, threads: int | None, seed: int
     "validation",
     type=options.FILE,
     metavar="FILE",
-    help="Another run of the same machine, which only judges.",
+    help="Another run of the same machine, to check the prediction.",
 )
 @options.JSON
 @options.QUIET

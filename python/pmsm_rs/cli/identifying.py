@@ -102,8 +102,8 @@ def track(
 ) -> int:
     """Follow parameters through RECORDING, window by window.
 
-    With - samples are read from standard input as they come, CSV with a header or one JSON object per line,
-    and each window is written to standard output as one JSON object as soon as it is complete.
+    With - samples are read from standard input as they come: CSV with a header, or one JSON object per line.
+    Each window is written to standard output as one JSON object as soon as it is complete.
     """
     from ..live import Request, follow
 

@@ -38,8 +38,9 @@ _ISO: Final = "write dates as 2024-12-31"
 
 
 class Clock(NamedTuple):
-    """A column of times of day, with the columns that belong to it where there are any: of
-    dates, and of the fraction of the second in `unit` (ms, us or ns).
+    """A column of times of day, with the columns that belong to it where there are any.
+
+    They hold dates, and the fraction of the second in `unit` (ms, us or ns).
     """
 
     column: int

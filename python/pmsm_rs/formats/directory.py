@@ -17,8 +17,10 @@ _LONGEST_PATH: Final = 1025
 
 
 class Directory:
-    """The members by their names: `names` has that of each, `listed` each name of a column once, `units` the
-    stated units by name and by header, `headers` the header of each name that one column alone has.
+    """The members by their names: `names` has that of each, `listed` each name of a column once.
+
+    `units` has the stated units by name and by header, `headers` the header of each name that one column
+    alone has.
     """
 
     def __init__(self, members: Sequence[Member]) -> None:

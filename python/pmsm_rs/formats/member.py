@@ -101,8 +101,9 @@ class Member:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is wanted of member number `index`, and the name `column` by which the user asked for it; with
-    `gaps` a missing value is NaN where the format can tell, and no fault.
+    """What is wanted of member number `index`, and the name `column` by which the user asked for it.
+
+    With `gaps` a missing value is NaN where the format can tell, and no fault.
     """
 
     index: int

@@ -1,6 +1,6 @@
 """What oscilloscopes leave unsaid in their CSV files.
 
-Tektronix, LeCroy and others head a time in seconds with the bare word "Time"; Siglent calls it "Source";
+Tektronix, LeCroy and others head a time in seconds with the bare word "Time". Siglent calls it "Source".
 Rigol counts samples and gives start and increment once, at the end of the first two lines.
 """
 

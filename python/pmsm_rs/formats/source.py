@@ -40,12 +40,12 @@ class Source:
     """A recording as it lies in its file or frame: names, stated units, and the way to the numbers.
 
     `names` has each name once, also where several columns have it. `read(names)` gives one 1-D float64 array
-    per name and raises DataError where a name does not settle which column is meant; `place(row)` turns a row
+    per name and raises DataError where a name does not settle which column is meant. `place(row)` turns a row
     (from 0) into the number and the words under which the user finds it. `resolve(text)` gives the name for
     whatever else means a column: its path, its header to the letter, a part of an array. `headers` holds
     the headers to the letter where a name is only a part of them, `twice` the names that several columns
     have. `bases` names the time base of each column where the file has several, and `stamps` the sample times
-    (s) of each base, by a name that `read` takes. `common` stands for those of whichever base is used.
+    (s) of each base, by a name that `read` takes. `common` means those of whichever base is used.
     `clocks` are the columns made of dates and times of day, in s, with the columns that each takes in.
     Reading adds to `remarks` what was done to the data.
     """

@@ -53,8 +53,9 @@ class Search:
 
 @dataclass(frozen=True)
 class Following:
-    """Figs. 6 to 8: the windows, the seconds that each took by the clock and of all processors, and the true
-    means of r_s (ohm) and disturbed load torque (N·m) in them.
+    """Figs. 6 to 8: the windows, and the seconds that each took by the clock and of all processors.
+
+    With them come the true means of r_s (ohm) and disturbed load torque (N·m) in each.
     """
 
     method: str

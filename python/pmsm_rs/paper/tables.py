@@ -21,8 +21,8 @@ CHOICES: Final = (
     (
         "Manoeuvre",
         "load 3 N·m, speed reference 80 rad/s (mechanical) with a swing of 8 rad/s once in 0.3 s and one "
-        "of 3 rad/s at 27 Hz, so that the current changes in every window: at a constant current r_s hardly "
-        "shows; the speed loop has a bandwidth of 40 Hz",
+        "of 3 rad/s at 27 Hz. The current then changes in every window, as at a constant current r_s hardly "
+        "shows. The speed loop has a bandwidth of 40 Hz",
     ),
     (
         "Drift",
@@ -42,7 +42,7 @@ CHOICES: Final = (
     (
         "Search ranges",
         "from scratch r_s within ±50 % of the nameplate and the load within ±20 % of 3 N·m, which a drive "
-        "knows from its torque command; from window to window within ±20 % of the last result, one particle "
+        "knows from its torque command. From window to window within ±20 % of the last result, one particle "
         "on it",
     ),
     (
@@ -52,7 +52,7 @@ CHOICES: Final = (
     (
         "Initial values",
         "the free run of a window starts from its first sample, freed of noise by a straight line through "
-        "what the model leaves of the window's first 4 %",
+        "the residual of the window's first 4 %",
     ),
     ("Weight w of (9)", "one number per window: rms of the current vector over rms of the speed"),
     ("Truth of a window", "the means of r_s(t) and of T_L + ΔJ·dω/dt + ΔB·ω over the window"),

@@ -58,15 +58,15 @@ pub fn contradiction(data: &Data, best: &Hypothesis, monitor: &dyn Monitor) -> R
     let worst = (0..blocks.len()).filter_map(worse).max_by(|a, b| a.1.total_cmp(&b.1));
     Ok(worst.map(|(block, together, own)| {
         let finding = format!(
-            "the recordings contradict each other: fitted together the model leaves {} times the noise in {} of recording {}, \
-             fitted to it alone {} times{}",
+            "the recordings contradict each other: fitted together the model has a residual of {} times the noise in {} of \
+             recording {}, fitted to it alone {} times{}",
             times(together.sqrt()),
             block.channel.name(),
             data.number(block.run).unwrap_or(1),
             times(own.sqrt()),
             parameter_words(data, &alone, block.channel)
         );
-        let consequence = "one machine does not explain them all, and what is named in these equations may only stand in for \
+        let consequence = "one machine does not explain them all, and an effect named in these equations may only describe \
                            the difference";
         let fix = "diagnose each by itself, or give together only what was recorded in one state, equally warm";
         let finding = Finding { finding, consequence: consequence.into(), fix: fix.into() };

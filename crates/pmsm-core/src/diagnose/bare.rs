@@ -65,7 +65,7 @@ fn cost(data: &Data, found: &Hypothesis) -> f64 {
 /// A finding if currents, voltages or speed hardly leave their noise in any recording.
 pub fn silent(data: &Data) -> Option<Finding> {
     (!data.runs().iter().any(is_alive)).then(|| Finding {
-        finding: "no recorded signal leaves its own noise".into(),
+        finding: "no recorded signal exceeds its own noise".into(),
         consequence: "nothing can be said about the machine".into(),
         fix: "record a manoeuvre: reversals, two levels of i_q, steps of i_d".into(),
     })

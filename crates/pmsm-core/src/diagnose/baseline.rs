@@ -23,12 +23,12 @@ pub fn fault(data: &Data, base: &Hypothesis) -> Option<Finding> {
     let place = data.number(worst.run).map_or(String::new(), |number| format!(" of recording {number}"));
     Some(Finding {
         finding: format!(
-            "the best dq-model that was found leaves {:.3} {unit} in {name}{place}, and {name} itself varies by {:.3} {unit} only{}",
+            "the best dq-model has a residual of {:.3} {unit} in {name}{place}, and {name} itself varies by {:.3} {unit} only{}",
             worst.left,
             worst.variation,
             ran_away(data, base, worst.channel).unwrap_or_default()
         ),
-        consequence: "this is no model of the recording, and nothing can be said of what it leaves out"
+        consequence: "this is no model of the recording, and nothing can be said of what is missing in it"
             .into(),
         fix: "check units, signs and n_p, and give the parameters on the nameplate that are missing there"
             .into(),

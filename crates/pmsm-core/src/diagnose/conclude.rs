@@ -395,7 +395,7 @@ fn quality(data: &Data, weak: &[String], found: &[Tie], refuted: bool) -> Vec<Fi
     }
     if refuted {
         findings.push(Finding {
-            finding: "what fits this recording predicts the validation run worse than the bare machine"
+            finding: "what fits this recording predicts the validation run worse than the dq-model alone"
                 .into(),
             consequence: "the candidates are listed, but none is put into the model".into(),
             fix: "diagnose a manoeuvre with reversals, two levels of i_q and steps of i_d".into(),
@@ -412,7 +412,7 @@ fn not_foreseen(on_validation: &Hypothesis, limit: f64) -> Option<Finding> {
     let (channel, square) = on_validation.squares.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(Finding {
         finding: format!(
-            "on the validation run the model leaves {} times the noise in {}",
+            "on the validation run the model has a residual of {} times the noise in {}",
             power::times(square.sqrt()),
             channel.name()
         ),

@@ -424,7 +424,7 @@ mod tests {
         assert!(matches!(error, Error::InRecording { number: 3, .. }), "{error}");
         assert!(error.to_string().contains("recording 1"), "{error}");
         let error = diagnose(&[&one], &machine, Some(&one), &Default::default(), &Silent).unwrap_err();
-        assert!(error.to_string().contains("judges nothing"), "{error}");
+        assert!(error.to_string().contains("checks nothing"), "{error}");
     }
 
     #[test]

@@ -169,8 +169,11 @@ fn sentence(at: &Located, channel: Channel, excess: f64) -> String {
         "mechanical" => "The equation of motion".to_string(),
         axis => format!("The {axis}-axis voltage equation"),
     };
-    let mut text =
-        format!("{equation} leaves {:.1} times the noise in {}", (1.0 + excess).sqrt(), channel.name());
+    let mut text = format!(
+        "{equation} has a residual of {:.1} times the noise in {}",
+        (1.0 + excess).sqrt(),
+        channel.name()
+    );
     let regions: Vec<String> = at.regions.iter().map(Region::words).collect();
     if !regions.is_empty() {
         text += &format!(", most of it for {}", regions.join(" and for "));

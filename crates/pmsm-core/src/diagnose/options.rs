@@ -15,7 +15,7 @@ pub struct DiagnosisOptions {
     pub rows_per_sample: f64,
     /// Fewest independent samples of a channel.
     pub fewest_samples: f64,
-    /// Mean square over that of the noise floor below which a model earns nothing: a floor is known to a tenth.
+    /// Mean square over that of the noise floor below which a model gains nothing: a floor is known to a tenth.
     pub floor_known_to: f64,
     /// What an effect costs by itself, nats: of the two dozen of the catalogue about one is there, prior odds of 1 to 20. Physics that no
     /// catalogue holds is as rare.
@@ -28,8 +28,8 @@ pub struct DiagnosisOptions {
     pub unknown: f64,
     /// Posterior probability from which an effect is named beside something else.
     pub named: f64,
-    /// Excess mean square that an effect must explain beside the others, over the one that is left: beside the discrepancy where something
-    /// else is missing, and beside what the forms of right effects leave.
+    /// Excess mean square that an effect must explain beside the others, over the excess that remains. It is asked where something else is
+    /// missing, beside the discrepancy, and where the forms of right effects may be the cause of the rest.
     pub beside_remainder: f64,
     /// Most effects in one set.
     pub most_effects: usize,
@@ -39,18 +39,19 @@ pub struct DiagnosisOptions {
     pub mismatch_held_out: f64,
     /// Excess mean square that a channel may have and still count as explained.
     pub explained: f64,
-    /// A mean square on another recording beyond this multiple of the bare machine's, and beyond that by `refuted_by`, refutes a model.
+    /// A mean square on another recording beyond this multiple of the dq-model's, and beyond that by `refuted_by`, refutes a model.
     pub refuted_times: f64,
     /// See `refuted_times`.
     pub refuted_by: f64,
-    /// Times the noise from which what an effect leaves is a further cause. Below it lies what the forms of right effects leave: real
-    /// saturation curves, shaft dampings and friction humps are not quite those of the catalogue.
+    /// Residual, times the noise, from which a further cause is missing. Below it lie errors of the forms of right effects: real saturation
+    /// curves, shaft dampings and friction humps are not quite those of the catalogue.
     pub remaining_times: f64,
     /// Probability of so much by chance above which nothing is said to remain.
     pub remaining_chance: f64,
     /// Highest probability of any name where nothing is named, or where another recording speaks against it.
     pub ceiling_unknown: f64,
-    /// Highest probability of a name in doubt: an even chance. Something else remains beside it, or a poor recording foresees no other one.
+    /// Highest probability of a name in doubt: an even chance. Something else remains beside it, or a poor recording does not predict another
+    /// one.
     pub ceiling_doubtful: f64,
     /// Standard deviation of the logarithm of a nameplate value: magnets and windings scatter and warm up.
     pub nameplate_spread: f64,
@@ -60,7 +61,7 @@ pub struct DiagnosisOptions {
     pub run_up: f64,
     /// Standard deviation of the logarithm of that time: milliseconds in a servo, half a minute in a vehicle.
     pub run_up_spread: f64,
-    /// Factor by which a bare machine may leave more than the signal's own variation: in a short window noise that is added up does that.
+    /// Factor by which the residual of a dq-model may exceed the signal's own variation: in a short window noise that adds up does that.
     pub worse_than_constant: f64,
     /// A signal that varies by less than this many times its noise has nothing to explain.
     pub still: f64,

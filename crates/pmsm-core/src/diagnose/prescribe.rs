@@ -188,8 +188,8 @@ fn tell_apart(data: &Data, best: Named, others: &[Named], monitor: &dyn Monitor)
     let Separation { nats, channel, left } = chosen.separation;
     if nats < data.options.decisive {
         return Ok(Some(format!(
-            "No manoeuvre within the recorded speed, current and voltage would tell {name} from {}: the best of {} tried \
-             ({words}{load}) would leave the rival at {} times the noise. Go beyond the recorded range where it is safe.",
+            "No manoeuvre within the recorded speed, current and voltage would tell {name} from {}. The best of {} tried \
+             ({words}{load}) would give the rival a residual of {} times the noise. Go beyond the recorded range where it is safe.",
             rival.0,
             first.len(),
             times(left),
@@ -202,15 +202,15 @@ fn tell_apart(data: &Data, best: Named, others: &[Named], monitor: &dyn Monitor)
     };
     let reverse = other.map_or(String::new(), |s| {
         format!(
-            "; if it is {}, {name} would be left with {} times the noise in {}",
+            " If it is {}, {name} has a residual of {} times the noise in {}.",
             rival.0,
             times(s.left),
             s.channel.name()
         )
     });
     Ok(Some(format!(
-        "To tell {name} from {}, {words}{load}: if it is {name}, its residual stays at the noise and {} would be left with {} times \
-         the noise in {} however it is refitted{reverse}. Give both recordings to the diagnosis.",
+        "To tell {name} from {}, {words}{load}. If it is {name}, {} has a residual of {} times the noise in {}, however \
+         it is refitted.{reverse} Give both recordings to the diagnosis.",
         rival.0,
         rival.0,
         times(left),

@@ -97,7 +97,7 @@ pub fn beyond(recording: &Signals, validation: &Signals) -> Option<Finding> {
     let (_, there, here) = further.max_by(|a, b| a.0.total_cmp(&b.0))?;
     Some(Finding {
         finding: format!("the validation run has {there}, the recording only {here}"),
-        consequence: "there the model extrapolates, and what it leaves may come of that".into(),
+        consequence: "there the model extrapolates, which may cause its residual".into(),
         fix: "record as far as the model is to hold, or give both recordings to the diagnosis".into(),
     })
 }
@@ -106,7 +106,8 @@ pub fn beyond(recording: &Signals, validation: &Signals) -> Option<Finding> {
 pub fn judges_the_motion_alone(recording: &Data, validation: &Data) -> Option<Finding> {
     (recording.has(true) && !validation.has(true)).then(|| Finding {
         finding: "the validation run has no voltages".into(),
-        consequence: "it judges the motion alone; of the voltage equations only the recording tells".into(),
+        consequence: "it checks the motion alone; the voltage equations are checked on the recording only"
+            .into(),
         fix: "log the voltages of the validation run, too".into(),
     })
 }

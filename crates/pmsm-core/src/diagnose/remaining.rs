@@ -112,8 +112,8 @@ fn told(
 ) -> Remaining {
     let over = place.map_or(Vec::new(), variables);
     let subject = match equation {
-        "mechanical" => "the equation of motion leaves".to_string(),
-        axis => format!("the {axis}-axis voltage equation leaves"),
+        "mechanical" => "the equation of motion has a residual of".to_string(),
+        axis => format!("the {axis}-axis voltage equation has a residual of"),
     };
     let beside = if names.is_empty() { String::new() } else { format!("beside {} ", names.join(", ")) };
     let where_to = match there {

@@ -70,7 +70,7 @@ pub fn findings(ties: &[Tie]) -> Vec<Finding> {
                 names.join(", "),
                 group[0].effect.id()
             ),
-            consequence: "each can stand in for the others, so that no value of them is worth much by itself"
+            consequence: "each can take over the part of the others, so that none of their values is reliable by itself"
                 .into(),
             fix: "record at other speeds, currents and directions as well".into(),
         }

@@ -58,7 +58,7 @@ pub fn answer(recording: &Recording, machine: &Machine, options: &DiagnosisOptio
     shown.extend(balance.place("b").map(|at| (BaseParameter::B, line.found[at], line.error[at])));
     let constant = 1.5 * signals.n_p * psi_m;
     let why = said(format!(
-        "{} steady points of torque show k_t = {constant:.4} N m/A (psi_m = {psi_m:.3e} V s){}, and leave {:.3} N m rms",
+        "{} steady points of torque show k_t = {constant:.4} N m/A (psi_m = {psi_m:.3e} V s){}, with a residual of {:.3} N m rms",
         tau_m.len() - line.wild.len(),
         balance.friction_words(&line),
         line.scatter

@@ -26,7 +26,7 @@ const DECISIVE: f64 = 9.2;
 /// # Errors
 /// Those of the least-squares fits.
 pub fn opposite(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result<Option<Finding>> {
-    debug_assert!(base.effects().iter().all(|e| e.info().site != Site::Mechanical), "the bare machine");
+    debug_assert!(base.effects().iter().all(|e| e.info().site != Site::Mechanical), "the dq-model alone");
     if !data.has(false) || monitor.cancelled() {
         return Ok(None);
     }
@@ -50,7 +50,7 @@ pub fn opposite(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result
     let (what, column) = if torque_logged { ("torque", "tau_e") } else { ("torque of the currents", "i_q") };
     Ok(Some(Finding {
         finding: format!(
-            "the {what} counts with the opposite sign against the acceleration: turned round, it leaves {times:.1} times less of the motion"
+            "the {what} counts with the opposite sign against the acceleration: turned round, the residual of the motion is {times:.1} times smaller"
         ),
         consequence:
             "as it is logged no rotor moves like this, and nothing can be said of what the model leaves out"

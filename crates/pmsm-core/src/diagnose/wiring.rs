@@ -77,7 +77,7 @@ pub fn suspected(
     let words: Vec<&str> = explaining.iter().map(|(_, at)| mistakes[*at].words.as_str()).collect();
     Ok(Some(Finding {
         finding: format!(
-            "the log reads as if {}: with that undone the bare machine leaves {:.2} times the noise in place of {:.0}",
+            "the log reads as if {}: with that undone the dq-model has a residual of {:.2} times the noise instead of {:.0}",
             words.join(", or "),
             least.sqrt(),
             (1.0 + before).sqrt()

@@ -32,7 +32,7 @@ impl Effect for SaturationD {
         sentence: "The iron of the d axis saturates: its inductance falls with the flux of magnet and d current.",
         equation: "i_d = (λ_d − ψ_m)/l_d + g(λ_d − (1−β)·ψ_m) − g(β·ψ_m), g(x) = k·x/l_d·(|x|/λ_0)^s",
         source: "Hinkkanen et al., IEEE Trans. Industry Applications 53 (2017) 2644",
-        fingerprint: "q-axis voltage ω·λ_d bends with i_d; more inductance at negative i_d",
+        fingerprint: "q-axis voltage ω·λ_d is no straight line over i_d; more inductance at negative i_d",
         look_alikes: &["cross_saturation", "saturation_q"],
         contains: &[],
         site: Site::Electrical,

@@ -20,7 +20,7 @@ impl Effect for SaturationQ {
         sentence: "The iron of the q axis saturates: its inductance falls as its own current grows.",
         equation: "i_q = λ_q/l_q·(1 + k·(|λ_q|/λ_0)^s)",
         source: "Hinkkanen et al., IEEE Trans. Industry Applications 53 (2017) 2644",
-        fingerprint: "d-axis voltage −ω·λ_q bends with i_q; current ripple grows with i_q",
+        fingerprint: "d-axis voltage −ω·λ_q is no straight line over i_q; current ripple grows with i_q",
         look_alikes: &["cross_saturation", "saturation_d", "encoder_angle_offset"],
         contains: &[],
         site: Site::Electrical,

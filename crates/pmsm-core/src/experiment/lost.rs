@@ -202,7 +202,7 @@ impl Watch<Seeded> for Follower {
     }
 
     fn leave(&mut self, v: [Seeded; 2]) {
-        let step = self.steps.last_mut().expect("one stands where one leaves");
+        let step = self.steps.last_mut().expect("a step has begun before it ends");
         step.held = Some(v.map(|x| x.re));
     }
 }

@@ -25,8 +25,8 @@ impl Judge {
             return Estimate::bare(
                 Some(value),
                 unit,
-                "what the model leaves over swings so slowly that the recording is only a few independent looks; record \
-                 longer, or find what the model leaves out",
+                "the residual swings so slowly that the recording holds only a few independent samples; record longer, or \
+                 find what the model leaves out",
             );
         }
         let short = (self.0.naive.row(at) * &self.0.gradient)[0];

@@ -1,7 +1,7 @@
 """What the decoding process runs, one module per family of formats; the user's process uses none of it.
 
 Each module of a format has a class `Table(file, max_bytes)`, which may be given more by name. It has
-`members`, a list of `Member`, and `read(wanted)`, which gives for each `Wanted` the parts of its values as
+`members`, a list of `Member`, and `read(wanted)`. That gives for each `Wanted` the parts of its values as
 contiguous float64 arrays, and raises `Refused`. Whatever else goes wrong is damage to the file.
 """
 

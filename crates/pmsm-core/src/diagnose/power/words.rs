@@ -30,15 +30,15 @@ impl Shown {
         let contained = found.iter().find(|e| self.effect.contains(**e));
         if let Some(special) = contained {
             return format!(
-                "{} is a special case of it and fits as well: what it has beyond that, if of the same size, would add up to {} times the \
-                 noise to {channel}, so that it cannot be excluded",
+                "{} is a special case of it and fits as well. Its other part, if of the same size, would add at most {} times the noise to \
+                 {channel}, so that it cannot be excluded",
                 special.id(),
                 times(after)
             );
         }
         if self.at_best > EVEN {
             return format!(
-                "in some of its forms it hides: at its typical strength it would leave {} to {} times the noise in {channel} \
+                "in some of its forms it hides: at its typical strength it would add {} to {} times the noise to {channel} \
                  after the fitted parameters have adjusted",
                 times(self.least),
                 times(after)

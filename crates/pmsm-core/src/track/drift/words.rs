@@ -86,8 +86,8 @@ pub fn coloured(rms: &[(&'static str, f64)], noise: &[Noise], n: usize) -> Optio
         })
         .max_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(format!(
-        "{} leaves {:.1} times its noise: the model leaves something out, or the load or a parameter changed within the \
-         window; the estimates take it up in part.",
+        "{} has a residual of {:.1} times its noise. The model leaves something out, or the load or a parameter changed within \
+         the window; the estimates take it up in part.",
         worst.0, worst.1
     ))
 }
