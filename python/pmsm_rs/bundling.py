@@ -87,8 +87,8 @@ def bundle(
     left out. Of the machine file remain the parameters, the ratings and the load, of the answer what names no
     file and no column. `rows` of both runs are kept, numbered from 0.
 
-    Raises UsageError where a file is missing or `path` cannot be written, MachineError for a bad machine
-    file, and DataError for a recording that cannot be read, for too few rows, and for what is no answer.
+    Raises UsageError where a file is missing or `path` cannot be written, and MachineError for a bad machine
+    file. Raises DataError for a recording that cannot be read, for too few rows, and for what is no answer.
     """
     described = read_machine(machine)
     runs = {"recording": recording, **({} if validation is None else {"validation": validation})}

@@ -36,8 +36,8 @@ def load(
     """The recording in a file, in one that is being opened, or in a frame in memory; a Recording is returned
     as it is.
 
-    Files are CSV, Parquet, Feather, .mat, .npz and JSON, and with the extras of the package MATLAB v7.3,
-    HDF5, NI TDMS, ASAM MDF, PX4 ulog, ROS bags, MCAP and logs of a CAN bus.
+    Files are CSV, Parquet, Feather, .mat, .npz and JSON. With the extras of the package they are MATLAB v7.3,
+    HDF5, NI TDMS, ASAM MDF, PX4 ulog, ROS bags, MCAP and logs of a CAN bus, too.
 
     `machine` names the machine file whose [columns] and [load] tables say how to read it; with a Machine only
     its pole pairs are used, to tell electrical from mechanical angles. Nothing larger than `max_bytes` bytes

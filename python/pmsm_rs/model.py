@@ -231,8 +231,10 @@ class Model(Mapping[str, Any]):
         )
 
     def explain(self, recording: Recording, machine: Machine | None = None) -> dict[str, Columns]:
-        """What each effect does to a recording over time: per effect `t`, and for each channel the prediction
-        with the effect minus that without it, arrays of shape (samples,) in the channel's unit.
+        """What each effect does to a recording over time.
+
+        Per effect these are `t`, and for each channel the prediction with the effect minus that without it:
+        arrays of shape (samples,) in the channel's unit.
 
         The other effects and the base parameters keep their values. Raises UsageError as `predict` does.
         """
@@ -325,7 +327,7 @@ class Model(Mapping[str, Any]):
         """The equations as lists of elementary operations, from which exports are written.
 
         `states` are the names of the states; `start`, `derivative`, `output`, `command`, `torque` and `flux`
-        have `inputs`, `operations` and `outputs`. Temperatures in degC stand for measured ones.
+        have `inputs`, `operations` and `outputs`. Temperatures in degC replace measured ones.
         """
         heating = [temperature - REFERENCE_TEMPERATURE, temperature_magnet - REFERENCE_TEMPERATURE]
         told: dict[str, Any] = json.loads(_core.equations(self._text, heating=heating))

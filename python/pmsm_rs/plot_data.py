@@ -20,8 +20,10 @@ _NOTHING: Final = -32768
 
 
 def packed(answer: DiagnosisValues) -> dict[str, Any] | None:
-    """The traces that are drawn, None without any: `t` (s since `start`), whether each two values are the
-    ends of a run of rows, and the signals of every channel as whole numbers of two bytes.
+    """The traces that are drawn, None without any.
+
+    They are `t` (s since `start`), and the signals of every channel as whole numbers of two bytes. `paired`
+    says whether each two values are the ends of a run of rows.
     """
     if answer.shown is None:
         return None

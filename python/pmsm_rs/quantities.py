@@ -127,8 +127,9 @@ def normal(name: str) -> str:
 
 @lru_cache(maxsize=1024)
 def spellings(name: str) -> tuple[str, ...]:
-    """The ways in which LOGS may have a name: the whole of it in lower case with single underscores, then
-    without the parts that points set off in front, such as `axis0.`.
+    """The ways in which LOGS may have a name, in lower case with single underscores.
+
+    The first is the whole of it, the next lack the parts that points set off in front, such as `axis0.`.
     """
     parts = name.strip().lower().split(".")
     ways = (".".join(parts[k:]) for k in range(len(parts)))

@@ -163,8 +163,9 @@ def fit(answer: DiagnosisValues, run: str) -> list[FitRow]:
 
 @dataclass(frozen=True)
 class BudgetTable:
-    """Which share of the mismatch of each channel what takes away; `rows` are a name and a share for each of
-    `heads`, which are channel, and times the noise before and after.
+    """The share of each channel's mismatch that each cause takes away.
+
+    `heads` are the channel, and times the noise before and after. `rows` are a name and a share for each.
     """
 
     heads: tuple[tuple[str, str, str], ...]
@@ -172,7 +173,7 @@ class BudgetTable:
 
 
 def budget_table(answer: DiagnosisValues) -> BudgetTable:
-    """The budget of the run that is judged."""
+    """The budget of the run that is shown."""
     told = judged(answer.budget)
     heads = tuple((words.channel(b.channel)[0], words.number(b.before), words.number(b.after)) for b in told)
     each = [dict(shares(b)) for b in told]

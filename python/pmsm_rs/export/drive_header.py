@@ -1,7 +1,8 @@
 """Compensation for a drive as a C header: single precision, no allocation, C99.
 
-Feed-forward of friction and of torques over the angle (formula and table), the voltage that dead time takes,
-the flux map, the currents of most torque per ampere, and the resistance over temperature.
+It holds the feed-forward of friction and of torques over the angle as formula and table, and the voltage that
+dead time takes. It holds the flux map, the currents of most torque per ampere, and the resistance over
+temperature.
 """
 
 from __future__ import annotations

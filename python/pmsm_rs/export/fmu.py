@@ -1,7 +1,7 @@
 """The model as a functional mock-up unit for co-simulation, FMI 2.0 (modelica.org/fmi).
 
-Inputs are the voltages d, q in the rotor's frame and the load torque; parameters are the state in which it
-begins; outputs are the currents, the torque and the motion. Within each communication step the inputs hold,
+Inputs are the voltages d, q in the rotor's frame and the load torque. Parameters are the state in which it
+begins. Outputs are the currents, the torque and the motion. Within each communication step the inputs hold,
 and the equations advance by Runge-Kutta steps. The unit holds its C source, and a library for this computer
 where there is a C compiler.
 """

@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Kind:
-    """An export: what it is, the usual suffix of its file, the names of its options, and what makes it: the
-    content of the file, and sentences that say what is not in it.
+    """An export: what it is, the usual suffix of its file, the names of its options, and what makes it.
+
+    `make` returns the content of the file, and sentences that say what is not in it.
     """
 
     said: str

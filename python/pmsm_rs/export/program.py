@@ -20,9 +20,9 @@ _LONGEST = 100
 class Language:
     """How a language writes numbers, operations and definitions.
 
-    `functions` maps sqrt, sin, cos, exp, ln, tanh and abs to the names of functions; `select` is a format
-    with {test}, {yes} and {no}; `define` is a format with {name} and {value}; `quotient` and the like may
-    replace an operator by a format with {a} and {b}.
+    `functions` maps sqrt, sin, cos, exp, ln, tanh and abs to the names of functions. `select` is a format
+    with {test}, {yes} and {no}, `define` one with {name} and {value}. `replaced` gives add, sub, mul or div
+    a format with {a} and {b} in place of its operator.
     """
 
     functions: Mapping[str, str]

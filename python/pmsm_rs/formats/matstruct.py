@@ -43,7 +43,7 @@ class Array:
 
 
 Column = tuple[Member, memoryview | None]
-"""A column and the element that has its values; None for the times that stand for those of any clock."""
+"""A column and the element that has its values; None for the times that replace those of any clock."""
 
 
 def columns(name: str, content: Structure) -> Iterator[Column]:
