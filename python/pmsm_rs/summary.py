@@ -52,6 +52,7 @@ def diagnosis(answer: DiagnosisValues) -> str:
             lines.append(f"  {percent(candidate.probability):>6}  {candidate.effect}{twins}")
     if answer.unmodelled is not None:
         lines += ["", "Unmodelled", hung("  ", answer.unmodelled.sentence)]
+    lines += formulas(answer)
     chosen = [c for c in answer.ranking if c.effect in answer.effects]
     found = [(f"{c.effect}.{name}", entry) for c in chosen for name, entry in c.parameters.items()]
     lines += _parameters([*found, *answer.base.items()])
@@ -75,6 +76,22 @@ def diagnosis(answer: DiagnosisValues) -> str:
     if answer.next_experiment:
         lines += ["", "Next", hung("  ", answer.next_experiment)]
     return "\n".join(lines)
+
+
+def formulas(answer: DiagnosisValues) -> list[str]:
+    """Formulas for a torque that has no name; nothing where that was not asked."""
+    if answer.formulas is None:
+        return []
+    if not answer.formulas:
+        return ["", "Formula", "  No simple formula describes the torque that remains."]
+    lines = ["", "Formulas for the torque that remains: a hypothesis, no cause"]
+    for entry in answer.formulas:
+        share = min(entry["explains"].values())
+        twin = "   cannot be told from the first" if entry["equivalent"] else ""
+        lines.append(f"  {percent(share):>6}  {entry['formula']}{twin}")
+        values = (f"{name} = {number(x['value'])} {x['unit']}" for name, x in entry["parameters"].items())
+        lines.append(hung(" " * 10, ", ".join(values).replace(" 1,", ",").removesuffix(" 1")))
+    return lines
 
 
 def told_once(located: Sequence[Location]) -> list[Location]:

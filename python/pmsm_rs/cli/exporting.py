@@ -32,15 +32,15 @@ def export(answer: str, kind: str, output: str, temperature: float | None) -> in
     """Write the model of ANSWER.json for another tool.
 
     \b
-    machine    corrected machine file.
-    python     Python module that needs numpy alone.
-    rust       Rust program on the crate pmsm-core.
-    fmu        functional mock-up unit for co-simulation, FMI 2.0.
-    modelica   Modelica model.
-    motulator  Python module on motulator.
-    gem        parameters for gym-electric-motor.
-    mujoco     MuJoCo joint and actuator.
-    c-header   compensation for a drive: C header in single precision.
+    - machine: corrected machine file.
+    - python: Python module that needs numpy alone.
+    - rust: Rust program on the crate pmsm-core.
+    - fmu: functional mock-up unit for co-simulation, FMI 2.0.
+    - modelica: Modelica model.
+    - motulator: Python module on motulator.
+    - gem: parameters for gym-electric-motor.
+    - mujoco: MuJoCo joint and actuator.
+    - c-header: compensation for a drive, C header in single precision.
 
     Make ANSWER.json with `pmsm-rs diagnose ... --json ANSWER.json`. What the tool cannot express is said, and
     stands in the file.
