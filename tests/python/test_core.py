@@ -189,6 +189,7 @@ def test_a_machine_file_is_taken_for_its_machine() -> None:
         pm.identify(recording, "none.toml", fit=["r_s"], method="lm")
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="Ctrl-C is sent as a signal of POSIX")
 @pytest.mark.parametrize("threads", [1, None])
 def test_ctrl_c_gives_the_best_so_far(threads: int | None) -> None:
     assert threading.current_thread() is threading.main_thread()
@@ -210,6 +211,7 @@ def test_ctrl_c_gives_the_best_so_far(threads: int | None) -> None:
     assert json.loads(answer.to_json())["interrupted"] is True
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="Ctrl-C is sent as a signal of POSIX")
 def test_ctrl_c_on_the_command_line_writes_the_best_so_far(tmp_path: Path) -> None:
     recording, validation, machine = recording_files()
     # The signal comes with the first word of progress, so that nothing depends on how fast this machine is.

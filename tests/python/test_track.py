@@ -207,6 +207,7 @@ def test_batches_must_fit_together(simulated: pm.Simulation, columns: dict[str, 
     assert tracker.state() == before
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="Ctrl-C is sent as a signal of POSIX")
 def test_ctrl_c_takes_nothing_in(simulated: pm.Simulation, columns: dict[str, np.ndarray]) -> None:
     # on one thread minutes of work, on any processor
     swarm = pm.Swarm(particles=2000, iterations=1_000_000)
