@@ -94,7 +94,8 @@ def _messages(dbc: str) -> dict[Id, Any]:
     from cantools.database import load_file
 
     try:
-        database = load_file(dbc, strict=False)
+        # A description of diagnostics (CDD) has no messages.
+        database: Any = load_file(dbc, strict=False)
         return {(each.frame_id, each.is_extended_frame): each for each in database.messages if each.signals}
     except Exception as error:
         lines = str(error).strip().splitlines() or [type(error).__name__]
