@@ -65,7 +65,14 @@ def terms(moved: Motion) -> list[Term]:
     top = float(np.abs(moved.omega_m).max()) or 1.0
     # The direction turns over within less than the noise of any log.
     width = 1e-4 * top
-    return [*_friction(top, width), *_of_torque(width), *_hysteresis(moved), *_waves(width), *_in_time(moved)]
+    return [
+        *_friction(top, width),
+        *_of_torque(width),
+        *_hysteresis(moved),
+        *_waves(width),
+        *_at_one_place(width),
+        *_in_time(moved),
+    ]
 
 
 def _odd(profile: Profile, width: float) -> Columns:
@@ -166,6 +173,26 @@ def _waves(width: float) -> list[Term]:
         if order <= _BY_DIRECTION:
             made.append(Term(f"({text})·sgn(ω)", wave(order, True), strengths))
     return made
+
+
+def _at_one_place(width: float) -> list[Term]:
+    """A torque over part of a turn: a tight spot, or a cam."""
+    place = Shape("theta_1", "rad", tuple(2.0 * np.pi * k / 12 for k in range(1, 13)), 0.05, 7.0)
+    wide = Shape("w", "rad", (0.1, 0.25, 0.6), 0.03, 1.5)
+
+    def bump(m: Motion, p: tuple[float, ...]) -> Array:
+        return np.exp((np.cos(m.theta_m - p[0]) - 1.0) / p[1] ** 2)
+
+    torque, text = (("k", "N m"),), "{k}·exp((cos(θ − {theta_1}) − 1)/{w}²)"
+    return [
+        Term(text, lambda m, p: [bump(m, p)], torque, (place, wide)),
+        Term(
+            f"{text}·sgn(ω)",
+            lambda m, p: [bump(m, p) * np.tanh(m.omega_m / width)],
+            torque,
+            (place, wide),
+        ),
+    ]
 
 
 def _in_time(moved: Motion) -> list[Term]:

@@ -28,6 +28,10 @@ FORMS: dict[str, tuple[Torque, str]] = {
         lambda w, th, te: 0.1 * np.sign(w) * (0.8 + np.cos(th - 1.0)),
         "·sin(θ))·sgn(ω)",
     ),
+    "cam": (
+        lambda w, th, te: 0.2 * np.exp((np.cos(th - 2.2) - 1.0) / 0.4**2),
+        "exp((cos(θ − theta_1) − 1)/w²)",
+    ),
     "of the torque": (lambda w, th, te: 0.15 * np.abs(te) * np.sign(w), "|τ_e|·sgn(ω)"),
     "drag and wave": (lambda w, th, te: 4e-5 * w * np.abs(w) + 0.06 * np.cos(3 * th), "ω·|ω|"),
 }
