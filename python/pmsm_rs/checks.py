@@ -31,6 +31,8 @@ _FOREIGN = 0.1
 # logarithm of the size and turn (rad) from which it is another convention and no error of a sensor
 _OTHER_SIZE = 0.15
 _OTHER_TURN = 0.5
+# pole pairs at most, and the share by which their number may miss a whole one
+_MOST_PAIRS, _WHOLE = 60, 0.01
 
 
 def angle_against_speed(
@@ -180,7 +182,31 @@ def _explain(angle: str, speed: str, ratio: float, n_p: int | None, file: str | 
     elif near(math.pi / 180.0) or near(180.0 / math.pi):
         problem = f"{angle} and {speed} differ by 180/π, as if one were in degrees"
         fix = f'give {angle if ratio > 1 else speed} its unit in [columns], such as unit = "deg" or "deg/s"'
+    elif near(math.pi / 30.0) or near(30.0 / math.pi):
+        problem = (
+            f"{angle} turns {ratio:.3g} times as fast as {speed} says, as if rpm and rad/s were mixed up"
+        )
+        unit = "rpm" if ratio < 1 else "rad/s"
+        fix = f'give {speed} its unit in [columns]: unit = "{unit}"'
+    elif near(2.0 * math.pi) or near(0.5 / math.pi):
+        problem = (
+            f"{angle} turns {ratio:.3g} times as fast as {speed} says, as if turns and rad were mixed up"
+        )
+        unit = 'unit = "Hz"' if ratio > 1 else 'unit = "rad/s"'
+        fix = f'give {speed} its unit in [columns], {unit}, or {angle} unit = "rev"'
+    elif (other_pairs := _pole_pairs(angle, speed, ratio, n_p)) is not None:
+        problem = f"{angle} turns {ratio:.3g} times as fast as {speed} and n_p = {n_p} say"
+        fix = f"check n_p, which would be {other_pairs}, and the units of both"
     else:
         problem = f"{angle} turns {ratio:.3g} times as fast as {speed} says"
         fix = "check the units of both, n_p, and which is electrical and which mechanical"
     return refuse(DataError, problem, file=file, column=angle, fix=fix)
+
+
+def _pole_pairs(angle: str, speed: str, ratio: float, n_p: int | None) -> int | None:
+    """The pole pairs with which an electrical and a mechanical column agree, None where none do."""
+    if not n_p or angle[-1] == speed[-1]:
+        return None
+    pairs = n_p * ratio if angle == "theta_e" else n_p / ratio
+    whole = round(pairs)
+    return whole if 1 <= whole <= _MOST_PAIRS and abs(pairs - whole) < _WHOLE * whole else None

@@ -30,6 +30,9 @@ _SIMPLE: Final[dict[str, dict[str, float]]] = {
         **dict.fromkeys(("ozins2", "ozfins2", "inozs2"), _TORQUE["ozf·in"]),
         **dict.fromkeys(("lbins2", "lbfins2", "inlbs2"), _TORQUE["lbf·in"]),
         **dict.fromkeys(("lbfts2", "lbffts2", "ftlbs2"), _TORQUE["lbf·ft"]),
+        "kgfcms2": _TORQUE["kgf·cm"],
+        "kgfms2": 100.0 * _TORQUE["kgf·cm"],
+        "gfcms2": _TORQUE["gf·cm"],
         **dict.fromkeys(("ozin2", "inoz2"), _OUNCE * _INCH**2),
         **dict.fromkeys(("lbin2", "lbmin2"), _POUND * _INCH**2),
         **dict.fromkeys(("lbft2", "lbmft2"), _POUND * _FOOT**2),
@@ -71,6 +74,9 @@ _WORDS: Final = tuple(
     )
 )
 _ATTACHED: Final = re.compile(r"(?<=[AV])(?=(?:rms|eff|pk|peak|ll|l-l|ph)(?![A-Za-z]))", re.IGNORECASE)
+_POWER: Final = re.compile(r"[x×·*\s]*(?:10\s*(?:\^|\*\*)?\s*([-−⁻][0-9⁰¹²³⁴-⁹]+)|1e(-[0-9]+))[x×·*\s]*")
+"""A power of ten in front of a unit or behind it, as in ×10⁻⁴ kg·m²."""
+_DIGITS: Final = str.maketrans("−⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "--0123456789")
 _SIGNS: Final = str.maketrans({"²": "2", "µ": "u", "μ": "u", "\u2126": "ohm", "\u03a9": "ohm"})
 
 
@@ -87,6 +93,7 @@ def compound(text: str, quantity: str) -> Compound | None:
 
     Speeds are mechanical. Hz is none of them, as it may be electrical.
     """
+    text, power = _without_power(text)
     rest, words = _ATTACHED.sub(" ", text.replace("_", " ")), set()
     for word, pattern in _WORDS:
         rest, count = pattern.subn(" ", rest)
@@ -94,7 +101,21 @@ def compound(text: str, quantity: str) -> Compound | None:
     rest = re.sub(r"[(\[]\s*[)\]]|,", " ", rest)
     rest = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", "·", re.sub(r"\bper\b", "/", rest)).strip()
     factor = _ratio(rest, *_RATIOS[quantity]) if quantity in _RATIOS else _plain(rest, quantity)
-    return None if factor is None else Compound(factor, frozenset(words))
+    return None if factor is None else Compound(power * factor, frozenset(words))
+
+
+def _without_power(text: str) -> tuple[str, float]:
+    """`text` without a power of ten at its start or end, and that power."""
+    for found in _POWER.finditer(text):
+        rest = text[: found.start()] + text[found.end() :]
+        exponent = int((found[1] or found[2]).translate(_DIGITS))
+        if (
+            rest.strip()
+            and "" in (text[: found.start()].strip(), text[found.end() :].strip())
+            and exponent > -19
+        ):
+            return rest, 10.0**exponent
+    return text, 1.0
 
 
 def suggested(text: str, quantity: str) -> str:

@@ -16,6 +16,9 @@ from .units import UNITS
 Columns = Mapping[str, Rule]
 
 _FOUND: Final = "the log reads as if "
+_LOAD: Final = re.compile(r"a load that is ([0-9.eE+-]+) N·m (more|less) than the log")
+_SAME: Final = 0.05
+"""Share by which two torques that are the same may differ."""
 _CURRENTS: Final = ("i_a", "i_b", "i_c", "i_d", "i_q")
 _VOLTAGES: Final = ("v_a", "v_b", "v_c", "v_d", "v_q")
 _SPEEDS: Final = ("omega_e", "omega_m", "n")
@@ -39,6 +42,25 @@ def corrected(finding: Mapping[str, str], columns: Columns) -> dict[str, str]:
                 "fix": f"{finding['fix']}; these lines of [columns] undo it in the log: {lines}",
             }
     return dict(finding)
+
+
+def of_load(finding: Mapping[str, str], load: float, columns: Columns) -> dict[str, str]:
+    """A finding that a constant load more or less would do what friction that differs by direction does, with
+    the line that turns the sign of `tau_m` where twice the mean logged `load` (N·m) is that much.
+    """
+    told = _LOAD.match(finding["finding"])
+    if told is None or "tau_m" not in columns:
+        return dict(finding)
+    more = float(told[1]) * (1.0 if told[2] == "more" else -1.0)
+    if abs(more + 2.0 * load) > _SAME * abs(more):
+        return dict(finding)
+    line = f"tau_m = {entry(_negated(columns['tau_m']))}"
+    return {
+        **finding,
+        "finding": f"{finding['finding']}; that is twice the logged tau_m, as if it had the opposite sign",
+        "fix": f"{finding['fix']}; tau_m opposes positive speed: if it was logged the other way round, write "
+        f"{line} in [columns]",
+    }
 
 
 def undoing(mistake: str, columns: Columns) -> dict[str, Rule]:

@@ -8,16 +8,20 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from . import _core
 from ._core import DataError, Machine, NotIdentifiableError, Recording, UsageError
 from .answers import Diagnosis, Identification
-from .corrections import corrected
+from .conventions import scaled
+from .corrections import corrected, of_load
 from .errors import NothingToAsk, did_you_mean, expect, expect_whole, fact, refuse
 from .given import machine_of, recording_of
 from .options import DiagnosisOptions
 from .progress import Progress
 from .provenance import dated, stated
 from .reading import Account, told, warnings
+from .rules import Rule
 from .words import lower_first
 
 if TYPE_CHECKING:
@@ -209,7 +213,7 @@ def diagnose(
         )
     except (DataError, NotIdentifiableError) as error:
         raise _in_file(error, recordings) from error
-    data = _complete(json.loads(answer), recordings, other) | converted
+    data = _complete(json.loads(answer), recordings, other, known) | converted
     data |= {"machine": stated(known, recordings)}
     return Diagnosis.of(_with_formulas(data, traces, recordings, other), traces)
 
@@ -282,9 +286,14 @@ def _in_file(
 
 
 def _complete(
-    data: dict[str, Any], recordings: Sequence[Recording], validation: Recording | None = None
+    data: dict[str, Any],
+    recordings: Sequence[Recording],
+    validation: Recording | None = None,
+    machine: Machine | None = None,
 ) -> dict[str, Any]:
-    """The core's answer with what only this side knows: the files, and what was read of them."""
+    """The core's answer with what only this side knows: the files, what was read of them, and what that says
+    beside the nameplate.
+    """
     for entry, recording in zip(data.get("recordings", ()), recordings, strict=False):
         entry["file"] = _file(recording)
     floors = [entry["noise_floor"] for entry in data.get("recordings", ())]
@@ -294,12 +303,37 @@ def _complete(
     # Lines that undo a mistake are those of the first recording; only where all were read alike do they help.
     accounts = [_account(recording).columns for recording in recordings]
     if all(columns == accounts[0] for columns in accounts):
-        complete["data_quality"] = [corrected(each, accounts[0]) for each in complete["data_quality"]]
+        load = _mean_load(recordings)
+        complete["data_quality"] = [
+            of_load(corrected(each, accounts[0]), load, accounts[0]) for each in complete["data_quality"]
+        ]
+        complete["data_quality"] += _of_convention(data, machine, accounts[0])
     if validation is not None:
         other = _read(validation)
         complete["validation"] = other
         complete["data_quality"] += [_of("Validation run", finding) for finding in warnings(other)]
     return complete
+
+
+def _mean_load(recordings: Sequence[Recording]) -> float:
+    """The mean of the logged load torque, N·m; zero where none was logged."""
+    logged = [
+        each.column("tau_m") for each in recordings if "tau_m" in each.names and each.load == "measured"
+    ]
+    return float(np.mean(np.concatenate(logged))) if logged else 0.0
+
+
+def _of_convention(
+    data: Mapping[str, Any], machine: Machine | None, columns: Mapping[str, Rule]
+) -> list[dict[str, str]]:
+    """The finding on a scale of another convention, where the values of the answer show one."""
+    if machine is None:
+        return []
+    values = data.get("model", {}).get("base", {})
+    base = {name: entry["value"] for name, entry in values.items() if entry["value"] is not None}
+    plate = {name: value for name in base if (value := getattr(machine, name, None)) is not None}
+    found = scaled(base, plate, columns, machine.v_dc)
+    return [] if found is None else [found]
 
 
 def _account(recording: Recording) -> Account:

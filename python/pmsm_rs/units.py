@@ -55,6 +55,8 @@ UNITS: Final[dict[str, dict[str, Unit]]] = {
         "lbf·ft": Unit(1.3558179483314004),
         "lbf·in": Unit(0.1129848290276167),
         "ozf·in": Unit(0.00706155181422604),
+        "kgf·cm": Unit(0.0980665),
+        "gf·cm": Unit(9.80665e-5),
     },
     "temperature": {
         "°C": Unit(1.0),
@@ -87,8 +89,10 @@ _SPELLINGS: Final = {
     **dict.fromkeys(("cnm", "ncm"), "cN·m"),
     "knm": "kN·m",
     **dict.fromkeys(("lbft", "lbfft", "ftlb"), "lbf·ft"),
-    **dict.fromkeys(("lbin", "lbfin"), "lbf·in"),
-    **dict.fromkeys(("ozin", "ozfin"), "ozf·in"),
+    **dict.fromkeys(("lbin", "lbfin", "inlb", "inlbf"), "lbf·in"),
+    **dict.fromkeys(("ozin", "ozfin", "inoz", "inozf"), "ozf·in"),
+    "kgfcm": "kgf·cm",
+    "gfcm": "gf·cm",
     **dict.fromkeys(("c", "degc", "celsius"), "°C"),
     **dict.fromkeys(("f", "degf", "fahrenheit"), "°F"),
     **dict.fromkeys(("k", "kelvin"), "K"),
@@ -101,7 +105,7 @@ _WRITTEN: Final = frozenset(_SPELLINGS) | {unit.lower() for units in UNITS.value
 
 def _squeezed(plain: str) -> str:
     """`plain` without the signs of a product, among them the hyphen of `oz-in`."""
-    return re.sub(r"[\s*·.⋅]|(?<=[a-z])-(?=(?:in|ft|m|mm|cm)$)", "", plain, flags=re.IGNORECASE)
+    return re.sub(r"[\s*·.⋅]|(?<=[a-z])-(?=(?:in|ft|m|mm|cm|lbf?|ozf?)$)", "", plain, flags=re.IGNORECASE)
 
 
 @lru_cache(maxsize=1024)

@@ -8,7 +8,7 @@ import pytest
 from conftest import csv_text
 from pmsm_rs import demo
 from pmsm_rs.config import read_machine
-from pmsm_rs.corrections import corrected, undoing
+from pmsm_rs.corrections import corrected, of_load, undoing
 from pmsm_rs.rules import Rule
 
 pq = pytest.importorskip("pyarrow.parquet")
@@ -168,3 +168,18 @@ def test_a_diagnosis_tells_the_lines(columns):
     columns["v_d"], columns["v_q"] = columns["v_q"], columns["v_d"]
     [fix] = [f["fix"] for f in diagnosed(columns).data_quality if "reads as if" in f["finding"]]
     assert 'v_d = { from = "v_q", unit = "V" }; v_q = { from = "v_d", unit = "V" }' in fix
+
+
+def test_a_load_torque_of_the_wrong_sign_is_told():
+    finding = {
+        "finding": "a load that is 2.002 N·m more than the log or the machine file says would do the same",
+        "consequence": "",
+        "fix": "look",
+    }
+    rules = {"tau_m": Rule("load", "N·m")}
+    found = of_load(finding, -1.0, rules)
+    assert "opposite sign" in found["finding"]
+    assert 'tau_m = { from = "load", unit = "N·m", scale = -1.0 }' in found["fix"]
+    # The other way round, of another size, or without a log it says nothing of the sign.
+    for load, known in ((1.0, rules), (-0.5, rules), (-1.0, {})):
+        assert of_load(finding, load, known) == finding

@@ -80,6 +80,13 @@ SHEETS = {
     # 1 oz in s2 = 7.0616e-3 kg m2, and 1 lb in2 = 2.9264e-4 kg m2
     "inertia in oz in s2": ('n_p = 4\nj = { value = 0.0019, unit = "oz-in-sec^2" }', {"j": 1.342e-5}),
     "inertia in lb in2": ('n_p = 4\nj = { value = 2.0, unit = "lb-in²" }', {"j": 5.853e-4}),
+    "inertia in ten to the minus four": ('n_p = 4\nj = { value = 1.3, unit = "×10⁻⁴ kg·m²" }', {"j": 1.3e-4}),
+    "inertia in plain powers": ('n_p = 4\nj = { value = 1.3, unit = "10^-4 kgm2" }', {"j": 1.3e-4}),
+    "inertia with the power behind": ('n_p = 4\nj = { value = 1.3, unit = "kg·m^2·1e-4" }', {"j": 1.3e-4}),
+    # 1 gf cm s2 = 9.80665e-5 N m s2
+    "inertia in gf cm s2": ('n_p = 4\nj = { value = 1.5, unit = "gf·cm·s²" }', {"j": 1.471e-4}),
+    # 2 kgf cm/A rms = 0.19613 N m/A rms: 0.19613/(1.5 · 1.41421 · 4)
+    "k_t in kgf cm": ('n_p = 4\nk_t = { value = 2, unit = "kgf·cm/Arms" }', {"psi_m": 0.023114}),
     # 0.12 N m at 104.72 rad/s
     "friction": ('n_p = 4\nb = { value = 0.12, unit = "N·m/krpm" }', {"b": 0.001146}),
     "friction in oz in": ('n_p = 4\nb = { value = 1.5, unit = "oz-in/krpm" }', {"b": 1.0115e-4}),
