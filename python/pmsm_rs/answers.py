@@ -48,7 +48,8 @@ class Diagnosis(DiagnosisValues):
     found, named or not, leave beyond noise, and is empty where they reach it. `budget` says
     which share of the mismatch each effect takes away, by channel and run. `options` are the constants on
     which the verdict rests, see `DiagnosisOptions`. `reason` says why a verdict is `undetermined`, and is
-    None otherwise. `data["path"]` is the way to the model, one effect more at each step.
+    None otherwise. `data["machine"]` is what was stated of machine, drive and load. `data["path"]` is the way
+    to the model, one effect more at each step.
 
     `traces["recording"]` and, where a validation run was given, `traces["validation"]` hold arrays of shape
     (samples,): `t` in s, per channel `NAME_measured`, `NAME_before`, `NAME_after`, and the operating point
