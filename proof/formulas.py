@@ -28,8 +28,10 @@ MARKS = {
 
 
 def counted(folder: Path) -> Counter[str]:
-    """Cases by what came of them: asked, offered, first, three (among the first three), close (the validation run is
-    explained to nine tenths where the form is right)."""
+    """Cases by what came of them: asked, offered, first, three, close.
+
+    `three` is among the first three; `close` is right with nine tenths of the validation run explained.
+    """
     out: Counter[str] = Counter()
     for file in sorted((folder / "answers").glob("v*.json")):
         if file.name.count(".") > 1:

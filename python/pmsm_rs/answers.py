@@ -60,7 +60,8 @@ class Diagnosis(DiagnosisValues):
     the effects that were found, named or not, and is empty where nothing does. `budget` says which share of
     the mismatch each effect takes away, by channel and run. `options` are the constants on which the verdict
     rests, see `DiagnosisOptions`. `reason` says why a verdict is `undetermined`, and is None otherwise.
-    `data["path"]` is the way to the model, one effect more at each step.
+    `data["machine"]` is what was stated of machine, drive and load. `data["path"]` is the way to the model,
+    one effect more at each step.
 
     `traces["recording"]` and, where a validation run was given, `traces["validation"]` hold arrays of shape
     (samples,). They are `t` in s and, per channel, `NAME_measured`, `NAME_before` and `NAME_after`. The

@@ -68,9 +68,9 @@ def decades(low: float, high: float) -> list[float]:
 
 
 def _step(rough: float) -> float:
-    """The nearest of 1, 2 and 5 times a power of ten that is not below `rough`."""
+    """The first of 1, 2 and 5 times a power of ten that is not far below `rough`."""
     power = 10.0 ** math.floor(math.log10(rough))
-    return next(k * power for k in (1, 2, 5, 10) if k * power >= rough * (1 - 1e-9))
+    return next(k * power for k in (1, 2, 5, 10) if k * power >= 0.75 * rough)
 
 
 @dataclass

@@ -1,8 +1,8 @@
 """Scales of another convention, as the values of a diagnosis show them beside the nameplate.
 
-No misfit shows such a scale, as it is made up for by the values: currents k times too large make r_s, l_d and
-l_q come out 1/k times as large and j k times; voltages scale r_s, l_d, l_q, psi_m and j by k; both together
-scale psi_m by k and j by k².
+No misfit shows such a scale, as the values make up for it. Currents k times too large make r_s, l_d and l_q
+come out 1/k times as large, and j k times. Voltages scale r_s, l_d, l_q, psi_m and j by k. Both together scale
+psi_m by k and j by k².
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def scaled(
     base: Mapping[str, float], plate: Mapping[str, float], columns: Mapping[str, Rule], v_dc: float | None
 ) -> dict[str, str] | None:
     """The finding that voltages or currents are in another convention, with the lines of [columns] that
-    convert them; None where no scale explains the values of `base` by those of `plate`.
+    convert them. None where no scale explains the values of `base` by those of `plate`.
 
     `columns` are the rules by which the recording was read, and `v_dc` (V) the link of the nameplate.
     """

@@ -22,6 +22,8 @@ UNITS: Final = {
     "b": "N m s",
 }
 _DRIVE: Final = {"v_dc": "V", "i_rated": "A peak", "f_sample": "Hz"}
+_LARGEST_SHARE: Final = 0.5
+"""Standard error of a value that is taken at most, as a share of it."""
 _MAY_BE_ZERO: Final = frozenset({"psi_m", "b"})
 
 
@@ -29,9 +31,9 @@ def machine_file(answer: DiagnosisValues) -> str | None:
     """The text of a machine file with what was found, which `read_machine` takes; None where the answer does
     not say which machine it is of.
 
-    Found values have one digit more than their uncertainty. What was not found, or is of a sign that no motor
-    has, keeps the value of the nameplate. `[columns]` says how the recording was read, where its columns have
-    other names or units than those of the package.
+    Found values have one digit more than their uncertainty. What was not found, is uncertain by more than a
+    half, or has a sign that no motor has, keeps the value of the nameplate. `[columns]` says how the
+    recording was read, where its columns have other names or units than those of the package.
     """
     given: Mapping[str, Any] | None = answer.data.get("machine")
     if given is None:
@@ -41,6 +43,8 @@ def machine_file(answer: DiagnosisValues) -> str | None:
         names = listed([lower_first(title(effect)) for effect in answer.effects])
         said = f"Found together with {names}, which the dq-model leaves out."
         lines += textwrap.wrap(said, 98, initial_indent="# ", subsequent_indent="# ")
+    if answer.remaining or answer.verdict in {"unknown", "partial", "undetermined"}:
+        lines.append("# Something else is missing in the model: values may be off by more than is stated.")
     found = [_parameter(name, given, answer.base.get(name)) for name in UNITS]
     lines += ["[machine]", *_aligned([line for line in found if line is not None])]
     drive = [f"{name} = {_plain(given[name])}  # {of}" for name, of in _DRIVE.items() if name in given]
@@ -70,8 +74,8 @@ def _parameter(name: str, given: Mapping[str, Any], found: Estimate | None) -> s
     if found is None or not is_finite(found.value):
         return None if plate is None else f"{name} = {_plain(plate)}  # {UNITS[name]}"
     assert found.value is not None, "a finite value is one"
-    if found.value < 0.0 or (found.value == 0.0 and name not in _MAY_BE_ZERO):
-        why = f"found {found.value:.4g}, which no motor has"
+    why = _refused(name, found.value, found.stderr)
+    if why:
         return f"# {name}: {why}" if plate is None else f"{name} = {_plain(plate)}  # {UNITS[name]}; {why}"
     spread = found.stderr if is_finite(found.stderr) and (found.stderr or 0.0) > 0.0 else None
     if spread is None:
@@ -80,6 +84,15 @@ def _parameter(name: str, given: Mapping[str, Any], found: Estimate | None) -> s
     if not value.strip("0.") and name not in _MAY_BE_ZERO:
         value = _plain(found.value)
     return f"{name} = {value}  # {UNITS[name]}, ± {spread:.2g}; {stated}"
+
+
+def _refused(name: str, value: float, spread: float | None) -> str:
+    """Why a found value is not taken, empty where it is."""
+    if value < 0.0 or (value == 0.0 and name not in _MAY_BE_ZERO):
+        return f"found {value:.4g}, which no motor has"
+    if spread is not None and spread > _LARGEST_SHARE * value:
+        return f"found {value:.2g} ± {spread:.2g}, which is too uncertain"
+    return ""
 
 
 def _plain(value: float) -> str:

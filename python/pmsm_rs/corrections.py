@@ -45,8 +45,9 @@ def corrected(finding: Mapping[str, str], columns: Columns) -> dict[str, str]:
 
 
 def of_load(finding: Mapping[str, str], load: float, columns: Columns) -> dict[str, str]:
-    """A finding that a constant load more or less would do what friction that differs by direction does, with
-    the line that turns the sign of `tau_m` where twice the mean logged `load` (N·m) is that much.
+    """A finding that a constant load would do what friction that differs by direction does.
+
+    Where twice the mean logged `load` (N·m) is that much, it gets the line that turns the sign of `tau_m`.
     """
     told = _LOAD.match(finding["finding"])
     if told is None or "tau_m" not in columns:

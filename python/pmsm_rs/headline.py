@@ -20,7 +20,12 @@ _EXPLAINED: Final = {
 
 def headline(answer: DiagnosisValues) -> str:
     """The verdict in a plain sentence, and one for each question that was not asked."""
-    return " ".join([_first_sentence(answer), *not_asked(answer), *_passed_over(answer)])
+    return " ".join(sentences(answer))
+
+
+def sentences(answer: DiagnosisValues) -> list[str]:
+    """The sentences of the headline, that of the verdict first."""
+    return [_first_sentence(answer), *not_asked(answer), *_passed_over(answer)]
 
 
 def is_whole(answer: DiagnosisValues) -> bool:

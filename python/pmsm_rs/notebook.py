@@ -77,9 +77,9 @@ def diagnosis(answer: DiagnosisValues) -> str:
         notes=notes,
         tables=found,
         fit=fit,
-        fit_of=f"Measured minus model on the {judged}",
+        fit_of=f"Measured minus model on the {'validation run' if judged == 'validation' else judged}",
         fit_heads=["before", "after", "noise"],
-        picture=figures.worst(answer),
+        picture=figures.worst(answer, width=470.0),
         closing=f"Next: {answer.next_experiment}" if answer.next_experiment else None,
     )
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from . import budget, figures, palette, plot_data, tables, words
 from .advice import next_step
 from .corrected import machine_file
-from .headline import headline, is_whole
+from .headline import is_whole, sentences
 from .readout import converted
 from .results import Candidate, DiagnosisValues
 
@@ -47,6 +47,7 @@ def render(answer: DiagnosisValues, title: str | None = None, command: str | Non
     `command` is the command line that made the answer, which the page shows where it is given.
     """
     label, tone = chip(answer)
+    verdict, *beside = sentences(answer)
     judged = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
     found = [(words.title(c.effect), tables.rows(c)) for c in _chosen(answer) if c.parameters]
     motor = tables.motor_rows(answer)
@@ -62,7 +63,8 @@ def render(answer: DiagnosisValues, title: str | None = None, command: str | Non
         data=_data(answer),
         chip=label,
         tone=tone,
-        headline=headline(answer),
+        headline=verdict,
+        beside=beside,
         first=_first(answer),
         next_step=next_step(answer),
         overview=figures.worst(answer, width=420.0),
@@ -92,7 +94,7 @@ def render(answer: DiagnosisValues, title: str | None = None, command: str | Non
         against_noise=figures.against_noise(answer),
         shown=answer.shown,
         each=tables.each(answer),
-        blind=[(item, words.title(item["effect"])) for item in answer.cannot_see],
+        blind=tables.unseen(answer),
     )
 
 
@@ -171,7 +173,7 @@ def _environment() -> Environment:
         percent=words.percent,
         number=words.number,
         effect=words.title,
-        sentence=words.upper_first,
+        sentence=words.sentence,
         typeset=_typeset,
     )
     return environment

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
@@ -90,11 +91,13 @@ def _motor_row(name: str, entry: Estimate, plate: float | None, usual: float) ->
         return found
     stated = words.estimate_like(entry, plate)
     difference, far = "", False
-    if plate > 0.0:
+    # A value that was held at the nameplate's was not found.
+    if plate > 0.0 and (entry.stderr or entry.value != plate):
         share = 100.0 * (entry.value / plate - 1.0)
         spread = 100.0 * entry.stderr / plate if entry.stderr and is_finite(entry.stderr) else 0.0
         # A tenth of a percent is enough to compare with a nameplate.
-        places = min(max(last_place(spread), 0), 1) if spread > 0.0 else 1
+        most = 1 if abs(share) < 100.0 else 0
+        places = min(max(last_place(spread), 0), most) if spread > 0.0 else most
         text = fixed(share, places)
         difference = f"{'+' if share > 0.0 and text.strip('0.') else ''}{text} %"
         far = abs(share) > 100.0 * usual
@@ -105,6 +108,8 @@ def _meaning(name: str) -> str:
     """What a parameter of the machine or of the run is; `_of_2` is that of the second recording."""
     own, _, recording = name.partition("_of_")
     meaning = MEANINGS.get(own, "")
+    if part := re.fullmatch(r"(tau|t)_load_(\d+)", own):
+        meaning = f"load torque, part {part[2]}" if part[1] == "tau" else f"end of part {part[2]} of the load"
     return f"{meaning}, recording {recording}" if meaning and recording else meaning
 
 
@@ -216,6 +221,24 @@ def _tags(at: Location) -> list[str]:
     if at.trend and at.trend not in at.sentence:
         out.append(at.trend)
     return out if at.p_value is None else [*out, words.probability(at.p_value)]
+
+
+def unseen(answer: DiagnosisValues) -> list[tuple[str, str]]:
+    """Effects that the recording cannot see, those of one reason together, with the reason and the chance of
+    seeing them where there is any. That of the verdict is not told again.
+    """
+    grouped: dict[str, list[Mapping[str, Any]]] = {}
+    for item in answer.cannot_see:
+        grouped.setdefault(item["why"], []).append(item)
+    if len(grouped) == 1 and (answer.reason or "").startswith(next(iter(grouped))):
+        return [("All effects of the catalogue", "For the reason above.")]
+    out = []
+    for why, items in grouped.items():
+        names = words.listed([words.lower_first(words.title(item["effect"])) for item in items])
+        chances = sorted({words.percent(item["power"]) for item in items if item.get("power")})
+        chance = f" Chance of seeing it: {' to '.join(chances)}." if len(chances) == 1 else ""
+        out.append((words.sentence(names)[:-1], words.sentence(why) + chance))
+    return out
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -37,12 +36,15 @@ def envelope(x: Array, y: Array, bins: int = _BINS) -> tuple[Array, Array]:
     """
     if len(x) <= 2 * bins:
         return x, y
-    edges = np.linspace(0, len(x), bins + 1).astype(int)
-    picks: list[int] = []
-    for start, stop in pairwise(edges):
-        part = y[start:stop]
-        if np.isfinite(part).any():
-            picks += sorted({start + int(np.nanargmin(part)), start + int(np.nanargmax(part))})
+    rows = -(-len(x) // bins)
+    runs = np.full((-(-len(x) // rows), rows), np.nan)
+    runs.ravel()[: len(y)] = np.where(np.isfinite(y), y, np.nan)
+    empty = np.isnan(runs)
+    start = np.arange(len(runs)) * rows
+    low = start + np.where(empty, np.inf, runs).argmin(1)
+    high = start + np.where(empty, -np.inf, runs).argmax(1)
+    some = ~empty.all(1)
+    picks = np.unique(np.concatenate([low[some], high[some]]))
     return x[picks], y[picks]
 
 

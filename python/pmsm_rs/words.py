@@ -158,9 +158,12 @@ def _ids() -> re.Pattern[str]:
     return re.compile(rf"(?<![\w.])(?:{'|'.join(map(re.escape, names))})(?![\w.])")
 
 
-def upper_first(text: str) -> str:
-    """`text` with a capital first letter unless that is of a symbol such as i_d."""
-    return text if text[1:2] == "_" or not text else text[0].upper() + text[1:]
+def sentence(text: str) -> str:
+    """`text` with a capital first letter, unless that is of a symbol such as i_d, and a full stop."""
+    if not text:
+        return text
+    begun = text if re.match(r"[A-Za-z]{1,6}_", text) else text[0].upper() + text[1:]
+    return begun if begun.endswith((".", "!", "?")) else f"{begun}."
 
 
 def lower_first(text: str) -> str:

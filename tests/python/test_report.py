@@ -241,7 +241,7 @@ def test_words_on_the_parts_of_a_bar_can_be_read() -> None:
     ("low", "high", "texts", "label"),
     [
         (0.0, 1.0, ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"], "i_d in A"),
-        (-3.0, 3.0, ["-2", "0", "2"], "i_d in A"),
+        (-3.0, 3.0, ["-3", "-2", "-1", "0", "1", "2", "3"], "i_d in A"),
         (0.0, 4e-5, ["0", "10", "20", "30", "40"], "i_d in 10⁻⁶ A"),
         (0.0, 2e6, ["0.0", "0.5", "1.0", "1.5", "2.0"], "i_d in 10⁶ A"),
         (5.0, 5.0, ["4.6", "4.8", "5.0", "5.2", "5.4"], "i_d in A"),
@@ -304,3 +304,28 @@ def test_the_autocorrelation_is_that_of_the_textbook() -> None:
     white[::7] = np.nan
     assert np.isfinite(traces.autocorrelation(white, 5)).all()
     assert not traces.autocorrelation(np.full(9, np.nan), 3).any()
+
+
+def test_a_value_that_is_too_uncertain_is_not_put_into_a_machine_file(tmp_path: Path) -> None:
+    base = {"r_s": estimate(0.77, 0.5, "ohm"), "j": estimate(0.02, 0.015, "kg m^2")}
+    text = machine_file(full(model={"effects": [], "base": base}))
+    assert text is not None
+    (tmp_path / "m.toml").write_text(text, encoding="utf-8")
+    machine = read_machine(tmp_path / "m.toml").machine
+    assert (machine.r_s, machine.j) == (0.7, None)
+    assert "too uncertain" in text
+
+
+def test_effects_that_cannot_be_seen_for_one_reason_stand_together() -> None:
+    why = "the recording has no voltages"
+    blind = [{"effect": name, "why": why, "power": 0.0} for name in ("dead_time", "saturation_q")]
+    said = words_of(str(full(cannot_see=blind).report()))
+    assert "Inverter dead time and saturation of the q axis The recording has no voltages." in said
+    alike = full(cannot_see=blind, verdict="undetermined", reason=f"{why} at all")
+    assert words_of(str(alike.report())).count(why) == 1
+
+
+def test_names_of_effects_in_sentences_become_their_titles() -> None:
+    blind = [{"effect": "gravity_torque", "why": "it is a load_torque_pulsation here", "power": None}]
+    page = str(full(cannot_see=blind).report())
+    assert "It is a load torque pulsation here." in words_of(page)

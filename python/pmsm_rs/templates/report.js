@@ -46,7 +46,7 @@ const after = (t) => {
 const digits = (step) => Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
 const ticks = (low, high) => {
   const rough = (high - low) / 5, power = 10 ** Math.floor(Math.log10(rough));
-  const step = [1, 2, 5, 10].map((k) => k * power).find((k) => k >= rough * (1 - 1e-9));
+  const step = [1, 2, 5, 10].map((k) => k * power).find((k) => k >= 0.75 * rough);
   const out = [];
   for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) out.push(k * step);
   return [out, step];
