@@ -106,6 +106,7 @@ class MachineFile:
     """A machine file: the nameplate, what is known of the load, and how a recording's columns are called.
 
     `converted` are the entries of the nameplate that were not given as parameters of the model in SI units.
+    `allow_outside` lets columns come from files that lie outside of the recording's folder.
     """
 
     path: str
@@ -114,10 +115,12 @@ class MachineFile:
     load_value: float | None
     columns: Rules
     converted: tuple[Converted, ...] = ()
+    allow_outside: bool = False
 
 
-def read_machine(path: str | os.PathLike[str]) -> MachineFile:
-    """The machine file at `path`.
+def read_machine(path: str | os.PathLike[str], *, allow_outside: bool = False) -> MachineFile:
+    """The machine file at `path`. With `allow_outside` its columns may come from anywhere, else only from
+    files in the recording's folder and below it.
 
     Raises UsageError where there is no such file, and MachineError naming every wrong entry by its path.
     """
@@ -143,7 +146,7 @@ def read_machine(path: str | os.PathLike[str]) -> MachineFile:
         machine = Machine(**plate.model_dump(), **ratings)
     except MachineError as error:
         raise refuse(MachineError, f"[machine] {error}", file=name, fix="correct the machine file") from error
-    return MachineFile(name, machine, load.kind, load.value, columns, tuple(sheet.converted))
+    return MachineFile(name, machine, load.kind, load.value, columns, tuple(sheet.converted), allow_outside)
 
 
 def read_toml(name: str, role: str = "machine file", kind: type[PmsmError] = MachineError) -> dict[str, Any]:

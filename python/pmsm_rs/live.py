@@ -30,6 +30,7 @@ class Request:
     seed: int
     threads: int | None
     json_file: str | None
+    allow_outside: bool = False
 
 
 def follow(request: Request) -> int:
@@ -39,14 +40,14 @@ def follow(request: Request) -> int:
     Raises what `track` raises, and DataError for a line that cannot be read; what was complete before is
     written by then.
     """
-    machine = read_machine(request.machine_file)
-    live = request.recording == "-"
+    machine = read_machine(request.machine_file, allow_outside=request.allow_outside)
+    live = request.recording in ("-", "/dev/stdin")
     windows = _from_stream(request, machine) if live else _from_file(request, machine)
     begin, last = time.perf_counter(), None
     found = [0, 0]
     span = 0.0
     # Every window goes to a spool on disk, so that memory does not grow with the stream.
-    with tempfile.TemporaryFile("w+", encoding="utf-8") as spool:
+    with tempfile.TemporaryFile("w+", encoding="utf-8", errors="backslashreplace") as spool:
         try:
             for window in windows:
                 found[window.status == "skipped"] += 1
@@ -122,7 +123,7 @@ def _write(path: str, spool: IO[str], request: Request) -> None:
     spool.seek(0)
 
     def fill(draft: Path) -> None:
-        with draft.open("w", encoding="utf-8") as out:
+        with draft.open("w", encoding="utf-8", errors="backslashreplace") as out:
             out.write(json.dumps(head, ensure_ascii=False)[:-1] + ', "windows": [')
             first = spool.readline().rstrip("\n")
             if first:

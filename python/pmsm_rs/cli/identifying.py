@@ -8,8 +8,9 @@ from . import options, terminal
 
 
 @click.command()
-@click.argument("recording", type=options.FILE)
+@click.argument("recording", type=options.RECORDING)
 @options.MACHINE
+@options.ALLOW_OUTSIDE
 @options.fit("Parameters to estimate; by default all that the recording shows.")
 @options.method("Particle swarm, least squares, or both.", "pso", "lm", "pso+lm", default="pso+lm")
 @click.option(
@@ -22,6 +23,7 @@ from . import options, terminal
 def identify(
     recording: str,
     machine_file: str,
+    allow_outside: bool,
     fit: list[str] | None,
     method: str,
     swarm: str | None,
@@ -37,7 +39,7 @@ def identify(
     from ..run import identify as run
 
     apart([json_file], [recording, machine_file])
-    machine = read_machine(machine_file)
+    machine = read_machine(machine_file, allow_outside=allow_outside)
     answer = run(
         load(recording, machine),
         machine,
@@ -48,10 +50,9 @@ def identify(
         threads=threads,
         progress=terminal.progress(),
     )
-    terminal.finish(json_file, answer.to_json)
-    click.echo(answer)
-    if answer.interrupted:
-        return terminal.INTERRUPTED
+    failed = terminal.deliver(lambda: answer, terminal.as_json(json_file, answer.to_json))
+    if answer.interrupted or failed:
+        return terminal.INTERRUPTED if answer.interrupted else failed
     unsettled = not answer.converged or any(entry.value is None for entry in answer.parameters.values())
     return terminal.NOT_SETTLED if unsettled else 0
 
@@ -59,6 +60,7 @@ def identify(
 @click.command()
 @click.argument("recording", type=click.Path(dir_okay=False, allow_dash=True), metavar="RECORDING|-")
 @options.MACHINE
+@options.ALLOW_OUTSIDE
 @click.option(
     "--window", type=float, default=0.033, show_default=True, metavar="S", help="Length of a window."
 )
@@ -68,6 +70,7 @@ def identify(
 def track(
     recording: str,
     machine_file: str,
+    allow_outside: bool,
     window: float,
     fit: list[str],
     method: str,
@@ -82,8 +85,9 @@ def track(
     """
     from ..live import Request, follow
 
-    request = Request(recording, machine_file, fit, window, method, seed, threads, json_file)
+    request = Request(recording, machine_file, fit, window, method, seed, threads, json_file, allow_outside)
     try:
         return terminal.NOT_SETTLED if follow(request) == 0 else 0
     except KeyboardInterrupt:
-        terminal.fail(terminal.INTERRUPTED, "interrupted; the windows that were complete are written")
+        terminal.say("interrupted; the windows that were complete are written")
+        return terminal.INTERRUPTED

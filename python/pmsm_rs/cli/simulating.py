@@ -40,7 +40,7 @@ def simulate(config: str, output: str, truth: bool, machine_file: str | None, se
         made.write_truth(output)
     if machine_file:
         made.write_machine(machine_file)
-    click.echo(f"{output}: {len(made.recording)} samples, {made.recording.duration:.6g} s")
+    terminal.print_out(f"{output}: {len(made.recording)} samples, {made.recording.duration:.6g} s")
     return 0
 
 
@@ -59,8 +59,8 @@ def reproduce(figures: tuple[str, ...], folder: str) -> int:
 
     outcome, files = run(figures or ("all",), folder, progress=terminal.progress())
     terminal.clear()
-    click.echo(lines(outcome))
-    click.echo(f"\n{outcome.seconds:.1f} s; written: {', '.join(str(file) for file in files)}")
+    terminal.print_out(lines(outcome))
+    terminal.print_out(f"\n{outcome.seconds:.1f} s; written: {', '.join(str(file) for file in files)}")
     return 0
 
 
@@ -70,5 +70,5 @@ def effects(name: str | None) -> int:
     """Show the catalogue of effects, or one of them with equation, parameters and look-alikes."""
     from ..catalogue import entry, overview
 
-    click.echo(overview() if name is None else entry(name))
+    terminal.print_out(overview() if name is None else entry(name))
     return 0

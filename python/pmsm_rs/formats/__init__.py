@@ -14,6 +14,7 @@ from .._core import DataError
 from ..errors import opened, refuse
 from .gate import checked_limit
 from .source import Source
+from .standard_input import comes_there, kept
 
 _MAGIC = (
     (b"PAR1", "parquet"),
@@ -64,6 +65,8 @@ def open_source(path: str | os.PathLike[str], max_bytes: int) -> Source:
     no recording or would take more than `max_bytes` bytes of memory.
     """
     max_bytes = checked_limit(max_bytes)
+    if comes_there(Path(path)):
+        path = kept(max_bytes)
     name = str(Path(path))
     with opened(name, "recording") as file:
         size = file.stat().st_size
