@@ -17,18 +17,20 @@ ANSWERS ?= out/accuracy
 # The set of cases of `make proof`: its folder, and the seed of the table in the manual.
 OUT ?= out/proof
 SEED ?= $(shell cat docs/proof/seed)
-# How long `make soak` draws.
+# How long `make soak` and `make fuzz` draw.
 MINUTES ?= 10
 
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md \
   $(shell find crates python -type f -not -name '*.so' -not -name '*.pyc' -not -path '*/target/*')
 
-.PHONY: help need demo built unit test lint rustfmt clippy ruff mypy rust python soak readme readme-check pictures words proof proof-docs accuracy miri wheel format docs doc clean
+.PHONY: help need demo built unit test lint rustfmt clippy ruff mypy rust python soak readme readme-check pictures words proof proof-docs accuracy miri wheel format docs doc clean hold fuzz
 
 help:
 	@echo 'make demo      install into $(VENV) and diagnose the recording that ships with the package'
 	@echo 'make test      lints, Rust tests, and Python tests against the installed wheel'
 	@echo 'make soak      property tests with fresh seeds, for MINUTES=10; a failing case ends it'
+	@echo 'make hold      time and memory on hostile files, and how soon Ctrl-C ends a command'
+	@echo 'make fuzz      damaged files to every reader, for MINUTES=10; a failing file is kept'
 	@echo 'make proof     make 600 sealed cases, diagnose and score them; CASES= SEED= OUT= FAMILIES= SPLIT=scoring JOBS=2'
 	@echo 'make accuracy  score the diagnosis on concealed cases, where CONCEALED=folder has them'
 	@echo 'make miri      the unsafe code under Miri; needs a nightly toolchain with miri and rust-src'
@@ -118,6 +120,13 @@ python: $(VENV)/.test
 # `make test` draws the same cases in every run; this draws others, and says how to draw a failing one again.
 soak: $(VENV)/.test
 	$(BIN)/python .ci/soak.py --minutes $(MINUTES) --installed
+
+# Prints figures; only an end, a code or a traceback that must not be fails it.
+hold: $(VENV)/.test
+	$(BIN)/python tests/hold.py
+
+fuzz: $(VENV)/.test
+	$(BIN)/python fuzz/readers.py --minutes $(MINUTES)
 
 readme-check: $(VENV)/.test
 	@$(BIN)/python docs/readme.py --check || \

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import secrets
 import stat
 import tempfile
 from collections.abc import Callable, Iterable
@@ -11,6 +12,9 @@ from pathlib import Path
 
 from ._core import UsageError
 from .errors import refuse
+
+# Bytes of a name that the name of its draft keeps; the system allows 255 in all.
+_LONGEST = 200
 
 
 def expect(path: str | os.PathLike[str]) -> None:
@@ -49,22 +53,19 @@ def write(path: str | os.PathLike[str], fill: Callable[[Path], None]) -> None:
     mode = _mode(path)
     through = mode is not None and not stat.S_ISREG(mode) and not stat.S_ISDIR(mode)
     target = Path(path) if through else Path(os.path.realpath(path))
+    folder = Path(tempfile.gettempdir()) if through else target.parent
+    # The system gives it the rights that any new file has; its name is no other's.
+    draft = folder / f".{os.fsencode(target.name)[:_LONGEST].decode(errors='replace')}.{secrets.token_hex(8)}"
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=None if through else target.parent)
+        os.close(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if through else 0o666))
     except OSError as error:
         raise _no_place(path, error.strerror) from error
-    os.close(handle)
-    draft = Path(name)
     try:
         fill(draft)
         if through:
             with target.open("wb") as pipe:
                 pipe.write(draft.read_bytes())
             return
-        # mkstemp makes files private; an answer should have the rights any new file has.
-        mask = os.umask(0)
-        os.umask(mask)
-        draft.chmod(0o666 & ~mask)
         with draft.open("rb+") as done:
             os.fsync(done.fileno())
         draft.replace(target)
@@ -83,7 +84,8 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Writes `text` as UTF-8, whole or not at all."""
 
     def fill(draft: Path) -> None:
-        draft.write_bytes(text.encode())
+        # Half a character, as a name may hold it, is written as JSON and TOML escape it.
+        draft.write_bytes(text.encode(errors="backslashreplace"))
 
     write(path, fill)
 

@@ -110,6 +110,7 @@ class MachineFile:
 
     `converted` are the entries of the nameplate that were not given as parameters of the model in SI units.
     `dbc` is the file that describes the CAN bus of a recording, found from the folder of the machine file.
+    `allow_outside` lets columns come from files that lie outside of the recording's folder.
     """
 
     path: str
@@ -119,10 +120,12 @@ class MachineFile:
     columns: Rules
     converted: tuple[Converted, ...] = ()
     dbc: str | None = None
+    allow_outside: bool = False
 
 
-def read_machine(path: str | os.PathLike[str]) -> MachineFile:
-    """The machine file at `path`.
+def read_machine(path: str | os.PathLike[str], *, allow_outside: bool = False) -> MachineFile:
+    """The machine file at `path`. With `allow_outside` its columns may come from anywhere, else only from
+    files in the recording's folder and below it.
 
     Raises UsageError where there is no such file, and MachineError naming every wrong entry by its path.
     """
@@ -149,7 +152,8 @@ def read_machine(path: str | os.PathLike[str]) -> MachineFile:
         machine = Machine(**plate.model_dump(), **ratings)
     except MachineError as error:
         raise refuse(MachineError, f"[machine] {error}", file=name, fix="correct the machine file") from error
-    return MachineFile(name, machine, load.kind, load.value, columns, tuple(sheet.converted), dbc)
+    entries = (load.kind, load.value, columns, tuple(sheet.converted), dbc, allow_outside)
+    return MachineFile(name, machine, *entries)
 
 
 def read_toml(name: str, role: str = "machine file", kind: type[PmsmError] = MachineError) -> dict[str, Any]:

@@ -1,8 +1,8 @@
 """Scales of another convention, as the values of a diagnosis show them beside the nameplate.
 
-No misfit shows such a scale, as the values make up for it. Currents k times too large make r_s, l_d and l_q
-come out 1/k times as large, and j k times. Voltages scale r_s, l_d, l_q, psi_m and j by k. Both together scale
-psi_m by k and j by k².
+No misfit shows such a scale, as the values make up for it. Currents k times too large make r_s, l_d and
+l_q come out 1/k times as large, and j k times. Voltages scale r_s, l_d, l_q, psi_m and j by k. Both together
+scale psi_m by k and j by k².
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import stat
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
@@ -96,11 +97,14 @@ def _contents(run: Run | None) -> bytes:
             digest.update(name.encode() + run.column(name).tobytes())
     elif run is not None:
         try:
+            if not stat.S_ISREG(os.stat(run).st_mode):
+                # Reading a pipe or a device may never end.
+                raise OSError(0, "no file")
             with Path(run).open("rb") as handle:
                 digest = hashlib.file_digest(handle, "sha256")
         except OSError as error:
             # Whoever loads it will say so; here it only has to differ from every readable file.
-            digest.update(f"{run}: {error}".encode())
+            digest.update(f"{run}: {error}".encode(errors="backslashreplace"))
     return digest.digest()
 
 

@@ -19,7 +19,7 @@ from ._core import Machine, UsageError
 from .answers import Diagnosis
 from .config import MachineFile, read_machine
 from .crew import INTERRUPTED, Crew, Makes, Run, Task, Told
-from .errors import expect_whole, refuse
+from .errors import expect_whole, printable, refuse
 from .given import machine_of
 from .headline import headline, is_whole
 from .ledger import Ledger
@@ -48,13 +48,16 @@ class Fleet(Sequence["Diagnosis | Failure"]):
     """Diagnoses of many recordings in the order in which they were given, a Failure where there is none.
 
     `names` are those of the recordings, `resumed` says how many came from the ledger, and `interrupted`
-    whether Ctrl-C cut the work short. Traces are not kept: diagnose a single recording again to draw it.
+    whether Ctrl-C cut the work short. `damaged` are the numbers (from 1) of lines of the ledger that could
+    not be used, so that their recordings were computed again. Traces are not kept: diagnose a single
+    recording again to draw it.
     """
 
     names: tuple[str, ...]
     results: tuple[Diagnosis | Failure, ...]
     resumed: int = 0
     interrupted: bool = False
+    damaged: tuple[int, ...] = ()
 
     @property
     def failures(self) -> tuple[Failure, ...]:
@@ -94,8 +97,9 @@ class Fleet(Sequence["Diagnosis | Failure"]):
         if self.interrupted:
             lines.append("Interrupted: run it again with the same ledger for the rest.")
         lines.append("")
-        wide = min(max((len(name) for name in self.names), default=0), WIDTH // 2)
+        wide = min(max((len(printable(name)) for name in self.names), default=0), WIDTH // 2)
         for name, result in zip(self.names, self, strict=True):
+            name = printable(name)
             shown = name if len(name) <= wide else f"…{name[1 - wide :]}"
             lines.append(hung(f"{shown:<{wide}}  ", _line(result)))
         return "\n".join(lines)
@@ -151,12 +155,13 @@ def diagnose_many(
             interrupted = True
         finally:
             crew.end()
+        damaged = () if book is None else tuple(book.damaged)
     results = [found.get(key) or _interrupted(task) for key, task in zip(keys, tasks, strict=True)]
     named = [
         replace(result, name=task.name) if isinstance(result, Failure) else result
         for result, task in zip(results, tasks, strict=True)
     ]
-    return Fleet(tuple(task.name for task in tasks), tuple(named), resumed, interrupted)
+    return Fleet(tuple(task.name for task in tasks), tuple(named), resumed, interrupted, damaged)
 
 
 def _tasks(
@@ -245,8 +250,15 @@ def _recorded(book: Ledger | None, key: str) -> Diagnosis | Failure | None:
     entry = book.entries.get(key) if book is not None else None
     if entry is None:
         return None
-    if "answer" in entry:
-        return Diagnosis.from_json(json.dumps(entry["answer"]))
-    failure = entry["failure"]
-    lasting = isinstance(getattr(_core, failure["kind"], None), type)
-    return Failure(entry["name"], failure["kind"], failure["message"]) if lasting else None
+    assert book is not None
+    try:
+        if "answer" in entry:
+            return Diagnosis.from_json(json.dumps(entry["answer"]))
+        name, kind, message = entry["name"], entry["failure"]["kind"], entry["failure"]["message"]
+        if not all(isinstance(text, str) for text in (name, kind, message)):
+            raise TypeError
+    except (_core.PmsmError, LookupError, TypeError, ValueError, AttributeError, RecursionError):
+        book.pass_over(key)
+        return None
+    lasting = isinstance(getattr(_core, kind, None), type)
+    return Failure(name, kind, message) if lasting else None

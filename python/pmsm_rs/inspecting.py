@@ -17,7 +17,7 @@ from .config import MachineFile
 from .errors import fact, refuse
 from .formats.source import MISSING_FIX, Source
 from .inspection import InspectionValues, Task
-from .loader import described_by, enough_memory, recorded, source_of
+from .loader import described_by, readable, recorded, source_of
 from .motion import of_frames, of_motion, settled, stands
 from .planning import Survey, surveyed
 from .poles import pole_pairs
@@ -77,6 +77,7 @@ def inspect(
     machine: str | os.PathLike[str] | MachineFile | Machine | None = None,
     *,
     max_bytes: int = DEFAULT_MAX_BYTES,
+    allow_outside: bool = False,
 ) -> Inspection:
     """What a file or frame is: columns, sampling, questions that can be asked, and a machine file to start
     from.
@@ -85,8 +86,8 @@ def inspect(
     `tasks` of the answer say what is missing. Raises UsageError where there is no such file, MachineError for
     a bad machine file, and DataError where no table can be found in the data.
     """
-    described = described_by(machine)
-    with enough_memory(data):
+    described = described_by(machine, allow_outside=allow_outside)
+    with readable(data):
         return _inspected(source_of(data, max_bytes, described), described, max_bytes)
 
 

@@ -34,6 +34,7 @@ class Request:
     threads: int | None
     json_file: str | None
     silent: bool = False
+    allow_outside: bool = False
 
 
 def follow(request: Request) -> int:
@@ -43,20 +44,20 @@ def follow(request: Request) -> int:
     Raises what `track` raises, UsageError where standard output is wanted twice, and DataError for a line
     that cannot be read; what was complete before is written by then.
     """
-    live = request.recording == "-"
+    live = request.recording in ("-", "/dev/stdin")
     if live and request.json_file == "-":
         raise refuse(
             _core.UsageError,
             "windows of a stream go to standard output already, one JSON object per line",
             fix="leave --json out, or name a file",
         )
-    machine = read_machine(request.machine_file)
+    machine = read_machine(request.machine_file, allow_outside=request.allow_outside)
     windows = _from_stream(request, machine) if live else _from_file(request, machine)
     begin, last = time.perf_counter(), None
     found = [0, 0]
     span = 0.0
     # Every window goes to a spool on disk, so that memory does not grow with the stream.
-    with tempfile.TemporaryFile("w+", encoding="utf-8") as spool:
+    with tempfile.TemporaryFile("w+", encoding="utf-8", errors="backslashreplace") as spool:
         try:
             for window in windows:
                 found[window.status == "skipped"] += 1
@@ -140,7 +141,7 @@ def _write(path: str, spool: IO[str], request: Request) -> None:
         yield "\n]}\n"
 
     def fill(draft: Path) -> None:
-        with draft.open("w", encoding="utf-8") as out:
+        with draft.open("w", encoding="utf-8", errors="backslashreplace") as out:
             out.writelines(pieces())
 
     if path == "-":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import DataError, Machine
+from ._core import DataError, Machine, MachineError
 from .captures import completed, is_capture
 from .checks import angle_against_speed, angle_in_radians, rotor_frame_against_phases
 from .columns import Columns, taken
 from .config import MachineFile, read_machine
-from .errors import NothingToAsk, fact, refuse
+from .errors import NothingToAsk, fact, opened, refuse, shown
 from .formats import Source, open_source
 from .formats.ahead import Opening
 from .frames import frame_source
@@ -32,6 +33,7 @@ def load(
     machine: str | os.PathLike[str] | MachineFile | Machine | None = None,
     *,
     max_bytes: int = DEFAULT_MAX_BYTES,
+    allow_outside: bool = False,
 ) -> Recording:
     """The recording in a file, in one that is being opened, or in a frame in memory; a Recording is returned
     as it is.
@@ -41,30 +43,35 @@ def load(
 
     `machine` names the machine file whose [columns] and [load] tables say how to read it; with a Machine only
     its pole pairs are used, to tell electrical from mechanical angles. Nothing larger than `max_bytes` bytes
-    is unpacked.
+    is unpacked. Columns that [columns] takes from another file come from the recording's folder or below it,
+    with `allow_outside` from anywhere.
 
     Raises UsageError where there is no such file, MachineError for a bad machine file, and DataError, which
     names file, row, column and fix, for data that cannot be used.
     """
-    described = described_by(machine)
+    described = described_by(machine, allow_outside=allow_outside)
     if isinstance(data, Recording):
         return data
-    with enough_memory(data):
+    with readable(data):
         return recorded(source_of(data, max_bytes, described), described, max_bytes)
 
 
 def described_by(
-    machine: str | os.PathLike[str] | MachineFile | Machine | None,
+    machine: str | os.PathLike[str] | MachineFile | Machine | None, *, allow_outside: bool = False
 ) -> MachineFile | Machine | None:
     """What is known of the machine, its file read where `machine` names one. Raises as `read_machine`."""
+    if isinstance(machine, MachineFile) and allow_outside:
+        return replace(machine, allow_outside=True)
     if machine is None or isinstance(machine, MachineFile | Machine):
         return machine
-    return read_machine(machine)
+    return read_machine(machine, allow_outside=allow_outside)
 
 
 @contextmanager
-def enough_memory(data: Any) -> Iterator[None]:
-    """Raises DataError where there is not enough memory to read `data`."""
+def readable(data: Any) -> Iterator[None]:
+    """Raises DataError where `data` cannot be read for want of memory, or as it nests, counts or spells
+    beyond what Python takes.
+    """
     try:
         yield
     except MemoryError as error:
@@ -73,6 +80,13 @@ def enough_memory(data: Any) -> Iterator[None]:
             "there is not enough memory to read it",
             file=_name(data),
             fix="cut the recording, or map fewer columns in [columns]",
+        ) from error
+    except (RecursionError, OverflowError, UnicodeError, csv.Error) as error:
+        raise refuse(
+            DataError,
+            f"it cannot be read ({shown(str(error))})",
+            file=_name(data),
+            fix="export it again; it may be damaged",
         ) from error
 
 
@@ -93,7 +107,8 @@ def recorded(source: Source, described: MachineFile | Machine | None, max_bytes:
         if isinstance(described, MachineFile)
         else (None, None, None)
     )
-    beside = None if source.file is None else _beside(source.file, max_bytes)
+    allow_outside = isinstance(described, MachineFile) and described.allow_outside
+    beside = None if source.file is None else _beside(source.file, max_bytes, allow_outside)
     columns, account = taken(source, rules, beside, whole=True)
     angle_error = None
     if is_capture(columns, kind):
@@ -137,10 +152,28 @@ def _name(data: Any) -> str | None:
     return os.fspath(data) if isinstance(data, str | os.PathLike) else None
 
 
-def _beside(data: str | os.PathLike[str], max_bytes: int) -> Callable[[str], Source]:
-    """Opens files by their name from the folder of the recording."""
+def _beside(data: str | os.PathLike[str], max_bytes: int, allow_outside: bool) -> Callable[[str], Source]:
+    """Opens files by their name from the folder of the recording; nothing outside of it is opened, unless
+    that is allowed.
+    """
     folder = Path(data).parent
-    return lambda name: open_source(folder / name, max_bytes)
+
+    def beside(name: str) -> Source:
+        file = folder / name
+        if not allow_outside and not file.resolve().is_relative_to(folder.resolve()):
+            if file.exists() and not file.is_file():
+                with opened(str(file), "recording"):
+                    pass
+            raise refuse(
+                MachineError,
+                f"[columns] takes a column from '{shown(name)}', outside of the folder of the recording",
+                file=str(data),
+                fix="put the file beside the recording, or allow it by --allow-outside "
+                "(in Python allow_outside=True)",
+            )
+        return open_source(file, max_bytes)
+
+    return beside
 
 
 def load_columns(
@@ -153,9 +186,11 @@ def load_columns(
 
     Raises as `load`, but for what only a Recording refuses.
     """
-    source = source_of(data, max_bytes, machine)
     rules = machine.columns if isinstance(machine, MachineFile) else None
-    return taken(source, rules, _beside(data, max_bytes), finite=False)[0]
+    allow_outside = isinstance(machine, MachineFile) and machine.allow_outside
+    with readable(data):
+        source = source_of(data, max_bytes, machine)
+        return taken(source, rules, _beside(data, max_bytes, allow_outside), finite=False)[0]
 
 
 def _is_load_alone(columns: Columns) -> bool:

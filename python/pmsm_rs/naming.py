@@ -77,7 +77,7 @@ class Meaning:
         return self.unit is None and self.quantity not in {"voltage", "current"}
 
 
-@lru_cache(maxsize=1 << 16)
+@lru_cache(maxsize=1 << 14)
 def meaning(name: str, stated: str | None = None) -> Meaning | None:
     """What the column `name`, of which the file states a unit or not, says of itself; None where nothing."""
     if len(name) > LONGEST:

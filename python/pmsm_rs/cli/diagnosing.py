@@ -53,11 +53,18 @@ def demo(report_file: str, json_file: str | None, threads: int | None, seed: int
         threads=threads,
         progress=terminal.progress(progress.DIAGNOSIS),
     )
-    terminal.finish(json_file, answer.to_json)
-    answer.report(report_file, title="Demo recording")
+
+    def draw() -> None:
+        answer.report(report_file, title="Demo recording")
+        terminal.show(f"\nReport: {report_file}")
+
     sealed = "" if answer.interrupted else f"\n\n{compare(answer)}"
-    terminal.show(f"{answer}{sealed}\n\nReport: {report_file}")
-    return terminal.INTERRUPTED if answer.interrupted else 0
+    failed = terminal.deliver(
+        lambda: f"{answer}{sealed}",
+        terminal.as_json(json_file, answer.to_json),
+        *(() if answer.interrupted else (draw,)),
+    )
+    return terminal.INTERRUPTED if answer.interrupted else failed
 
 
 @click.command(
@@ -75,8 +82,9 @@ def demo(report_file: str, json_file: str | None, threads: int | None, seed: int
         c130="interrupted; the answer so far is still written",
     ),
 )
-@click.argument("recordings", type=options.FILE, nargs=-1, required=True, metavar="RECORDING...")
+@click.argument("recordings", type=options.RECORDING, nargs=-1, required=True, metavar="RECORDING...")
 @options.MACHINE
+@options.ALLOW_OUTSIDE
 @click.option(
     "--validate",
     "validation",
@@ -110,6 +118,7 @@ def demo(report_file: str, json_file: str | None, threads: int | None, seed: int
 def diagnose(
     recordings: tuple[str, ...],
     machine_file: str,
+    allow_outside: bool,
     validation: str | None,
     json_file: str | None,
     report_file: str | None,
@@ -139,15 +148,14 @@ def diagnose(
     from ..run import refused, unanswered
 
     settings = None if constants is None else DiagnosisOptions.parse(constants)
-    machine = read_machine(machine_file)
+    machine = read_machine(machine_file, allow_outside=allow_outside)
     try:
         runs = [load(file, machine) for file in [*ahead, *files[AHEAD:]]]
     except NothingToAsk as error:
         if len(files) > 1 and not (len(recordings) == 1 and error.of(recordings[0])):
             raise
         answer = unanswered(error, seed=seed)
-        _write(answer, recordings, json_file, report_file, trajectories)
-        return 0
+        return _write(answer, recordings, json_file, report_file, trajectories)
     other = None if validation is None else runs.pop()
     try:
         answer = run(
@@ -160,10 +168,12 @@ def diagnose(
             progress=terminal.progress(progress.DIAGNOSIS),
         )
     except _core.NotIdentifiableError as error:
-        terminal.finish(json_file, refused(error, runs, seed=seed).to_json)
+        write = terminal.as_json(json_file, refused(error, runs, seed=seed).to_json)
+        if write is not None:
+            write()
         raise
-    _write(answer, recordings, json_file, report_file, trajectories)
-    return terminal.INTERRUPTED if answer.interrupted else 0
+    failed = _write(answer, recordings, json_file, report_file, trajectories)
+    return terminal.INTERRUPTED if answer.interrupted else failed
 
 
 def _write(
@@ -172,18 +182,24 @@ def _write(
     json_file: str | None,
     report_file: str | None,
     trajectories: str | None,
-) -> None:
-    """Writes the files that were asked for, and prints the answer."""
+) -> int:
+    """Prints the answer and writes the files that were asked for; the exit code."""
     from pathlib import Path
 
-    terminal.finish(json_file, answer.to_json)
-    if trajectories and answer.shown is None:
-        terminal.say(f"{trajectories} is not written: no model was simulated on this recording")
-    elif trajectories:
-        answer.trajectories(trajectories)
-    if report_file:
-        answer.report(report_file, title=", ".join(Path(recording).name for recording in recordings))
-    terminal.show(answer)
+    def draw() -> None:
+        if report_file and answer.interrupted:
+            # Drawing takes seconds, and whoever interrupts does not want to wait.
+            terminal.say(f"{report_file} is not drawn: the search was interrupted")
+        elif report_file:
+            answer.report(report_file, title=", ".join(Path(recording).name for recording in recordings))
+
+    def trace() -> None:
+        if trajectories and answer.shown is None:
+            terminal.say(f"{trajectories} is not written: no model was simulated on this recording")
+        elif trajectories:
+            answer.trajectories(trajectories)
+
+    return terminal.deliver(lambda: answer, terminal.as_json(json_file, answer.to_json), trace, draw)
 
 
 @click.command(
@@ -201,6 +217,7 @@ def _write(
 )
 @click.argument("recordings", type=options.FILE, nargs=-1, required=True, metavar="RECORDING...")
 @options.MACHINE
+@options.ALLOW_OUTSIDE
 @click.option(
     "--ledger",
     type=options.OUTPUT,
@@ -219,6 +236,7 @@ def _write(
 def fleet(
     recordings: tuple[str, ...],
     machine_file: str,
+    allow_outside: bool,
     ledger: str | None,
     jobs: int | None,
     json_file: str | None,
@@ -229,23 +247,30 @@ def fleet(
     from concurrent.futures import ThreadPoolExecutor
 
     from ..atomic import apart
+    from ..config import read_machine
     from ..fleet import diagnose_many
     from ..results import json_text
 
     apart([json_file, ledger], [*recordings, machine_file])
+    machine = read_machine(machine_file, allow_outside=allow_outside)
     with ThreadPoolExecutor(jobs or os.cpu_count() or 1) as executor:
         answers = diagnose_many(
             recordings,
-            machine_file,
+            machine,
             executor=executor,
             ledger=ledger,
             seed=seed,
             progress=terminal.progress(),
         )
-    terminal.finish(json_file, lambda: json_text(answers.to_list()))
-    terminal.show(answers)
+    failed = terminal.deliver(
+        lambda: answers, terminal.as_json(json_file, lambda: json_text(answers.to_list()))
+    )
     if answers.interrupted:
         return terminal.INTERRUPTED
+    for line in answers.damaged:
+        terminal.say(
+            f"{ledger}, line {line}: it is damaged, so it was passed over; its recording was computed again"
+        )
     for failure in answers.failures:
         terminal.say(failure.message)
-    return terminal.REFUSED if answers.failures else 0
+    return failed or (terminal.REFUSED if answers.failures else 0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from . import options
+from . import options, terminal
 from .help import Command
 
 # Those of `pmsm_rs.export.KINDS`, which a test compares; the help needs no more of the package.
@@ -52,7 +52,5 @@ def export(answer: str, kind: str, output: str, temperature: float | None) -> in
     apart([output], [answer])
     given = {} if temperature is None else {"temperature": temperature}
     left_out = write(Model.read(answer), kind, output, **given)
-    click.echo(f"{output}: {kind}")
-    for sentence in left_out:
-        click.echo(sentence)
+    terminal.show("\n".join([f"{output}: {kind}", *left_out]))
     return 0

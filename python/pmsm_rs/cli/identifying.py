@@ -21,8 +21,9 @@ from .help import Command, codes
         c130="interrupted; the answer so far is still written",
     ),
 )
-@click.argument("recording", type=options.FILE)
+@click.argument("recording", type=options.RECORDING)
 @options.MACHINE
+@options.ALLOW_OUTSIDE
 @options.fit("Parameters to estimate; by default all that the recording shows.")
 @options.method("Particle swarm, least squares, or both.", "pso", "lm", "pso+lm", default="pso+lm")
 @click.option(
@@ -35,6 +36,7 @@ from .help import Command, codes
 def identify(
     recording: str,
     machine_file: str,
+    allow_outside: bool,
     fit: list[str] | None,
     method: str,
     swarm: str | None,
@@ -50,7 +52,7 @@ def identify(
     from ..run import identify as run
 
     apart([json_file], [recording, machine_file])
-    machine = read_machine(machine_file)
+    machine = read_machine(machine_file, allow_outside=allow_outside)
     answer = run(
         load(recording, machine),
         machine,
@@ -61,10 +63,9 @@ def identify(
         threads=threads,
         progress=terminal.progress(progress.identification(method)),
     )
-    terminal.finish(json_file, answer.to_json)
-    terminal.show(answer)
-    if answer.interrupted:
-        return terminal.INTERRUPTED
+    failed = terminal.deliver(lambda: answer, terminal.as_json(json_file, answer.to_json))
+    if answer.interrupted or failed:
+        return terminal.INTERRUPTED if answer.interrupted else failed
     unsettled = not answer.converged or any(entry.value is None for entry in answer.parameters.values())
     return terminal.NOT_SETTLED if unsettled else 0
 
@@ -84,6 +85,7 @@ def identify(
 )
 @click.argument("recording", type=click.Path(dir_okay=False, allow_dash=True), metavar="RECORDING|-")
 @options.MACHINE
+@options.ALLOW_OUTSIDE
 @click.option(
     "--window", type=float, default=0.033, show_default=True, metavar="S", help="Length of a window."
 )
@@ -93,6 +95,7 @@ def identify(
 def track(
     recording: str,
     machine_file: str,
+    allow_outside: bool,
     window: float,
     fit: list[str],
     method: str,
@@ -108,9 +111,19 @@ def track(
     from ..live import Request, follow
 
     request = Request(
-        recording, machine_file, fit, window, method, seed, threads, json_file, silent=terminal.is_silent()
+        recording,
+        machine_file,
+        fit,
+        window,
+        method,
+        seed,
+        threads,
+        json_file,
+        silent=terminal.is_silent(),
+        allow_outside=allow_outside,
     )
     try:
         return terminal.NOT_SETTLED if follow(request) == 0 else 0
     except KeyboardInterrupt:
-        terminal.fail(terminal.INTERRUPTED, "interrupted; the windows that were complete are written")
+        terminal.say("interrupted; the windows that were complete are written")
+        return terminal.INTERRUPTED

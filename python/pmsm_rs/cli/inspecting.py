@@ -23,7 +23,7 @@ from .help import Command, codes
         c3="no table in the file, or machine file refused",
     ),
 )
-@click.argument("file", type=options.FILE, metavar="FILE")
+@click.argument("file", type=options.RECORDING, metavar="FILE")
 @click.option(
     "--machine",
     "machine_file",
@@ -39,10 +39,16 @@ from .help import Command, codes
     help="Write the machine file to start from.",
 )
 @click.option("--force", is_flag=True, help="Let --write replace a file.")
+@options.ALLOW_OUTSIDE
 @options.JSON
 @options.QUIET
 def inspect(
-    file: str, machine_file: str | None, written: str | None, force: bool, json_file: str | None
+    file: str,
+    machine_file: str | None,
+    written: str | None,
+    force: bool,
+    allow_outside: bool,
+    json_file: str | None,
 ) -> int:
     """Show what FILE is: columns, sampling, questions, and a machine file to start from.
 
@@ -56,15 +62,15 @@ def inspect(
     apart([written, json_file], [file, machine_file])
     if written is not None:
         expect_new(written, force=force)
-    found = run(file, machine_file)
-    terminal.finish(json_file, found.to_json)
-    if written is not None:
-        found.write_machine(written, force=force)
+    found = run(file, machine_file, allow_outside=allow_outside)
     blocks = _shows_blocks()
     steps = next_steps(found, machine_file, written)
-    whole = text(found, blocks=blocks, machine_file=written is None)
-    terminal.show(f"{whole}\n\n{steps if blocks else plain(steps)}")
-    return 0
+    told = text(found, blocks=blocks, machine_file=written is None)
+    return terminal.deliver(
+        lambda: f"{told}\n\n{steps if blocks else plain(steps)}",
+        terminal.as_json(json_file, found.to_json),
+        None if written is None else lambda: found.write_machine(written, force=force),
+    )
 
 
 def _shows_blocks() -> bool:

@@ -30,7 +30,18 @@ class _Output(click.Path):
         return path
 
 
+class _Recording(click.Path):
+    """A file that is read; - is standard input."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str | bytes | os.PathLike[str]:
+        path = super().convert(value, param, ctx)
+        return "/dev/stdin" if path == "-" else path
+
+
 FILE = click.Path(dir_okay=False)
+RECORDING = _Recording(dir_okay=False, allow_dash=True)
 OUTPUT = _Output(dir_okay=False)
 MACHINE = click.option(
     "--machine",
@@ -39,6 +50,11 @@ MACHINE = click.option(
     required=True,
     metavar="M.toml",
     help="Nameplate, load, column names.",
+)
+ALLOW_OUTSIDE = click.option(
+    "--allow-outside",
+    is_flag=True,
+    help="Let [columns] take columns from files outside of the recording's folder.",
 )
 
 

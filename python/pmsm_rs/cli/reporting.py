@@ -25,9 +25,8 @@ def doctor(json_file: str | None) -> int:
     from ..doctor import examine
 
     found = examine()
-    terminal.finish(json_file, found.to_json)
-    terminal.show(found)
-    return 0 if found.is_sound else terminal.INTERNAL
+    failed = terminal.deliver(lambda: found, terminal.as_json(json_file, found.to_json))
+    return failed or (0 if found.is_sound else terminal.INTERNAL)
 
 
 def _rows(_context: click.Context, _parameter: click.Parameter, text: str | None) -> slice:

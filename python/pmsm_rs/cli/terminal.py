@@ -5,13 +5,16 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
-from typing import Final, NoReturn, TextIO
+from contextlib import suppress
+from typing import Final, TextIO
 
 import click
 
+from . import process
+from .process import INTERRUPTED as INTERRUPTED
 from .progress import Bar, Stages, wipe
 
-INTERNAL, USAGE, REFUSED, NOT_SETTLED, INTERRUPTED = 1, 2, 3, 4, 130
+INTERNAL, USAGE, REFUSED, NOT_SETTLED = 1, 2, 3, 4
 
 STANDARD_OUTPUT: Final = "-"
 """The name by which --json means standard output."""
@@ -55,25 +58,80 @@ def progress(stages: Stages | None = None) -> Callable[[str, float], None] | Non
     """
     if not sys.stderr.isatty() or _is(_QUIET):
         return None
-    return Bar(sys.stderr, stages)
+    bar = Bar(sys.stderr, stages)
+
+    def show_stage(stage: str, fraction: float) -> None:
+        with suppress(OSError):
+            bar(stage, fraction)
+
+    return show_stage
 
 
 def clear() -> None:
     """Wipes the line of progress."""
     if sys.stderr.isatty():
-        wipe(sys.stderr)
+        with suppress(OSError):
+            wipe(sys.stderr)
 
 
-def finish(json_file: str | None, text: Callable[[], str]) -> None:
-    """Wipes the line of progress and writes the answer where a file for it was named."""
+def deliver(text: Callable[[], object], *files: Callable[[], object] | None) -> int:
+    """Prints the answer, then writes each of `files`, whatever becomes of the others; 0, or the exit code of
+    the first that could not be written.
+
+    Each failure is said. On Ctrl-C meanwhile what is complete stays.
+    """
     clear()
-    if json_file == STANDARD_OUTPUT:
-        # UTF-8, as in a file, whatever the encoding of the terminal.
-        click.echo(text().rstrip("\n").encode())
-    elif json_file:
+    codes = [_try(lambda: show(text()))]
+    try:
+        codes += [_try(write) for write in files if write is not None]
+    except KeyboardInterrupt:
+        say("interrupted before all files were written; run it again")
+        return INTERRUPTED
+    return next((code for code in codes if code), 0)
+
+
+def _try(action: Callable[[], object]) -> int:
+    try:
+        action()
+    except Exception as error:
+        return said(error)
+    return 0
+
+
+def as_json(json_file: str | None, text: Callable[[], str]) -> Callable[[], object] | None:
+    """Writes the answer as JSON, where a file for it was named or standard output is its own."""
+    if not json_file:
+        return None
+
+    def write() -> None:
+        if json_file == STANDARD_OUTPUT:
+            # UTF-8, as in a file, whatever the encoding of the terminal.
+            print_out(text().rstrip("\n").encode())
+            return
         from ..atomic import write_text
 
         write_text(json_file, text())
+
+    return write
+
+
+def print_out(text: object) -> None:
+    """Prints a result and flushes it. Raises OSError where standard output takes it no more."""
+    click.echo(text)
+    flush()
+
+
+def flush() -> None:
+    """Writes what standard output still holds. Raises OSError where it is refused."""
+    try:
+        sys.stdout.flush()
+    except ValueError:
+        raise OSError(9, "it is closed") from None
+
+
+def flushed(code: int) -> int:
+    """`code`, or that of an error where standard output refuses what it still holds."""
+    return _try(flush) or code
 
 
 def show(answer: object) -> None:
@@ -83,6 +141,7 @@ def show(answer: object) -> None:
     colour = is_coloured(sys.stdout)
     text = str(answer)
     click.echo(painted(text) if colour else text, color=colour)
+    flush()
 
 
 def painted(text: str) -> str:
@@ -114,13 +173,34 @@ def say(message: str) -> None:
     clear()
     colour = is_coloured(sys.stderr)
     name = click.style("pmsm-rs:", fg="red", bold=True) if colour else "pmsm-rs:"
-    click.echo(f"{name} {printable(message)}", err=True, color=colour)
+    process.write_error(printable(message), name)
 
 
-def fail(code: int, message: str) -> NoReturn:
-    """Ends the program with one sentence on standard error."""
-    say(message)
-    sys.exit(code)
+def said(error: Exception) -> int:
+    """The exit code that goes with an error, which is said."""
+    if isinstance(error, BrokenPipeError):
+        # The reader of our output has gone; there is nobody left to tell.
+        process.discard(sys.stdout)
+        return 0
+    if isinstance(error, OSError):
+        place = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else "standard output"
+        if error.filename is None:
+            process.discard(sys.stdout)
+        say(f"{place}: cannot be written or read ({error.strerror}); make room or name another place")
+        return USAGE
+    told = code(error)
+    if told != INTERNAL:
+        say(str(error))
+        return told
+    what = str(error) if _ours(error) else f"{type(error).__name__}: {error}; please report it"
+    say(f"internal fault: {' '.join(what.split())}")
+    return told
+
+
+def _ours(error: Exception) -> bool:
+    from .._core import PmsmError
+
+    return isinstance(error, PmsmError)
 
 
 def code(error: Exception) -> int:

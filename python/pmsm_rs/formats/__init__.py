@@ -15,6 +15,7 @@ from ..errors import opened, refuse
 from .canlog import log_kind
 from .gate import checked_limit
 from .source import Source
+from .standard_input import comes_there, kept
 
 _MAGIC = (
     (b"PAR1", "parquet"),
@@ -77,6 +78,8 @@ def open_source(path: str | os.PathLike[str], max_bytes: int, dbc: str | None = 
     no recording or would take more than `max_bytes` bytes of memory.
     """
     max_bytes = checked_limit(max_bytes)
+    if comes_there(Path(path)):
+        path = kept(max_bytes)
     name = str(Path(path))
     with opened(name, "recording") as file:
         size = file.stat().st_size

@@ -1,0 +1,62 @@
+"""All commands as one group."""
+
+from __future__ import annotations
+
+import click
+
+from .completing import completion, man
+from .diagnosing import demo, diagnose, fleet
+from .exporting import export
+from .help import Group, codes
+from .identifying import identify, track
+from .inspecting import inspect
+from .reporting import bundle, doctor
+from .simulating import effects, reproduce, simulate
+
+
+def _version(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
+    if wanted and not context.resilient_parsing:
+        from .._core import __version__
+
+        click.echo(f"pmsm-rs {__version__}")
+        context.exit()
+
+
+@click.group(
+    cls=Group,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    sections={
+        "Start here": ("demo", "inspect", "diagnose"),
+        "Parameters": ("identify", "track"),
+        "Many recordings": ("fleet",),
+        "The model": ("export",),
+        "Simulation": ("simulate", "reproduce"),
+        "Questions and faults": ("doctor", "bundle"),
+        "Reference": ("effects", "completion", "man"),
+    },
+    examples=(
+        "pmsm-rs inspect run.csv --write machine.toml",
+        "pmsm-rs diagnose run.csv --machine machine.toml --validate other.csv --report report.html",
+    ),
+    exits=codes(c4="not identifiable, or not settled; the JSON answer says why"),
+)
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_version,
+    help="Show the version and exit.",
+)
+def cli() -> None:
+    """Finds out what a motor model leaves out, from recordings of the motor.
+
+    Start with `pmsm-rs demo`; it needs no files.
+    """
+
+
+for _command in (
+    *(demo, inspect, diagnose, identify, track, fleet, export, simulate, reproduce),
+    *(doctor, bundle, effects, completion, man),
+):
+    cli.add_command(_command)
