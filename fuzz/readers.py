@@ -151,7 +151,7 @@ def main() -> int:
     counts, faults = dict.fromkeys(names, 0), 0
     seed = secrets.randbits(32) if first is None else first
     each = min(ROUND, 60.0 * given.minutes / max(len(names), 1))
-    while not faults and (time.monotonic() < until or not any(counts.values())):
+    while not faults and (time.monotonic() < until or not all(counts.values())):
         for name in names:
             folder = given.keep / f"{seed}-{os.getpid()}"
             folder.mkdir(exist_ok=True)
@@ -165,7 +165,7 @@ def main() -> int:
                 print(f"{name}: {count} files, seed {seed}", flush=True)
             if not any(folder.iterdir()):
                 folder.rmdir()
-            if time.monotonic() > until:
+            if time.monotonic() > until and all(counts.values()):
                 break
         seed += 1
     total = f"{sum(counts.values())} damaged files of {sum(map(bool, counts.values()))} kinds"
