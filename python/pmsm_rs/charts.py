@@ -29,6 +29,14 @@ _BAR: Final = 54.0
 
 
 @dataclass(frozen=True)
+class Picture:
+    """An inline SVG with what it shows."""
+
+    svg: str
+    caption: str
+
+
+@dataclass(frozen=True)
 class Axis:
     """A range that is shown, the places of its ticks, and what is written at them: the value without ten to
     the `power`, which the label has.

@@ -5,14 +5,19 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import math
 import re
 from functools import cache
 from typing import TYPE_CHECKING, Any, Final
 
-from . import budget, figures, palette, plot_data, tables, words
+import numpy as np
+
+from . import bars, budget, figures, palette, plot_data, tables, words
 from .advice import next_step
+from .charts import Picture
 from .corrected import machine_file
 from .headline import is_whole, sentences
+from .model import Model
 from .readout import converted
 from .results import Candidate, DiagnosisValues
 
@@ -68,7 +73,7 @@ def render(answer: DiagnosisValues, title: str | None = None, command: str | Non
         first=_first(answer),
         next_step=next_step(answer),
         overview=figures.worst(answer, width=420.0),
-        ratios=figures.ratios(fit),
+        ratios=bars.ratios(fit),
         fit=fit,
         judged=judged,
         trained=tables.fit(answer, "recording") if judged == "validation" else [],
@@ -76,8 +81,8 @@ def render(answer: DiagnosisValues, title: str | None = None, command: str | Non
         nameplate=converted(answer.nameplate),
         places=tables.places(answer),
         located=figures.located(answer),
-        budget=figures.budget(answer),
-        budget_fills=figures.budget_fills(answer),
+        budget=bars.budget(answer),
+        budget_fills=bars.budget_fills(answer),
         budget_table=tables.budget_table(answer),
         budget_run=next((entry.run for entry in budget.judged(answer.budget)), ""),
         candidates=answer.ranking[:8],
@@ -111,10 +116,16 @@ def _first(answer: DiagnosisValues) -> list[tuple[Candidate, str, list[tables.Pa
     return [(c, words.title(c.effect), tables.rows(c)) for c in candidates[:_AT_FIRST]]
 
 
-def _correlation(answer: DiagnosisValues) -> figures.Picture | None:
-    """The picture of `model.correlation` where the answer has one: `parameters`, and the rows of `matrix`."""
-    entry = answer.model.get("correlation")
-    return None if not entry else figures.correlation(entry["parameters"], entry["matrix"])
+def _correlation(answer: DiagnosisValues) -> Picture | None:
+    """The picture of the correlation of the estimates, where the answer has their covariance and there are
+    at least two.
+    """
+    model = Model(answer.data["model"])
+    kept = [k for k, row in enumerate(model.correlation) if math.isfinite(row[k])]
+    if len(kept) < 2:
+        return None
+    matrix = model.correlation[kept][:, kept]
+    return bars.correlation([model.names[k] for k in kept], np.nan_to_num(matrix).tolist())
 
 
 def _data(answer: DiagnosisValues) -> str:

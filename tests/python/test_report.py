@@ -116,8 +116,8 @@ def test_nothing_is_told_of_what_an_answer_does_not_hold() -> None:
 
 
 def test_the_correlation_of_parameters_is_shown_where_the_answer_has_it() -> None:
-    entry = {"parameters": ["r_s", "l_d"], "matrix": [[1.0, -0.42], [-0.42, 1.0]]}
-    said = words_of(str(full(model=ANSWER["model"] | {"correlation": entry}).report()))
+    entry = {"names": ["r_s", "l_d"], "matrix": [[4.0, -0.84], [-0.84, 1.0]]}
+    said = words_of(str(full(model=ANSWER["model"] | {"covariance": entry}).report()))
     assert "Correlation of the estimates" in said
     assert "-.42" in said
 
