@@ -37,6 +37,7 @@ CHANNELS = {
 """Symbol and unit of the channels that are compared with the model."""
 _GREEK = {"psi": "ψ", "tau": "τ", "omega": "ω", "theta": "θ", "phi": "φ", "lambda": "λ"}
 _SUBSCRIPT = re.compile(r"(?<![\w])([A-Za-zα-ωΑ-Ωϑ]{1,6})_([A-Za-z0-9]+)")
+_PERSONS = ("Coulomb", "Stribeck")
 
 
 def unit(text: str) -> str:
@@ -121,8 +122,8 @@ def title(effect: str) -> str:
 
 
 def lower_first(text: str) -> str:
-    """`text` with a small first letter unless that starts an abbreviation."""
-    return text if text[1:2].isupper() or not text else text[0].lower() + text[1:]
+    """`text` with a small first letter unless that starts an abbreviation or the name of a person."""
+    return text if text[1:2].isupper() or text.startswith(_PERSONS) else text[:1].lower() + text[1:]
 
 
 def probability(value: float) -> str:
