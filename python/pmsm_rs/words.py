@@ -40,6 +40,7 @@ CHANNELS = {
 _GREEK = {"psi": "ψ", "tau": "τ", "omega": "ω", "theta": "θ", "phi": "φ", "lambda": "λ"}
 _SUBSCRIPT = re.compile(r"(?<!\w)([A-Za-zα-ωΑ-Ωϑ]{1,6})_([A-Za-z0-9]+)(?:_(\d+))?(?!_?\w)")
 """A symbol with its subscript, and a number behind it as in tau_cog_2; longer names stay as they are."""
+_PERSONS = ("Coulomb", "Stribeck")
 
 
 def unit(text: str) -> str:
@@ -167,8 +168,8 @@ def sentence(text: str) -> str:
 
 
 def lower_first(text: str) -> str:
-    """`text` with a small first letter unless that starts an abbreviation."""
-    return text if text[1:2].isupper() or not text else text[0].lower() + text[1:]
+    """`text` with a small first letter unless that starts an abbreviation or the name of a person."""
+    return text if text[1:2].isupper() or text.startswith(_PERSONS) else text[:1].lower() + text[1:]
 
 
 def probability(value: float) -> str:

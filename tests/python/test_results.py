@@ -479,3 +479,8 @@ def test_an_identification_is_read_back() -> None:
     assert json.loads(answer.to_json()) == data
     assert "not converged" in str(answer)
     assert "j and b: the speed hardly changes" in str(answer)
+
+
+def test_names_of_persons_and_abbreviations_keep_their_capital_within_a_sentence() -> None:
+    said = [words.lower_first(text) for text in ("Coulomb friction", "DC-link sag", "Iron loss", "")]
+    assert said == ["Coulomb friction", "DC-link sag", "iron loss", ""]
