@@ -3,8 +3,8 @@
     python -m proof.formulas FOLDER
 
 FOLDER holds a set of the family `foreign` with its answers, as `python -m proof` makes it. Forms of the
-motion alone count, and answers in which formulas were asked for. Each form is known by a mark in the text of a
-formula; the terms of the package were not made for these forms.
+motion alone count, and answers in which formulas were asked for. Each form is known by a mark in the text of
+a formula. The terms of the package were not made for these forms.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from . import process
@@ -37,7 +38,8 @@ def _run(arguments: list[str] | None) -> int:
     from .commands import cli
 
     try:
-        code = cli.main(arguments, prog_name="pmsm-rs", standalone_mode=False)
+        given = sys.argv[1:] if arguments is None else arguments
+        code = cli.main(arguments, prog_name="pmsm-rs", standalone_mode=False, obj=tuple(given))
         terminal.flush()
     except click.exceptions.Exit as stop:
         return terminal.flushed(stop.exit_code)

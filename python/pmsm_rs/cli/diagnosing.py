@@ -55,7 +55,7 @@ def demo(report_file: str, json_file: str | None, threads: int | None, seed: int
     )
 
     def draw() -> None:
-        answer.report(report_file, title="Demo recording")
+        answer.report(report_file, title="Demo recording", command=terminal.command_line())
         terminal.show(f"\nReport: {report_file}")
 
     sealed = "" if answer.interrupted else f"\n\n{compare(answer)}"
@@ -191,7 +191,8 @@ def _write(
             # Drawing takes seconds, and whoever interrupts does not want to wait.
             terminal.say(f"{report_file} is not drawn: the search was interrupted")
         elif report_file:
-            answer.report(report_file, title=", ".join(Path(recording).name for recording in recordings))
+            title = ", ".join(Path(recording).name for recording in recordings)
+            answer.report(report_file, title=title, command=terminal.command_line())
 
     def trace() -> None:
         if trajectories and answer.shown is None:

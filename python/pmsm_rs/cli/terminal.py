@@ -115,6 +115,16 @@ def as_json(json_file: str | None, text: Callable[[], str]) -> Callable[[], obje
     return write
 
 
+def command_line() -> str | None:
+    """The command as it was typed, None outside of one."""
+    import shlex
+
+    context = click.get_current_context(silent=True)
+    if context is None or not isinstance(context.obj, tuple):
+        return None
+    return shlex.join(["pmsm-rs", *context.obj])
+
+
 def print_out(text: object) -> None:
     """Prints a result and flushes it. Raises OSError where standard output takes it no more."""
     click.echo(text)
