@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 _WINDOWS, _ROWS = 600, 8
 # A step in time longer than this many periods is a gap.
 _GAP = 1.5
+# Rows that are used at most; of longer runs the means of equal runs of rows are.
+_MOST = 60_000
 
 
 @dataclass(frozen=True)
@@ -120,8 +122,30 @@ def _turned(t: Array, omega_m: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
+def thinned(moved: Motion) -> Motion:
+    """The means of equal runs of rows where there are more than 60 000 rows: time and memory stay bounded."""
+    each = -(-len(moved.t) // _MOST)
+    if each == 1:
+        return moved
+
+    def mean(values: Array) -> Array:
+        whole = len(values) // each * each
+        means: Array = values[:whole].reshape(-1, each).mean(axis=1)
+        return means
+
+    return Motion(
+        mean(moved.t),
+        mean(moved.omega_m),
+        mean(moved.theta_m),
+        mean(moved.tau_e),
+        mean(moved.driving),
+        moved.load_open,
+    )
+
+
 def windows(moved: Motion) -> WeakForm | None:
     """Windows that overlap by half and cross no gap; None where the run is too short for any."""
+    moved = thinned(moved)
     t = moved.t
     count = min(_WINDOWS, len(t) // _ROWS)
     if count < 2:

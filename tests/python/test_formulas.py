@@ -112,6 +112,15 @@ def test_a_run_that_is_too_short_or_full_of_gaps_has_no_windows() -> None:
     assert windows(Motion(t, t, t, t, t, load_open=True)) is None
 
 
+def test_of_a_long_run_the_means_of_rows_are_used() -> None:
+    t = np.arange(200_001) * 1e-4
+    form = windows(Motion(t, np.sin(t), 1.0 - np.cos(t), t, t, load_open=False))
+    assert form is not None
+    assert len(form.motion.t) <= 60_000
+    assert form.motion.load_open is False
+    np.testing.assert_allclose(form.motion.omega_m, np.sin(form.motion.t), atol=1e-6)
+
+
 def test_an_answer_without_a_name_holds_formulas() -> None:
     def recording(seed: int) -> pm.Recording:
         run = moved(FORMS["hump"][0], seed)
