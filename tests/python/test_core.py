@@ -217,10 +217,10 @@ def test_ctrl_c_on_the_command_line_writes_the_best_so_far(tmp_path: Path) -> No
     # The signal comes with the first word of progress, so that nothing depends on how fast this machine is.
     code = (
         "import os, signal, sys\n"
-        "from pmsm_rs import cli\n"
+        "from pmsm_rs.cli import main, terminal\n"
         "stop = lambda stage, fraction: os.kill(os.getpid(), signal.SIGINT)\n"
-        "cli.terminal.progress = lambda stages=None: stop\n"
-        "cli.main(sys.argv[1:])\n"
+        "terminal.progress = lambda stages=None: stop\n"
+        "main(sys.argv[1:])\n"
     )
     arguments = ["diagnose", recording, "--machine", machine, "--validate", validation, "--json", "a.json"]
     ran = subprocess.run(
