@@ -187,7 +187,10 @@ def columns() -> str:
     for log, (_, known) in LOGS.items():
         parts.append(f"\n### {log}\n")
         parts.append(
-            table(["in the log", "column", "unit"], [[f"`{a}`", f"`{b}`", c] for a, (b, c) in known.items()])
+            table(
+                ["in the log", "column", "unit"],
+                [[f"`{a}`", f"`{b}`", c or "to be told"] for a, (b, c) in known.items()],
+            )
         )
     return "\n".join(parts) + "\n"
 
