@@ -253,7 +253,7 @@ def _told(run: _Run, check: _Run | None, choices: Sequence[_Choice], kinds: int)
         if check is not None:
             other = np.column_stack([check.column(c) for c in choice.columns(check.form.motion)])
             explains["validation"] = _share(check, other @ strengths)
-            # Nothing is estimated there.
+            # Strengths and shapes are those of the recording; the open parameters are free here, too.
             left = 1.0 - explains["validation"] + _FORM**2
             worth -= 0.5 * _INDEPENDENT * len(check.target) * math.log(left)
         if min(explains.values()) >= _LEAST:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from .program import Language, code
+from .program import LIBM, Language, code
 
 
 def number(x: float) -> str:
@@ -19,15 +19,7 @@ def number(x: float) -> str:
 
 
 C = Language(
-    functions={
-        "sqrt": "sqrt",
-        "sin": "sin",
-        "cos": "cos",
-        "exp": "exp",
-        "ln": "log",
-        "tanh": "tanh",
-        "abs": "fabs",
-    },
+    functions=LIBM,
     select="({test} > 0.0 ? {yes} : {no})",
     define="    const double {name} = {value};",
     number=number,

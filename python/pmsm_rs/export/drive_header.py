@@ -15,7 +15,7 @@ import numpy as np
 
 from .c_source import _mentions
 from .common import header, not_expressed, sites
-from .program import Language, code, evaluate, needs
+from .program import LIBM, Language, code, evaluate, needs, restricted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,7 +29,6 @@ _SPEEDS, _ANGLES, _CURRENTS, _GRID, _TORQUES = 129, 512, 129, 17, 33
 # Angles of an electrical turn over which the flux map is averaged.
 _AVERAGED = 24
 _COMPENSATED = {
-    "back_emf_harmonics",
     "saturation_d",
     "saturation_q",
     "cross_saturation",
@@ -46,15 +45,7 @@ def number(x: float) -> str:
 
 
 SINGLE = Language(
-    functions={
-        "sqrt": "sqrtf",
-        "sin": "sinf",
-        "cos": "cosf",
-        "exp": "expf",
-        "ln": "logf",
-        "tanh": "tanhf",
-        "abs": "fabsf",
-    },
+    functions={kind: f"{name}f" for kind, name in LIBM.items()},
     select="({test} > 0.0f ? {yes} : {no})",
     define="    const float {name} = {value};",
     number=number,
@@ -123,7 +114,7 @@ def _function(
 ) -> str:
     """A function whose value is the sum of some outputs, and of one term more."""
     fixed = {x: "0.0f" for x in program["inputs"]}
-    written = code(_only(program, wanted), SINGLE, {**fixed, **{x: x for x in arguments}}, prefix="y")
+    written = code(restricted(program, wanted), SINGLE, {**fixed, **{x: x for x in arguments}}, prefix="y")
     terms = [f"({written.outputs[x]})" for x in wanted] + ([more] if more else [])
     value = " + ".join(terms) or "0.0f"
     used = "\n".join([*written.lines, value])
@@ -139,31 +130,6 @@ def _function(
             "}",
         ]
     )
-
-
-def _only(program: Mapping[str, Any], wanted: Sequence[str]) -> dict[str, Any]:
-    """The program with these outputs alone; operations that they do not need are gone."""
-    places = dict(program["outputs"])
-    needed: set[int] = set()
-    waiting = [places[name] for name in wanted]
-    while waiting:
-        at = waiting.pop()
-        if at not in needed:
-            needed.add(at)
-            ((kind, operands),) = program["operations"][at].items()
-            if kind not in ("constant", "input"):
-                waiting += operands if isinstance(operands, list) else [operands]
-    order = {at: k for k, at in enumerate(sorted(needed))}
-    operations = []
-    for at in sorted(needed):
-        ((kind, operands),) = program["operations"][at].items()
-        if kind not in ("constant", "input"):
-            moved = [order[x] for x in operands] if isinstance(operands, list) else order[operands]
-            operations.append({kind: moved})
-        else:
-            operations.append({kind: operands})
-    outputs = [[name, order[places[name]]] for name in wanted]
-    return {"inputs": program["inputs"], "operations": operations, "outputs": outputs}
 
 
 def _table(name: str, values: Array, said: str) -> str:

@@ -6,21 +6,13 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from .common import header
-from .program import Code, Language, code
+from .program import LIBM, Code, Language, code
 
 if TYPE_CHECKING:
     from ..model import Model
 
 MODELICA = Language(
-    functions={
-        "sqrt": "sqrt",
-        "sin": "sin",
-        "cos": "cos",
-        "exp": "exp",
-        "ln": "log",
-        "tanh": "tanh",
-        "abs": "abs",
-    },
+    functions=LIBM | {"abs": "abs"},
     select="noEvent(if {test} > 0.0 then {yes} else {no})",
     define="  {name} = {value};",
 )

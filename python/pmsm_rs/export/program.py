@@ -11,6 +11,16 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+LIBM = {
+    "sqrt": "sqrt",
+    "sin": "sin",
+    "cos": "cos",
+    "exp": "exp",
+    "ln": "log",
+    "tanh": "tanh",
+    "abs": "fabs",
+}
+"""The functions as the C library calls them."""
 _BINARY = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 # A term longer than this gets a name of its own.
 _LONGEST = 100
@@ -87,19 +97,29 @@ def evaluate(program: Mapping[str, Any], values: Mapping[str, ArrayLike]) -> dic
 
 def needs(program: Mapping[str, Any], output: str) -> set[str]:
     """Names of the inputs on which an output depends."""
-    place = dict(program["outputs"])[output]
-    found, open_places = set(), [place]
-    seen: set[int] = set()
-    while open_places:
-        at = open_places.pop()
-        if at in seen:
-            continue
-        seen.add(at)
-        operation = program["operations"][at]
-        if "input" in operation:
-            found.add(program["inputs"][operation["input"]])
-        open_places += _operands(operation)
-    return found
+    operations = restricted(program, [output])["operations"]
+    return {program["inputs"][operation["input"]] for operation in operations if "input" in operation}
+
+
+def restricted(program: Mapping[str, Any], wanted: Sequence[str]) -> dict[str, Any]:
+    """The program with these outputs alone, and with the operations that they need."""
+    places = dict(program["outputs"])
+    needed: set[int] = set()
+    waiting = [places[name] for name in wanted]
+    while waiting:
+        at = waiting.pop()
+        if at not in needed:
+            needed.add(at)
+            waiting += _operands(program["operations"][at])
+    order = {at: k for k, at in enumerate(sorted(needed))}
+    operations = []
+    for at in sorted(needed):
+        ((kind, given),) = program["operations"][at].items()
+        if kind not in ("constant", "input"):
+            given = [order[x] for x in given] if isinstance(given, list) else order[given]
+        operations.append({kind: given})
+    outputs = [[name, order[places[name]]] for name in wanted]
+    return {"inputs": program["inputs"], "operations": operations, "outputs": outputs}
 
 
 def _by_number(operation: Mapping[str, Any], operations: Sequence[Mapping[str, Any]]) -> bool:

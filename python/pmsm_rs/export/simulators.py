@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from .common import header, not_expressed
-from .program import Language, code, needs
+from .program import LIBM, Language, code, needs
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -13,15 +13,7 @@ if TYPE_CHECKING:
     from ..model import Model
 
 NUMPY = Language(
-    functions={
-        "sqrt": "np.sqrt",
-        "sin": "np.sin",
-        "cos": "np.cos",
-        "exp": "np.exp",
-        "ln": "np.log",
-        "tanh": "np.tanh",
-        "abs": "np.abs",
-    },
+    functions={kind: f"np.{name}" for kind, name in LIBM.items()},
     select="np.where({test} > 0.0, {yes}, {no})",
     define="        {name} = {value}",
 )
