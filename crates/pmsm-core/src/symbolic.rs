@@ -1,5 +1,5 @@
-//! Numbers that write down what is done to them. The equations of the core are generic over the number type, so the equations of any model
-//! can be had as a list of elementary operations, from which programs in other languages are made.
+//! Numbers that write down what is done to them. The equations of the core are generic over the number type. On such numbers they become a list
+//! of elementary operations, from which programs in other languages are made.
 //!
 //! Each operation is kept once: equal operations on equal operands are the same entry. Operations on constants alone are carried out, with
 //! the bits that `f64` gives. Entries stand in the order in which they can be computed.

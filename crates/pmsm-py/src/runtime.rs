@@ -3,8 +3,8 @@
 use pmsm_core::lanes::Path;
 use pyo3::prelude::*;
 
-/// The widest instructions of this processor, which the core uses ("avx512", "avx2", "sse2" or "portable"), how many numbers one of
-/// them takes, and how many threads a computation has that is not told otherwise.
+/// The widest instructions of this processor, which the core uses: "avx512", "avx2", "sse2" or "portable". Behind it stand how many numbers
+/// one of them takes, and how many threads a computation has by default.
 #[pyfunction]
 pub fn runtime() -> (&'static str, usize, usize) {
     let path = Path::best();

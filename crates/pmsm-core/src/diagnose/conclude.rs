@@ -424,7 +424,7 @@ fn not_foreseen(on_validation: &Hypothesis, limit: f64) -> Option<Finding> {
 
 /// Measured, before and after, with the operating point.
 /// What was measured, and what two sets predict, with the operating points.
-pub fn traces(data: &Data, before: &Hypothesis, after: &Hypothesis) -> Columns {
+fn traces(data: &Data, before: &Hypothesis, after: &Hypothesis) -> Columns {
     let mut columns = Columns::new();
     let s = &data.signals;
     columns.insert("t".into(), s.t.clone());

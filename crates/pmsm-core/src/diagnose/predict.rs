@@ -1,7 +1,6 @@
 //! What a model that was found says of another recording.
 
 use super::answer::Columns;
-use super::conclude;
 use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::join;
@@ -86,9 +85,14 @@ pub fn predict(
 }
 
 fn seen(data: &Data, there: &Hypothesis) -> Columns {
-    let all = conclude::traces(data, there, there);
-    let kept = all.into_iter().filter(|(name, _)| !name.ends_with("_before") && !name.starts_with("op_"));
-    kept.map(|(name, x)| (name.replace("_after", "_model"), x)).collect()
+    let whole = data.whole(there);
+    let model = whole.predict(&there.parameters);
+    let mut columns = Columns::from([("t".into(), data.signals.t.clone())]);
+    for (channel, x) in whole.channels().iter().zip(model) {
+        columns.insert(format!("{}_measured", channel.name()), whole.measured(*channel));
+        columns.insert(format!("{}_model", channel.name()), x);
+    }
+    columns
 }
 
 /// Puts predictions from each sample to the next in place of the free run.
@@ -97,24 +101,22 @@ fn one_step(data: &Data, there: &Hypothesis, columns: &mut Columns) {
         // Each point is a prediction of its own.
         return;
     }
-    let present = |name: &&str| columns.contains_key(&format!("{name}_model"));
-    let currents: Vec<&str> = ["i_d", "i_q"].into_iter().filter(present).collect();
-    for name in currents {
-        for odd in [1, 0] {
-            let mut pairs = data.clone();
-            cut(&mut pairs.signals, odd);
-            let again = seen(&pairs, there);
-            let model = columns.get_mut(&format!("{name}_model")).expect("the channel is there");
-            for segment in &pairs.signals.segments {
-                for k in segment.clone().skip(1) {
-                    model[k] = again[&format!("{name}_model")][k];
-                }
+    let currents = ["i_d_model", "i_q_model"];
+    for odd in [1, 0] {
+        let mut pairs = data.clone();
+        cut(&mut pairs.signals, odd);
+        let again = seen(&pairs, there);
+        for name in currents {
+            let (Some(model), Some(ahead)) = (columns.get_mut(name), again.get(name)) else { continue };
+            for k in pairs.signals.segments.iter().flat_map(|segment| segment.clone().skip(1)) {
+                model[k] = ahead[k];
             }
         }
-        for segment in &data.signals.segments {
-            let measured = columns[&format!("{name}_measured")][segment.start];
-            columns.get_mut(&format!("{name}_model")).expect("the channel is there")[segment.start] =
-                measured;
+    }
+    for (name, measured) in currents.into_iter().zip(["i_d_measured", "i_q_measured"]) {
+        let Some(measured) = columns.get(measured).cloned() else { continue };
+        if let Some(model) = columns.get_mut(name) {
+            data.signals.segments.iter().for_each(|segment| model[segment.start] = measured[segment.start]);
         }
     }
     if let Some(free) = columns.get("omega_e_model").cloned() {

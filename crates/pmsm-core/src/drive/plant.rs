@@ -6,12 +6,8 @@ use crate::effect::Env;
 use crate::model::{Magnetic, Model};
 use crate::real::Real;
 use crate::rk4;
-use crate::simulate::coupled::{STEP_LIMIT, at, join, parts};
+use crate::simulate::coupled::{FINER, STEP_LIMIT, at, join, parts};
 use crate::transforms::rotate;
-
-/// Steps per time constant are multiplied by this where effects have electrical states of their own, whose rates the
-/// base parameters do not tell.
-const FINER: f64 = 4.0;
 
 /// The state λ_d, λ_q, ω_m, θ_e, electrical extras (E − 2), mechanical extras (M − 1): N = E + M + 1.
 pub(super) struct Plant<'a, const E: usize, const M: usize, const N: usize> {

@@ -18,6 +18,9 @@ use std::ops::Range;
 
 /// Largest product of step and fastest rate; longer sample periods are divided.
 pub(crate) const STEP_LIMIT: f64 = 0.15;
+/// Steps per time constant are multiplied by this where effects have electrical states of their own, whose rates the base parameters do not
+/// tell.
+pub(crate) const FINER: f64 = 4.0;
 
 /// Simulates samples `range` and hands to `sink` the sample number and i_d, i_q (A), ω_e (rad/s). Each gap-free
 /// segment starts from its first measured values; `tau_load` (N·m) is constant and comes on top of a load known from

@@ -3,7 +3,7 @@
 //! The voltage d, q is held in the rotor's frame and the load torque is held from one instant to the next. In between the coupled equations
 //! advance by equal Runge–Kutta steps, whose number is told, so that a program in another language can do the same.
 
-use super::coupled::{STEP_LIMIT, at, join, parts};
+use super::coupled::{FINER, STEP_LIMIT, at, join, parts};
 use crate::base::Base;
 use crate::effect::Env;
 use crate::effects::{ELECTRICAL_STATES, MECHANICAL_STATES, STATES};
@@ -13,9 +13,6 @@ use crate::monitor::Monitor;
 use crate::rk4;
 use std::collections::BTreeMap;
 
-/// Steps per time constant are multiplied by this where effects have electrical states of their own, whose rates the base parameters do not
-/// tell.
-const FINER: f64 = 4.0;
 /// Most steps per interval.
 pub const MOST_STEPS: usize = 4096;
 /// Intervals after which a monitor is asked whether to go on.
