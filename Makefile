@@ -165,9 +165,9 @@ accuracy: $(VENV)/.test
 
 # The unsafe code. Miri knows AVX2, and of AVX-512 all but comparisons.
 miri: | need
-	RUSTFLAGS='-Ctarget-feature=+avx2,+fma' cargo +nightly miri test --locked -p pmsm-core --lib lanes::tests
+	RUSTFLAGS='-Ctarget-feature=+avx2,+fma' cargo +nightly miri test --locked -p pmsm-core --lib numerics::lanes::tests
 	RUSTFLAGS='-Ctarget-feature=+avx512f,+avx512vl,+avx512bw,+avx512dq' \
-	  cargo +nightly miri test --locked -p pmsm-core --lib lanes::tests::arithmetic
+	  cargo +nightly miri test --locked -p pmsm-core --lib numerics::lanes::tests::arithmetic
 
 format:
 	cargo fmt --all

@@ -3,18 +3,18 @@
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use plant::Plant;
-use pmsm_core::bare::{self, Kernel, POINT, Track, chunks};
 use pmsm_core::effects;
 use pmsm_core::identify::{Method, Request, identify};
-use pmsm_core::lanes::{self, Job, Lane, Path, Rounding};
+use pmsm_core::kernels::bare::{self, Kernel, POINT, Track, chunks};
+use pmsm_core::kernels::objective::{Drive, Objective};
 use pmsm_core::machine::Machine;
 use pmsm_core::model::Model;
 use pmsm_core::monitor::Silent;
-use pmsm_core::objective::{Drive, Objective};
+use pmsm_core::numerics::lanes::{self, Job, Lane, Path, Rounding};
+use pmsm_core::optimise::swarm::SwarmSettings;
 use pmsm_core::recording::{Load, Recording};
 use pmsm_core::signals::Signals;
 use pmsm_core::simulate::mechanical;
-use pmsm_core::swarm::SwarmSettings;
 use std::hint::black_box;
 
 /// Samples of one window of the paper.

@@ -2,11 +2,11 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use plant::Plant;
-use pmsm_core::dual::Dual;
 use pmsm_core::effects::EffectId;
 use pmsm_core::machine::Machine;
 use pmsm_core::model::Model;
-use pmsm_core::real::Real;
+use pmsm_core::numerics::dual::Dual;
+use pmsm_core::numerics::real::Real;
 use pmsm_core::recording::{Load, Recording};
 use pmsm_core::signals::Signals;
 use pmsm_core::simulate::mechanical::{self, Nuisance, Restart};

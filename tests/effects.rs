@@ -9,13 +9,13 @@ mod integration;
 mod support;
 
 use pmsm_core::base::{BASE, Base};
-use pmsm_core::dual::Dual;
 use pmsm_core::effect::{Context, Env, Role, Site};
 use pmsm_core::effects::{ALL, EffectId};
 use pmsm_core::model::Model;
-use pmsm_core::real::Real;
+use pmsm_core::numerics::dual::Dual;
+use pmsm_core::numerics::real::Real;
+use pmsm_core::numerics::transforms::{inverse_park, park};
 use pmsm_core::signals::Signals;
-use pmsm_core::transforms::{inverse_park, park};
 use support::{MACHINE, operating_points, run, simulate, still, typical, with};
 
 /// The parameters with every strength set to zero.

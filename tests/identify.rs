@@ -5,9 +5,9 @@ mod plant;
 use plant::{Gauss, Plant, Run};
 use pmsm_core::error::Error;
 use pmsm_core::identify::{Identification, Method, Request, Target, identify};
+use pmsm_core::kernels::objective::Drive;
 use pmsm_core::machine::Machine;
 use pmsm_core::monitor::{Monitor, Silent};
-use pmsm_core::objective::Drive;
 use pmsm_core::recording::{Load, Recording};
 use std::sync::atomic::{AtomicUsize, Ordering};
 

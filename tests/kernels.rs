@@ -7,14 +7,14 @@ mod reference;
 mod sensitivity;
 
 use plant::Plant;
-use pmsm_core::bare::{self, Kernel, POINT, Track, chunks};
 use pmsm_core::effects;
 use pmsm_core::identify::{Method, Request, identify};
-use pmsm_core::lanes::{self, Job, Lane, Path, Rounding};
+use pmsm_core::kernels::bare::{self, Kernel, POINT, Track, chunks};
+use pmsm_core::kernels::objective::{Drive, Objective, speed_weight};
 use pmsm_core::machine::Machine;
 use pmsm_core::model::Model;
 use pmsm_core::monitor::{Silent, StopFlag};
-use pmsm_core::objective::{Drive, Objective, speed_weight};
+use pmsm_core::numerics::lanes::{self, Job, Lane, Path, Rounding};
 use pmsm_core::recording::{Load, Recording};
 use pmsm_core::signals::Signals;
 use pmsm_core::simulate::mechanical;

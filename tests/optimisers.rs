@@ -10,9 +10,9 @@ mod nist;
 mod particles;
 
 use nalgebra::{DMatrix, DVector};
-use pmsm_core::least_squares::{self, Fit, Normal, Problem, Settings};
 use pmsm_core::monitor::Silent;
-use pmsm_core::swarm::{Inertia, Neighbourhood, SwarmSettings, Update};
+use pmsm_core::optimise::least_squares::{self, Fit, Normal, Problem, Settings};
+use pmsm_core::optimise::swarm::{Inertia, Neighbourhood, SwarmSettings, Update};
 
 /// Bounds of a parameter without any.
 const FREE: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);

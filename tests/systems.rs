@@ -7,7 +7,7 @@ mod own_system;
 use own_system::{DcMotor, InductionMachine, dc_motor, induction_machine, measured};
 use pmsm_core::identify::Method;
 use pmsm_core::monitor::{Monitor, Silent};
-use pmsm_core::real::Real;
+use pmsm_core::numerics::real::Real;
 use pmsm_core::system::{Between, Observations, Request, System, SystemFit, identify};
 use std::sync::atomic::{AtomicUsize, Ordering};
 

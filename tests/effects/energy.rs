@@ -5,7 +5,7 @@ use pmsm_core::base::Base;
 use pmsm_core::effect::{Context, Electrical, Env, Field, FieldPoint, Site};
 use pmsm_core::effects::{ALL, EffectId};
 use pmsm_core::model::Model;
-use pmsm_core::rk4;
+use pmsm_core::numerics::rk4;
 use pmsm_core::simulate::mechanical;
 use std::f64::consts::TAU;
 

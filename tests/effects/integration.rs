@@ -5,7 +5,7 @@ use pmsm_core::base::Base;
 use pmsm_core::effect::{Context, Env, Site};
 use pmsm_core::effects::{ALL, EffectId};
 use pmsm_core::model::Model;
-use pmsm_core::rk4;
+use pmsm_core::numerics::rk4;
 use pmsm_core::signals::Signals;
 
 /// Effects whose equations have a kink in their states, at reversal of speed or torque: |ω_m| and |τ_e| have no second

@@ -2,10 +2,10 @@
 
 use crate::sensitivity::Sensitivity;
 use crate::{objective, points, signals};
-use pmsm_core::bare::POINT;
-use pmsm_core::bare::copies::{INITIAL, NUDGE};
+use pmsm_core::kernels::bare::POINT;
+use pmsm_core::kernels::bare::copies::{INITIAL, NUDGE};
+use pmsm_core::kernels::objective::{Objective, Starts, speed_weight};
 use pmsm_core::model::Model;
-use pmsm_core::objective::{Objective, Starts, speed_weight};
 use pmsm_core::recording::Load;
 use pmsm_core::signals::Signals;
 use pmsm_core::simulate::mechanical;

@@ -1,11 +1,11 @@
 //! How a run depends on parameters and initial values, by dual numbers and the reference equations, and what rounding may do to it.
 
 use nalgebra::{DMatrix, DVector, Matrix3};
-use pmsm_core::bare::POINT;
-use pmsm_core::bare::copies::INITIAL;
-use pmsm_core::dual::Dual;
+use pmsm_core::kernels::bare::POINT;
+use pmsm_core::kernels::bare::copies::INITIAL;
+use pmsm_core::kernels::objective::Starts;
 use pmsm_core::model::Model;
-use pmsm_core::objective::Starts;
+use pmsm_core::numerics::dual::Dual;
 use pmsm_core::signals::Signals;
 use pmsm_core::simulate::coupled;
 

@@ -2,7 +2,7 @@
 
 use crate::{FREE, fit, normal};
 use nalgebra::{DMatrix, DVector};
-use pmsm_core::least_squares::{Normal, Problem, covariance};
+use pmsm_core::optimise::least_squares::{Normal, Problem, covariance};
 use std::f64::consts::TAU;
 
 /// Standard normal numbers from a 64-bit linear congruential generator (Knuth's MMIX) by the Box–Muller transform.

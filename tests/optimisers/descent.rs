@@ -1,7 +1,7 @@
 //! Levenberg–Marquardt on test functions with known optima, free and along bounds.
 
 use crate::{FREE, Row, fit, normal};
-use pmsm_core::least_squares::{Normal, Problem, Status};
+use pmsm_core::optimise::least_squares::{Normal, Problem, Status};
 
 /// A test function as a sum of squares.
 struct Residuals {

@@ -1,9 +1,9 @@
 //! The certified nonlinear regressions of NIST's Statistical Reference Datasets.
 
 use crate::{CONTRACTING, FREE, normal};
-use pmsm_core::least_squares::{self, Fit, Normal, Problem, Settings, Status, covariance};
 use pmsm_core::monitor::Silent;
-use pmsm_core::swarm::{self, SwarmSettings};
+use pmsm_core::optimise::least_squares::{self, Fit, Normal, Problem, Settings, Status, covariance};
+use pmsm_core::optimise::swarm::{self, SwarmSettings};
 
 /// Value of a model at x; its gradient with respect to the parameters goes into the last argument.
 type Model = fn(&[f64], f64, &mut [f64]) -> f64;

@@ -2,7 +2,7 @@
 
 use crate::CONTRACTING;
 use pmsm_core::monitor::Silent;
-use pmsm_core::swarm::{self, Inertia, Neighbourhood, SwarmSettings, Update};
+use pmsm_core::optimise::swarm::{self, Inertia, Neighbourhood, SwarmSettings, Update};
 use std::f64::consts::TAU;
 
 fn sphere(x: &[f64]) -> f64 {

@@ -5,12 +5,12 @@ use pmsm_core::effect::Env;
 use pmsm_core::effects::EffectId;
 use pmsm_core::machine::{BaseParameter, Machine};
 use pmsm_core::model::Model;
-use pmsm_core::real::Real;
+use pmsm_core::numerics::real::Real;
+use pmsm_core::numerics::transforms::inverse_park;
 use pmsm_core::recording::{Load, Recording};
 use pmsm_core::signals::Signals;
 use pmsm_core::simulate::mechanical::{self, Nuisance, Restart};
 use pmsm_core::simulate::{electrical, quasi_static};
-use pmsm_core::transforms::inverse_park;
 use std::f64::consts::TAU;
 
 /// r_s, l_d, l_q, psi_m, j, b of the motor.

@@ -7,8 +7,8 @@
 
 use pmsm_core::error::Result;
 use pmsm_core::monitor::Silent;
-use pmsm_core::random::normal_pair;
-use pmsm_core::real::Real;
+use pmsm_core::numerics::random::normal_pair;
+use pmsm_core::numerics::real::Real;
 use pmsm_core::system::{Observations, Request, System, SystemFit, identify};
 use std::f64::consts::TAU;
 

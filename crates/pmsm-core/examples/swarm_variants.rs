@@ -9,14 +9,14 @@
 
 use pmsm_core::drive::{Manoeuvre, Schedule, Sensors, Setup, Shape, simulate};
 use pmsm_core::error::Result;
-use pmsm_core::least_squares::{self, Normal, Problem, Settings};
+use pmsm_core::kernels::objective::{Drive, Objective};
 use pmsm_core::machine::Machine;
 use pmsm_core::model::Model;
 use pmsm_core::monitor::Silent;
-use pmsm_core::objective::{Drive, Objective};
-use pmsm_core::random::uniform_pair;
+use pmsm_core::numerics::random::uniform_pair;
+use pmsm_core::optimise::least_squares::{self, Normal, Problem, Settings};
+use pmsm_core::optimise::swarm::{Inertia, Neighbourhood, Swarm, SwarmSettings, Update};
 use pmsm_core::signals::Signals;
-use pmsm_core::swarm::{Inertia, Neighbourhood, Swarm, SwarmSettings, Update};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 

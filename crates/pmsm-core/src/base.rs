@@ -1,6 +1,6 @@
 //! The base parameters of a machine as the equations use them.
 
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 /// Base parameters unpacked, with the reciprocals that the inner loop needs.
 #[derive(Debug, Clone, Copy)]

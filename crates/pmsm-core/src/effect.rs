@@ -10,7 +10,7 @@
 //! number type, and with all its parameters at zero an effect must leave the bare machine bit for bit.
 
 use crate::base::Base;
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 /// The part of the model in which an effect sits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]

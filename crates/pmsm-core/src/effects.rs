@@ -6,7 +6,7 @@ use crate::effect::{
     Rotor, Sensor,
 };
 use crate::error::{Error, Result};
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 macro_rules! catalogue {
     ($($module:ident :: $name:ident),+ $(,)?) => {

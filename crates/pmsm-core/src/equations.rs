@@ -2,15 +2,15 @@
 //!
 //! The state is λ_d, λ_q (V s), ω_m (rad/s), θ_m (rad) and the own states of effects; the electrical angle is n_p·θ_m. Inputs are the voltage
 //! d, q (V) in the rotor's frame and the load torque (N·m). The programs run the same code as every simulation of this crate, on
-//! [`crate::symbolic::Symbol`].
+//! [`crate::numerics::symbolic::Symbol`].
 
 use crate::base::Base;
 use crate::effect::Env;
 use crate::effects::{ELECTRICAL_STATES, MECHANICAL_STATES};
 use crate::model::Model;
-use crate::real::Real;
+use crate::numerics::real::Real;
+use crate::numerics::symbolic::{Program, Symbol, trace};
 use crate::simulate::response::{self, Heating};
-use crate::symbolic::{Program, Symbol, trace};
 use serde::Serialize;
 
 /// All programs of a model.

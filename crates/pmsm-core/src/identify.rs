@@ -15,15 +15,15 @@ mod warm;
 pub use warm::{Warm, identify_warm};
 
 use crate::error::{Error, Result};
+use crate::kernels::objective::{Drive, Objective};
 use crate::machine::{BaseParameter, Machine};
 use crate::model::Model;
 use crate::monitor::Monitor;
-use crate::objective::{Drive, Objective};
+use crate::optimise::swarm::SwarmSettings;
+use crate::optimise::uncertainty::{Estimate, NotShown};
 use crate::pairs;
 use crate::recording::Recording;
 use crate::signals::Signals;
-use crate::swarm::SwarmSettings;
-use crate::uncertainty::{Estimate, NotShown};
 pub use fitness::Fitness;
 use plan::Plan;
 use serde::{Deserialize, Serialize};

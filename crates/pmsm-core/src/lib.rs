@@ -3,66 +3,49 @@
 //!
 //! Layers, each using only those above it in this list:
 //!
-//! - [`error`], [`monitor`], [`real`] (what a number is), [`lanes`] (vectors of numbers), [`dual`] (numbers with
-//!   derivatives), [`random`], [`transforms`], [`rk4`], [`swarm`], [`least_squares`], [`uncertainty`]: know
-//!   no motor.
+//! - [`error`], [`monitor`]; [`numerics`] (numbers with derivatives, vectors of numbers, transforms, Runge–Kutta) and [`optimise`]
+//!   (swarm, least squares, uncertainty), which know no motor.
 //! - [`machine`] (nameplate), [`base`] (its parameters in the equations), [`recording`] (checked columns).
 //! - [`effect`] (what an omitted effect is), [`terms`] (what effects share), [`effects`] (the catalogue), [`model`] (machine
-//!   plus effects), [`map`] (missing voltage or torque without a name).
-//! - [`signals`] (a recording as it drives a model), [`simulate`] (free runs), [`start`] (first values).
+//!   plus effects), [`map`] (missing voltage or torque without a name), [`equations`] (a model as a list of operations).
+//! - [`signals`] (a recording as it drives a model), [`simulate`] (free runs), [`specification`] (a model as it is written to files),
+//!   [`start`] (first values).
 //! - [`drive`] (a closed-loop drive that makes recordings).
-//! - [`noise`], [`input_noise`], [`colour`] and [`whitening`] (what a log can tell), [`wander`], [`load_steps`].
-//! - [`experiment`] (one recording seen through one model), [`bare`] (kernels), [`objective`].
+//! - [`noise`] (what a log can tell), [`load_steps`].
+//! - [`experiment`] (one recording seen through one model, and the floor of its residuals), [`kernels`] (many parameter sets at once).
 //! - [`identify`]: which parameters. [`track`]: the same, window by window. [`system`]: the same for a user's own
 //!   equations. [`diagnose`]: what is left out.
 //!
 //! Units are SI throughout, the Park transform is amplitude-invariant, the d axis lies on the magnet flux, and the
 //! sign convention is the motor's.
 
-pub mod bare;
 pub mod base;
-mod basis;
-pub mod colour;
 pub mod diagnose;
 pub mod drive;
-pub mod dual;
 pub mod effect;
 pub mod effects;
 pub mod equations;
 pub mod error;
 pub mod experiment;
-mod extent;
 pub mod identify;
-pub mod input_noise;
-pub mod lanes;
-pub mod least_squares;
+pub mod kernels;
 pub mod load_steps;
 pub mod machine;
 pub mod map;
 pub mod model;
 pub mod monitor;
 pub mod noise;
-pub mod objective;
+pub mod numerics;
+pub mod optimise;
 mod pairs;
-pub mod random;
-pub mod real;
 pub mod recording;
-pub mod rk4;
-mod robust;
 pub mod signals;
 pub mod simulate;
 pub mod specification;
 pub mod start;
-pub mod swarm;
-pub mod symbolic;
 pub mod system;
-mod tall;
 pub mod terms;
 pub mod track;
-pub mod transforms;
-pub mod uncertainty;
-pub mod wander;
-pub mod whitening;
 
 #[cfg(test)]
 mod tests {

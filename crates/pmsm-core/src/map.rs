@@ -12,7 +12,7 @@ mod factor;
 
 pub use factor::{Factor, MOST, Point, Spline, Variable};
 
-use crate::real::Real;
+use crate::numerics::real::Real;
 use serde::{Deserialize, Serialize};
 
 /// An equation that a map adds to.

@@ -13,7 +13,7 @@ use crate::effect::{Context, Need, Site};
 use crate::effects::EffectId;
 use crate::machine::BaseParameter;
 use crate::map::Map;
-use crate::real::Real;
+use crate::numerics::real::Real;
 use std::ops::Range;
 
 pub use steady::Known;

@@ -5,7 +5,7 @@
 //!
 //! ```
 //! use pmsm_core::monitor::Silent;
-//! use pmsm_core::real::Real;
+//! use pmsm_core::numerics::real::Real;
 //! use pmsm_core::system::{Observations, Request, System, identify};
 //!
 //! /// l·di/dt = v − r·i − k·ω, j·dω/dt = k·i − b·ω with p = [r, k, j]; l and b are known.
@@ -53,7 +53,7 @@ pub use observations::{Between, Observations};
 
 use crate::error::Result;
 use crate::monitor::Monitor;
-use crate::real::Real;
+use crate::numerics::real::Real;
 use simulated::Simulated;
 
 /// A system of `N` states and `M` outputs.

@@ -1,7 +1,7 @@
 //! Terms and parameters that several effects share, so that no formula stands twice.
 
 use crate::effect::{Context, Parameter, Role};
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 /// Share of the top speed over which a friction's sign turns over, where nothing better is known.
 pub const SMOOTHING: f64 = 2e-3;

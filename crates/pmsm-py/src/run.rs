@@ -6,7 +6,7 @@ use crate::recording::PyRecording;
 use crate::supervise;
 use pmsm_core::error::Error;
 use pmsm_core::identify as core;
-use pmsm_core::swarm::SwarmSettings;
+use pmsm_core::optimise::swarm::SwarmSettings;
 use pyo3::prelude::*;
 use serde_json::json;
 use std::collections::BTreeMap;

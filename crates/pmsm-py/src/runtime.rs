@@ -1,6 +1,6 @@
 //! What the core runs on, for Python.
 
-use pmsm_core::lanes::Path;
+use pmsm_core::numerics::lanes::Path;
 use pyo3::prelude::*;
 
 /// The widest instructions of this processor, which the core uses: "avx512", "avx2", "sse2" or "portable". Behind it stand how many numbers

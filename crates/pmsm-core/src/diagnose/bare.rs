@@ -7,10 +7,10 @@ use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::reach;
 use crate::error::Result;
-use crate::least_squares;
 use crate::machine::BaseParameter;
 use crate::model::Model;
 use crate::monitor::Monitor;
+use crate::optimise::least_squares;
 use crate::signals::Finding;
 
 /// Rounds in which the bare machine and the noise of its voltages are estimated from one another, and how far (ln) its inductances may
@@ -132,10 +132,10 @@ mod tests {
     use crate::experiment::Channel;
     use crate::machine::Machine;
     use crate::monitor::Silent;
-    use crate::random::normal_pair;
+    use crate::noise::whitening::{Bench, Whitening};
+    use crate::numerics::random::normal_pair;
     use crate::recording::Recording;
     use crate::signals::Signals;
-    use crate::whitening::{Bench, Whitening};
 
     /// A quarter of a per cent of the link voltage, V.
     const NOISE: f64 = 1.4;

@@ -6,18 +6,18 @@
 use super::options::DiagnosisOptions;
 use crate::base::BASE;
 use crate::error::Result;
+use crate::experiment::floor::{self, Floor};
 use crate::experiment::{Channel, Channels, Experiment, Joint, Prior};
-use crate::input_noise::InputNoise;
-use crate::least_squares::Settings;
 use crate::machine::{BaseParameter, Machine};
 use crate::model::Model;
-use crate::noise::{self, Floor};
+use crate::noise::input::InputNoise;
+use crate::noise::wander::Wander;
+use crate::noise::whitening::Whitening;
+use crate::optimise::least_squares::Settings;
 use crate::recording::Kind;
 use crate::signals::{Logged, Signals};
 use crate::simulate::mechanical::{self, Nuisance};
 use crate::start;
-use crate::wander::Wander;
-use crate::whitening::Whitening;
 use std::ops::Range;
 
 /// Fewest mechanical windows from which every other one is held out where no validation run is given.
@@ -94,14 +94,14 @@ impl Data {
                 _ => &[Channel::VD, Channel::VQ],
             },
         };
-        let current = noise::current_noise(&signals);
+        let current = floor::current_noise(&signals);
         let floors = channels
             .iter()
             .map(|&channel| {
                 let sensor = match channel {
                     Channel::ID | Channel::IQ => current.unwrap_or(0.002 * signals.context.i_max),
                     Channel::OmegaE => {
-                        noise::speed_noise(&signals).max(noise::RESOLUTION * signals.context.omega_e_max)
+                        floor::speed_noise(&signals).max(floor::RESOLUTION * signals.context.omega_e_max)
                     }
                     Channel::VD | Channel::VQ => 0.005 * signals.context.v_max,
                 };

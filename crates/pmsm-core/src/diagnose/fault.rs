@@ -11,11 +11,11 @@ use super::locate::{self, Located};
 use super::select::Outcome;
 use super::verdict;
 use crate::base::BASE;
-use crate::basis::orthonormal;
 use crate::effect::Site;
 use crate::experiment::Channel;
 use crate::machine::BaseParameter;
 use crate::model::Model;
+use crate::numerics::basis::orthonormal;
 
 /// Share of the excess that sensors must explain for it to be laid at them where something else is left.
 const MOST: f64 = 0.5;

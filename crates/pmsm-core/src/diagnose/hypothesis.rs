@@ -1,16 +1,16 @@
 //! A set of effects with the parameters that were fitted to a recording, and what it leaves there.
 
 use super::data::Data;
-use crate::colour::effective_samples;
 use crate::effect::Role;
 use crate::effects::EffectId;
+use crate::experiment::floor::{self, Floor};
 use crate::experiment::{Channel, Joint};
 use crate::machine::BaseParameter;
 use crate::model::Model;
-use crate::noise::{self, Floor};
+use crate::noise::colour::effective_samples;
+use crate::noise::whitening::{Bench, Whitening};
 use crate::simulate::electrical::incremental_inductances;
 use crate::simulate::mechanical::Nuisance;
-use crate::whitening::{Bench, Whitening};
 
 /// Share of its typical strength below which an effect counts as absent.
 const VANISHING: f64 = 2e-3;
@@ -23,7 +23,7 @@ impl Data {
         }
         let channels = vec![self.floors.iter().map(|f| (f.channel, f.sensor)).collect()];
         let experiment = self.experiment(&hypothesis.model, &hypothesis.nuisances, channels);
-        let (floors, input) = noise::floors(&experiment.runs()[0], &hypothesis.parameters);
+        let (floors, input) = floor::floors(&experiment.runs()[0], &hypothesis.parameters);
         let sensor = |channel| floors.iter().find(|f| f.channel == channel).map(|f| f.sensor);
         self.whitening = match (sensor(Channel::ID), sensor(Channel::IQ)) {
             (Some(d), Some(q)) if !input.is_none() || self.signals.segments.len() > 1 => {

@@ -6,10 +6,10 @@ mod state;
 mod steps;
 
 use super::data::Data;
-use crate::colour::Colour;
 use crate::error::Result;
 use crate::model::Model;
 use crate::monitor::Monitor;
+use crate::noise::colour::Colour;
 use crate::recording::Load;
 use crate::simulate::mechanical::Nuisance;
 use settling::Settling;

@@ -6,12 +6,12 @@ use super::hypothesis::Hypothesis;
 use super::ties::{self, Tie};
 use super::torque_noise;
 use crate::base::Base;
-use crate::dual::Dual;
 use crate::effect::Role;
 use crate::effects::EffectId;
-use crate::least_squares;
 use crate::machine::BaseParameter;
-use crate::uncertainty;
+use crate::numerics::dual::Dual;
+use crate::optimise::least_squares;
+use crate::optimise::uncertainty;
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 
@@ -182,7 +182,7 @@ impl<'a> Outputs<'a> {
         let fitted: Vec<usize> =
             slot.parameters.clone().filter(|k| self.free.contains(k)).take(LANES).collect();
         let mut seeded: Vec<Dual<LANES>> =
-            hypothesis.own().iter().map(|x| crate::real::Real::constant(*x)).collect();
+            hypothesis.own().iter().map(|x| crate::numerics::real::Real::constant(*x)).collect();
         for (lane, index) in fitted.iter().enumerate() {
             seeded[*index] = Dual::variable(hypothesis.parameters[*index], lane);
         }

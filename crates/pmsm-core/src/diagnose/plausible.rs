@@ -4,8 +4,8 @@
 use super::answer::Estimate;
 use super::data::Data;
 use crate::machine::BaseParameter;
+use crate::numerics::transforms::SQRT3;
 use crate::signals::Finding;
-use crate::transforms::SQRT3;
 use std::collections::BTreeMap;
 use std::f64::consts::SQRT_2;
 

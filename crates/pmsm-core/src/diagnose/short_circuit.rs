@@ -12,8 +12,8 @@ use super::options::DiagnosisOptions;
 use super::parameters_alone::{self, Shown};
 use crate::error::Result;
 use crate::machine::{BaseParameter, Machine};
+use crate::numerics::robust;
 use crate::recording::{Kind, Recording};
-use crate::robust;
 use crate::signals::{Finding, Signals};
 use nalgebra::{Matrix3, Vector3};
 

@@ -5,7 +5,7 @@ use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::outputs::Outputs;
 use crate::effects::EffectId;
-use crate::extent::peak;
+use crate::numerics::extent::peak;
 use crate::recording::Load;
 use crate::signals::Finding;
 use std::collections::BTreeMap;

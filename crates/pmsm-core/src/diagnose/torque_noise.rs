@@ -48,7 +48,7 @@ pub fn scores(data: &Data, hypothesis: &Hypothesis, slopes: &DMatrix<f64>) -> DM
 mod tests {
     use super::*;
     use crate::diagnose::testing::{data, setup, speeds};
-    use crate::random::normal_pair;
+    use crate::numerics::random::normal_pair;
 
     #[test]
     fn noise_of_the_torque_moves_the_scores_as_far_as_it_does_in_simulation() {

@@ -11,8 +11,8 @@ use super::options::DiagnosisOptions;
 use super::parameters_alone::{self, Shown};
 use crate::error::Result;
 use crate::machine::{BaseParameter, Machine};
+use crate::numerics::robust::{self, Line};
 use crate::recording::{Kind, Recording};
-use crate::robust::{self, Line};
 use crate::signals::{Finding, Signals};
 use crate::simulate::mechanical::WINDOW;
 
@@ -201,7 +201,7 @@ mod tests {
     use crate::diagnose::answer::Verdict;
     use crate::diagnose::diagnose;
     use crate::monitor::Silent;
-    use crate::random::normal_pair;
+    use crate::numerics::random::normal_pair;
 
     /// Points over currents and speeds of a machine with ψ_m = 0.01 V s, n_p = 5, b = 1 mN m s, τ_c = 0.05 N m; the torque times `sign`.
     fn points(sign: f64) -> Recording {

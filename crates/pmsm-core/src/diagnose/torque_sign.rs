@@ -11,10 +11,10 @@ use super::hypothesis::Hypothesis;
 use super::motion;
 use crate::effect::Site;
 use crate::error::Result;
+use crate::experiment::floor::Floor;
 use crate::experiment::{Block, Channel};
 use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
-use crate::noise::Floor;
 use crate::signals::Finding;
 
 /// Nats by which the opposite sign must be more likely: one log in a hundred is of the wrong sign, and of a hundred that are said to be so

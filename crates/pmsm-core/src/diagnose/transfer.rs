@@ -5,11 +5,11 @@ use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::motion;
 use crate::error::Result;
-use crate::least_squares::scaled_inverse;
 use crate::model::Model;
 use crate::monitor::Monitor;
+use crate::numerics::tall;
+use crate::optimise::least_squares::scaled_inverse;
 use crate::simulate::mechanical::Nuisance;
-use crate::tall;
 use nalgebra::DVector;
 use std::f64::consts::TAU;
 

@@ -103,7 +103,7 @@ mod tests {
     use crate::diagnose::testing::{choice, setup, speeds};
     use crate::drive::{Choice, Schedule, Shape, simulate};
     use crate::monitor::Silent;
-    use crate::transforms::park;
+    use crate::numerics::transforms::park;
     use std::f64::consts::TAU;
 
     /// A recording with its nameplate, in which `make` has made a mistake.

@@ -15,10 +15,10 @@ use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::model::Model;
 use crate::monitor::Monitor;
-use crate::real::Real;
+use crate::numerics::real::Real;
+use crate::numerics::transforms::rotate;
 use crate::recording::Load;
 use crate::signals::REFERENCE_TEMPERATURE;
-use crate::transforms::rotate;
 
 /// Samples between two looks at the monitor.
 const LOOK: usize = 1024;

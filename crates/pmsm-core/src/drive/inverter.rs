@@ -4,7 +4,7 @@
 //! v_0 = −(max v_x + min v_x)/2 the vector may be as long as v_dc/√3 (van der Broeck, Skudelny & Stanke, IEEE Trans.
 //! Industry Applications 24 (1988) 142; Zhou & Wang, IEEE Trans. Industrial Electronics 49 (2002) 186).
 
-use crate::transforms::{clarke, inverse_clarke};
+use crate::numerics::transforms::{clarke, inverse_clarke};
 
 /// A voltage that stands still for a while.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,10 +4,10 @@ use super::inverter::Applied;
 use crate::base::Base;
 use crate::effect::Env;
 use crate::model::{Magnetic, Model};
-use crate::real::Real;
-use crate::rk4;
+use crate::numerics::real::Real;
+use crate::numerics::rk4;
+use crate::numerics::transforms::rotate;
 use crate::simulate::coupled::{FINER, STEP_LIMIT, at, join, parts};
-use crate::transforms::rotate;
 
 /// The state λ_d, λ_q, ω_m, θ_e, electrical extras (E − 2), mechanical extras (M − 1): N = E + M + 1.
 pub(super) struct Plant<'a, const E: usize, const M: usize, const N: usize> {

@@ -6,9 +6,9 @@ use super::control::Measured;
 use super::settings::{Sensors, SpeedSensor};
 use crate::effect::Env;
 use crate::model::Model;
-use crate::random::normal_pair;
-use crate::real::Real;
-use crate::transforms::{inverse_park, park};
+use crate::numerics::random::normal_pair;
+use crate::numerics::real::Real;
+use crate::numerics::transforms::{inverse_park, park};
 use std::f64::consts::TAU;
 
 /// Angle error of the sensors at one instant, rad, measured minus true, electrical.

@@ -5,7 +5,7 @@
 
 use crate::effect::{Context, Effect, Info, Mechanical, Parameter, Role, Rotor, Site};
 use crate::terms::direction;
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 /// See the module's documentation.
 pub struct AsymmetricFriction;

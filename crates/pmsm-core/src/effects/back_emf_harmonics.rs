@@ -8,7 +8,7 @@
 
 use crate::effect::{Context, Derived, Effect, Env, Info, Magnet, Need, Output, Parameter, Role, Site};
 use crate::base::Base;
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 /// See the module's documentation.
 pub struct BackEmfHarmonics;
@@ -72,7 +72,7 @@ impl Effect for BackEmfHarmonics {
 mod tests {
     use super::*;
     use crate::effects::testing::{CX, close, env};
-    use crate::transforms::{inverse_park, park};
+    use crate::numerics::transforms::{inverse_park, park};
     use proptest::prelude::*;
     use std::f64::consts::TAU;
 

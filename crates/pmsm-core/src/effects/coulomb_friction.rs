@@ -4,7 +4,7 @@
 //! speed signal resolves. Source: Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083.
 
 use crate::effect::{Context, Effect, Info, Mechanical, Parameter, Role, Rotor, Site};
-use crate::real::Real;
+use crate::numerics::real::Real;
 use crate::terms::{SMOOTHING};
 
 /// See the module's documentation.

@@ -12,7 +12,7 @@
 
 use crate::effect::{Context, Effect, Field, FieldPoint, Info, Need, Parameter, Role, Site};
 use crate::base::Base;
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 /// See the module's documentation.
 pub struct CrossSaturation;

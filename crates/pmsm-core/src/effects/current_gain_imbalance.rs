@@ -6,8 +6,8 @@
 
 use crate::effect::{Context, Derived, Effect, Env, Info, Need, Output, Parameter, Role, Sensor, Site};
 use crate::base::Base;
-use crate::real::Real;
-use crate::transforms::{SQRT3, inverse_clarke};
+use crate::numerics::real::Real;
+use crate::numerics::transforms::{SQRT3, inverse_clarke};
 
 /// See the module's documentation.
 pub struct CurrentGainImbalance;
@@ -87,7 +87,7 @@ mod tests {
     use crate::effects::EffectId;
     use crate::effects::testing::{CX, base, close, fourier};
     use crate::model::Model;
-    use crate::transforms::inverse_park;
+    use crate::numerics::transforms::inverse_park;
 
     #[test]
     fn a_current_is_seen_with_a_second_order_of_half_the_gain_error_and_no_mean() {

@@ -5,8 +5,8 @@
 
 use crate::effect::{Context, Derived, Effect, Env, Info, Need, Output, Parameter, Role, Sensor, Site};
 use crate::base::Base;
-use crate::real::Real;
-use crate::transforms::inverse_clarke;
+use crate::numerics::real::Real;
+use crate::numerics::transforms::inverse_clarke;
 
 /// See the module's documentation.
 pub struct CurrentOffset;
@@ -66,7 +66,7 @@ mod tests {
     use crate::effects::EffectId;
     use crate::effects::testing::{CX, MACHINE, base, close, env};
     use crate::model::Model;
-    use crate::transforms::{inverse_park, park};
+    use crate::numerics::transforms::{inverse_park, park};
 
     #[test]
     fn the_log_shows_the_phase_currents_shifted() {

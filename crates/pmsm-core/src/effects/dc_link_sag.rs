@@ -4,7 +4,7 @@
 //! Source: Kolar & Round, IEE Proc. Electric Power Applications 153 (2006) 535.
 
 use crate::effect::{Context, Effect, Electrical, Info, Need, Parameter, Role, Site};
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 /// See the module's documentation.
 pub struct DcLinkSag;

@@ -6,8 +6,8 @@
 //! IEEE Trans. Industrial Electronics 58 (2011) 5070.
 
 use crate::effect::{Context, Effect, Electrical, Info, Need, Parameter, Role, Site};
-use crate::real::Real;
-use crate::transforms::{inverse_park, park};
+use crate::numerics::real::Real;
+use crate::numerics::transforms::{inverse_park, park};
 
 /// Fundamental of a square wave.
 const FRAC_4_PI: f64 = 4.0 / std::f64::consts::PI;

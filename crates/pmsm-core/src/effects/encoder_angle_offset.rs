@@ -4,7 +4,7 @@
 //! Source: Lagerquist, Boldea & Miller's frame rotation, as in Bobtsov et al., Automatica 61 (2015) 47.
 
 use crate::effect::{Context, Effect, Env, Info, Need, Parameter, Role, Sensor, Site};
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 /// See the module's documentation.
 pub struct EncoderAngleOffset;
@@ -44,7 +44,7 @@ mod tests {
     use crate::effects::testing::{CX, MACHINE, close, env};
     use crate::model::Model;
     use crate::simulate::electrical::true_env;
-    use crate::transforms::rotate;
+    use crate::numerics::transforms::rotate;
 
     #[test]
     fn a_leading_encoder_sees_q_current_in_the_d_axis_and_the_rotor_ahead() {

@@ -7,7 +7,7 @@ use crate::effect::{
     Context, Derived, Effect, Info, LEAST_SWING, Mechanical, Need, Output, Parameter, Role, Rotor, Site,
 };
 use crate::base::Base;
-use crate::real::Real;
+use crate::numerics::real::Real;
 use std::f64::consts::PI;
 
 /// See the module's documentation.

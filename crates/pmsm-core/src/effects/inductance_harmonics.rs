@@ -9,7 +9,7 @@
 
 use crate::effect::{Context, Derived, Effect, Field, FieldPoint, Info, Need, Output, Parameter, Role, Site};
 use crate::base::Base;
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 /// See the module's documentation.
 pub struct InductanceHarmonics;
@@ -102,7 +102,7 @@ mod tests {
     use crate::effects::EffectId;
     use crate::effects::testing::{CX, MACHINE, base, close, env};
     use crate::model::Model;
-    use crate::transforms::{inverse_park, park};
+    use crate::numerics::transforms::{inverse_park, park};
     use proptest::prelude::*;
     use std::f64::consts::TAU;
 

@@ -7,7 +7,7 @@
 
 use crate::effect::{Context, Derived, Effect, Electrical, Info, Need, Output, Parameter, Role, Site};
 use crate::base::Base;
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 /// See the module's documentation.
 pub struct IronLoss;
@@ -112,7 +112,7 @@ mod tests {
     use crate::effects::EffectId;
     use crate::effects::testing::{CX, MACHINE, base, close, env, winding};
     use crate::model::Model;
-    use crate::rk4;
+    use crate::numerics::rk4;
 
     #[test]
     fn steady_loss_is_that_of_r_c_across_the_induced_voltage() {

@@ -5,7 +5,7 @@
 
 use crate::effect::{Context, Derived, Effect, Info, Mechanical, Need, Output, Parameter, Role, Rotor, Site};
 use crate::base::Base;
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 /// See the module's documentation.
 pub struct LoadTorquePulsation;

@@ -4,9 +4,9 @@
 
 use crate::effect::{Context, Effect, Electrical, Info, Need, Output, Parameter, Role, Site};
 use crate::base::Base;
-use crate::real::Real;
+use crate::numerics::real::Real;
 use crate::terms::{PHASE, chosen};
-use crate::transforms::{inverse_park, park};
+use crate::numerics::transforms::{inverse_park, park};
 
 /// See the module's documentation.
 pub struct PhaseResistanceImbalance;

@@ -4,7 +4,7 @@
 //! machines" (1998), section 3.
 
 use crate::effect::{Context, Effect, Info, Mechanical, Parameter, Role, Rotor, Site};
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 /// See the module's documentation.
 pub struct QuadraticDrag;

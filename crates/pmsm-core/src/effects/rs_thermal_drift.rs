@@ -6,7 +6,7 @@
 
 use crate::effect::{Context, Drift, Effect, Electrical, Env, Info, Need, Output, Parameter, Role, Site};
 use crate::base::Base;
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 /// See the module's documentation.
 pub struct RsThermalDrift;

@@ -8,7 +8,7 @@
 use crate::effect::{Context, Effect, Field, FieldPoint, Info, Need, Parameter, Role, Site};
 use crate::terms::{SATURATION, extra_current};
 use crate::base::Base;
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 /// Share of the magnet's flux that fills the iron beforehand.
 const PRELOAD: Parameter = Parameter {

@@ -6,7 +6,7 @@
 
 use crate::effect::{Context, Effect, Field, FieldPoint, Info, Need, Site};
 use crate::base::Base;
-use crate::real::Real;
+use crate::numerics::real::Real;
 use crate::terms::{SATURATION, extra_current};
 
 /// See the module's documentation.

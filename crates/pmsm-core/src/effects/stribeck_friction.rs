@@ -6,7 +6,7 @@
 use crate::effect::{Context, Derived, Effect, Info, Mechanical, Output, Parameter, Role, Rotor, Site};
 use crate::terms::SMOOTHING;
 use crate::base::Base;
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 /// See the module's documentation.
 pub struct StribeckFriction;

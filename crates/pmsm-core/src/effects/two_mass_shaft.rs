@@ -8,7 +8,7 @@
 
 use crate::effect::{Context, Derived, Effect, Info, Mechanical, Need, Output, Parameter, Role, Rotor, Site};
 use crate::base::Base;
-use crate::real::Real;
+use crate::numerics::real::Real;
 use std::f64::consts::TAU;
 
 /// See the module's documentation.

@@ -4,8 +4,8 @@
 //! Source: Bae & Sul, IEEE Trans. Industry Applications 39 (2003) 802.
 
 use crate::effect::{Context, Effect, Info, Need, Parameter, Role, Site};
-use crate::real::Real;
-use crate::transforms::rotate;
+use crate::numerics::real::Real;
+use crate::numerics::transforms::rotate;
 
 /// See the module's documentation.
 pub struct VoltageDelay;
@@ -65,7 +65,7 @@ fn overlap<T: Real>(x: T) -> T {
 mod tests {
     use super::*;
     use crate::effects::testing::{CX, close};
-    use crate::dual::Dual;
+    use crate::numerics::dual::Dual;
 
     /// Mean over the interval [0, 1) of the rotor-frame voltage when stator-frame commands, held over [k, k+1) and
     /// logged in the rotor frame of their middle, act `delay` later; the rotor turns `turn` per interval.

@@ -2,8 +2,8 @@
 
 use super::rows::{Rows, of_groups};
 use super::{Channel, Experiment, LANES, seed};
-use crate::dual::Dual;
-use crate::real::Real;
+use crate::numerics::dual::Dual;
+use crate::numerics::real::Real;
 use crate::simulate::electrical::{self, incremental_inductances};
 use crate::simulate::quasi_static;
 use rayon::prelude::*;

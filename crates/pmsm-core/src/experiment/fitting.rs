@@ -2,9 +2,9 @@
 
 use super::{Experiment, Joint, Prior};
 use crate::error::Result;
-use crate::least_squares::{self, Fit, Normal, Problem, Settings};
 use crate::monitor::Monitor;
-use crate::tall;
+use crate::numerics::tall;
+use crate::optimise::least_squares::{self, Fit, Normal, Problem, Settings};
 use nalgebra::DVector;
 use std::borrow::Cow;
 

@@ -3,7 +3,7 @@
 
 use super::rows::{Rows, of_groups};
 use super::{Channel, Course, Experiment, LANES, Linearisation, seed};
-use crate::dual::Dual;
+use crate::numerics::dual::Dual;
 use crate::simulate::{electrical, mechanical};
 use nalgebra::DMatrix;
 use rayon::prelude::*;

@@ -138,7 +138,7 @@ impl<'a> Joint<'a> {
     pub fn coloured(
         mut self,
         residual: &DVector<f64>,
-        colour: impl Fn(&Experiment, &[f64]) -> Option<crate::colour::Colour>,
+        colour: impl Fn(&Experiment, &[f64]) -> Option<crate::noise::colour::Colour>,
     ) -> Option<Self> {
         let mut any = false;
         for r in 0..self.runs.len() {

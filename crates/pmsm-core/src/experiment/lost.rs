@@ -5,11 +5,11 @@
 //! per eight. A map's functions are looked at along that run, at Gauss's two points of each sample.
 
 use super::{Channel, Experiment};
-use crate::dual::Dual;
 use crate::effect::Env;
-use crate::lanes::{self, Job, Lane, Path};
 use crate::map::{Equation, Factor, MOST, Map, Part, Point};
-use crate::real::Real;
+use crate::numerics::dual::Dual;
+use crate::numerics::lanes::{self, Job, Lane, Path};
+use crate::numerics::real::Real;
 use crate::simulate::electrical::between;
 use crate::simulate::watched::{self, Watch};
 use nalgebra::DMatrix;

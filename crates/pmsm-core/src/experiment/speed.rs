@@ -3,10 +3,10 @@
 use super::course::{Course, Run};
 use super::rows::{Rows, of_groups};
 use super::{Channel, Experiment, LANES, seed};
-use crate::dual::Dual;
-use crate::real::Real;
+use crate::numerics::dual::Dual;
+use crate::numerics::real::Real;
+use crate::numerics::tall;
 use crate::simulate::mechanical::{self, Restart, Windows};
-use crate::tall;
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::ops::Range;
@@ -275,14 +275,14 @@ fn remove(direction: &[f64], square: f64, x: &mut [f64]) {
 mod tests {
     use super::Run;
     use crate::base::BASE;
-    use crate::dual::Dual;
     use crate::effect::Site;
     use crate::effects::{ALL, EffectId};
     use crate::experiment::testing::{of_speed, reversing};
-    use crate::lanes::Path;
     use crate::machine::BaseParameter;
     use crate::model::Model;
-    use crate::real::Real;
+    use crate::numerics::dual::Dual;
+    use crate::numerics::lanes::Path;
+    use crate::numerics::real::Real;
     use crate::simulate::mechanical::{self, Nuisance};
     use std::ops::Range;
 

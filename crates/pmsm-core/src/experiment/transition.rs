@@ -5,8 +5,8 @@
 
 use super::Experiment;
 use super::load::{Profile, Pushes};
-use crate::dual::Dual;
-use crate::real::Real;
+use crate::numerics::dual::Dual;
+use crate::numerics::real::Real;
 use crate::simulate::mechanical::{self, Restart};
 use std::ops::Range;
 

@@ -4,10 +4,10 @@ use super::found::Found;
 use super::plan::{self, Plan};
 use super::{Identification, Request, Target};
 use crate::error::Result;
+use crate::kernels::objective::Objective;
 use crate::machine::{BaseParameter, Machine};
-use crate::objective::Objective;
+use crate::optimise::uncertainty::{self, Estimate, NotShown};
 use crate::signals::Signals;
-use crate::uncertainty::{self, Estimate, NotShown};
 
 /// The answer at the best point of a search.
 ///

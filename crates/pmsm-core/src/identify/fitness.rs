@@ -3,10 +3,10 @@
 use super::Target;
 use super::plan::Plan;
 use crate::error::{Error, Result};
+use crate::kernels::objective::{Objective, Prepared};
 use crate::machine::Machine;
 use crate::model::Model;
 use crate::monitor::Monitor;
-use crate::objective::{Objective, Prepared};
 use crate::recording::Recording;
 use crate::signals::Signals;
 use std::ops::Range;

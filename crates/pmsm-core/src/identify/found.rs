@@ -5,9 +5,9 @@ use super::plan::Plan;
 use super::search::{self, Descent};
 use crate::error::{Error, Result};
 use crate::experiment::Linearisation;
-use crate::least_squares::{Settings, Status};
+use crate::kernels::objective::{Objective, Starts};
 use crate::monitor::Monitor;
-use crate::objective::{Objective, Starts};
+use crate::optimise::least_squares::{Settings, Status};
 
 /// The best point of a search and how it was reached.
 pub struct Found {

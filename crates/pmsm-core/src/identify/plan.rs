@@ -3,12 +3,12 @@
 use super::{Target, Warm};
 use crate::base::BASE;
 use crate::error::{Error, Result};
+use crate::kernels::objective::Drive;
 use crate::machine::{BaseParameter, Machine};
-use crate::objective::Drive;
+use crate::optimise::uncertainty::NotShown;
 use crate::recording::{Kind, Load};
 use crate::signals::Signals;
 use crate::start;
-use crate::uncertainty::NotShown;
 
 /// Default bounds reach from the first value over this factor to that times this factor.
 const REACH: f64 = 5.0;

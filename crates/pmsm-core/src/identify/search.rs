@@ -3,10 +3,10 @@
 use super::plan::Plan;
 use crate::error::Result;
 use crate::experiment::Linearisation;
-use crate::least_squares::{self, Fit, Normal, Problem, Settings, Status};
+use crate::kernels::objective::{Course, Nearby, Objective, Starts};
 use crate::monitor::Monitor;
-use crate::objective::{Course, Nearby, Objective, Starts};
-use crate::swarm::{self, Swarm, SwarmResult, SwarmSettings};
+use crate::optimise::least_squares::{self, Fit, Normal, Problem, Settings, Status};
+use crate::optimise::swarm::{self, Swarm, SwarmResult, SwarmSettings};
 use nalgebra::DVector;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -31,7 +31,7 @@ const SETTLED: f64 = 1e-2;
 /// A step that promises to lower the cost by less than this share may be the last: what the answer needs is recorded on it.
 const LAST: f64 = 0.1;
 
-/// The swarm of [`crate::swarm`] on the fitness (9), the particles of a generation in parallel. A particle is abandoned
+/// The swarm of [`crate::optimise::swarm`] on the fitness (9), the particles of a generation in parallel. A particle is abandoned
 /// once its sum has passed its own best, which does not change the swarm's path. `warm` puts one particle on the
 /// starting point of the plan.
 ///

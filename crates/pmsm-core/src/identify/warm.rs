@@ -4,10 +4,10 @@ use super::found::{Found, by_swarm, from_starts, refined};
 use super::plan::Plan;
 use super::{Identification, Method, Request, Target, answer, search};
 use crate::error::Result;
+use crate::kernels::objective::{Drive, Objective};
 use crate::machine::Machine;
 use crate::model::Model;
 use crate::monitor::Monitor;
-use crate::objective::{Drive, Objective};
 use crate::signals::Signals;
 use crate::start;
 

@@ -2,12 +2,12 @@
 
 use super::behind::Behind;
 use crate::base::Base;
-use crate::basis;
-use crate::dual::Dual;
 use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::model::Model;
-use crate::real::Real;
+use crate::numerics::basis;
+use crate::numerics::dual::Dual;
+use crate::numerics::real::Real;
 use crate::signals::Signals;
 use crate::simulate::electrical::measured_env;
 use nalgebra::{DMatrix, DVector};

@@ -2,9 +2,9 @@
 
 use super::behind::Behind;
 use super::grid::Grid;
-use crate::basis::{self, DEPENDENT};
-use crate::colour::effective_samples;
 use crate::monitor::Monitor;
+use crate::noise::colour::effective_samples;
+use crate::numerics::basis::{self, DEPENDENT};
 use nalgebra::{DMatrix, DVector};
 
 /// Instants tried in the first scan.
@@ -215,7 +215,7 @@ impl<'a> Placed<'a> {
 mod tests {
     use super::*;
     use crate::monitor::Silent;
-    use crate::random::normal_pair;
+    use crate::numerics::random::normal_pair;
 
     const CLOSEST: f64 = 0.01;
 

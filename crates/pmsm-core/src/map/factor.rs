@@ -2,7 +2,7 @@
 //! B-splines.
 
 use crate::effect::Env;
-use crate::real::Real;
+use crate::numerics::real::Real;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 

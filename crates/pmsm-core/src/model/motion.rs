@@ -4,7 +4,7 @@ use super::{Model, Slot};
 use crate::base::Base;
 use crate::effect::{Env, Mechanical, Rotor};
 use crate::map::Point;
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 impl Model {
     /// Time derivative of the mechanical state `[ω_m, extra …]` under the motor torque `tau_e` and the load

@@ -2,8 +2,8 @@
 
 use super::Model;
 use crate::effect::{Env, Sensor};
-use crate::real::Real;
-use crate::transforms::{inverse_park, park};
+use crate::numerics::real::Real;
+use crate::numerics::transforms::{inverse_park, park};
 
 impl Model {
     /// What the sensors do at the measured angle of `env`.

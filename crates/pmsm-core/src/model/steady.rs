@@ -5,7 +5,7 @@ use super::Model;
 use crate::base::Base;
 use crate::effect::{Electrical, Env};
 use crate::effects::ELECTRICAL_STATES;
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 /// Newton's steps at most.
 const STEPS: usize = 6;
@@ -127,9 +127,9 @@ impl Model {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dual::Dual;
     use crate::effects::EffectId;
     use crate::effects::testing::{CX, MACHINE, env};
+    use crate::numerics::dual::Dual;
 
     #[test]
     fn the_state_of_a_current_has_that_current_and_so_have_its_derivatives() {

@@ -4,7 +4,7 @@ use super::Model;
 use crate::base::Base;
 use crate::effect::{Drift, Electrical, Env, Field, FieldPoint, Magnet};
 use crate::map::Point;
-use crate::real::Real;
+use crate::numerics::real::Real;
 
 /// Magnetic state that belongs to a flux linkage.
 #[derive(Debug, Clone, Copy)]

@@ -1,7 +1,7 @@
 //! The same recording with fewer samples, for what is slow against its clock.
 
 use super::{Limits, Signals, turned};
-use crate::transforms::rotate;
+use crate::numerics::transforms::rotate;
 
 /// What a log holds of what drives the motor within each of its samples that were picked.
 #[derive(Debug, Clone)]

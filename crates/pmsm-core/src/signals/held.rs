@@ -2,7 +2,7 @@
 
 use super::Signals;
 use super::angle::slopes;
-use crate::transforms::rotate;
+use crate::numerics::transforms::rotate;
 
 /// Control periods from the sample at which angle and speed are known to the middle of the period in which a voltage acts: of a command,
 /// which was computed from the sample before, and of logged phase voltages, which are seen from the rotor by the row's own.

@@ -167,7 +167,7 @@ fn golden(cost: &dyn Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::normal_pair;
+    use crate::numerics::random::normal_pair;
 
     const H: f64 = 1e-4;
 

@@ -3,10 +3,10 @@
 
 use super::steps::{held_rows, quantum, rounding};
 use super::{Finding, Signals, derived};
-use crate::extent::peak;
-use crate::noise::white_noise;
+use crate::experiment::floor::white_noise;
+use crate::numerics::extent::peak;
+use crate::numerics::transforms::SQRT3;
 use crate::recording::{Kind, Recording};
-use crate::transforms::SQRT3;
 use std::f64::consts::SQRT_2;
 use std::ops::Range;
 

@@ -7,8 +7,8 @@
 //! and where i_q hardly changes the block is a steady point of it.
 
 use super::{Finding, Limits, Signals};
-use crate::extent::peak;
 use crate::machine::Machine;
+use crate::numerics::extent::peak;
 use crate::recording::{FEWEST_SAMPLES, Kind, Load, OPERATING_POINT_PERIOD, Recording};
 use std::ops::Range;
 

@@ -11,7 +11,7 @@
 
 use super::Finding;
 use crate::error::{Error, Result};
-use crate::real::Real;
+use crate::numerics::real::Real;
 use nalgebra::{Complex, DMatrix, DVector};
 use std::f64::consts::TAU;
 

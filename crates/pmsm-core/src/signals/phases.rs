@@ -4,9 +4,9 @@ use super::Finding;
 use super::open_circuit::Calibration;
 use super::turned::to_rotor;
 use crate::error::{Error, Result};
-use crate::extent::peak;
+use crate::numerics::extent::peak;
+use crate::numerics::transforms::park;
 use crate::recording::Recording;
-use crate::transforms::park;
 
 /// Pairs of rows in which the order of the phases is looked at, and the share of their squared changes below which another one is right.
 const PAIRS: usize = 128;
@@ -192,7 +192,7 @@ pub fn held_voltages(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::normal_pair;
+    use crate::numerics::random::normal_pair;
 
     const THIRD: f64 = std::f64::consts::TAU / 3.0;
 

@@ -1,8 +1,8 @@
 //! Scales of a run: the largest values that it takes, and the fastest electrical rate.
 
 use super::Signals;
-use crate::extent::{longest, peak, span};
 use crate::machine::{BaseParameter, Machine};
+use crate::numerics::extent::{longest, peak, span};
 
 impl Signals {
     /// Fills the scales of the context.

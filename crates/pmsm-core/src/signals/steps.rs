@@ -63,7 +63,7 @@ pub fn held_rows(x: &[f64]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::normal_pair;
+    use crate::numerics::random::normal_pair;
 
     #[test]
     fn steps_and_holds_are_read_from_the_values() {

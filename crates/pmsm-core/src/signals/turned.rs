@@ -1,9 +1,9 @@
 //! Columns of phase values as the rotor sees them, and the way back, as many samples at a time as a vector holds. The bits are those of
 //! one sample at a time.
 
-use crate::lanes::{self, Job, Lane, Path};
-use crate::real::Real;
-use crate::transforms::{inverse_park, park};
+use crate::numerics::lanes::{self, Job, Lane, Path};
+use crate::numerics::real::Real;
+use crate::numerics::transforms::{inverse_park, park};
 use std::marker::PhantomData;
 
 /// Phase values seen from the rotor at the angles `theta`, rad.

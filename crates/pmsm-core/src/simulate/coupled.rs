@@ -8,11 +8,11 @@ use super::electrical::{measured_env, taps};
 use crate::base::Base;
 use crate::effect::Env;
 use crate::effects::{ELECTRICAL_STATES, MECHANICAL_STATES, STATES};
-use crate::extent::peak;
 use crate::model::Model;
-use crate::real::{Carries, Loop, Real};
+use crate::numerics::extent::peak;
+use crate::numerics::real::{Carries, Loop, Real};
+use crate::numerics::rk4::{self, Slope};
 use crate::recording::Load;
-use crate::rk4::{self, Slope};
 use crate::signals::Signals;
 use std::ops::Range;
 

@@ -6,10 +6,10 @@ use crate::base::Base;
 use crate::effect::{Env, Sensor};
 use crate::effects::ELECTRICAL_STATES;
 use crate::model::{Known, Model, Standing};
-use crate::real::{Abreast, Carries, Loop, Real, Several};
-use crate::rk4::{self, Slope};
+use crate::numerics::real::{Abreast, Carries, Loop, Real, Several};
+use crate::numerics::rk4::{self, Slope};
+use crate::numerics::transforms::rotate;
 use crate::signals::Signals;
-use crate::transforms::rotate;
 
 /// Largest product of step and fastest rate; longer sample periods are divided.
 const STEP_LIMIT: f64 = 0.15;

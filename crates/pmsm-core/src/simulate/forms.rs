@@ -1,6 +1,6 @@
 //! Several parameter vectors beside one another in the lanes of a vector, and what takes what a simulation shows.
 
-use crate::real::{Carries, Real, Several};
+use crate::numerics::real::{Carries, Real, Several};
 use std::marker::PhantomData;
 
 /// Numbers beside one another at most.

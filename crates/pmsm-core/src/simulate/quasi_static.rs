@@ -8,9 +8,9 @@ use super::electrical::{measured_env, true_env};
 use crate::base::Base;
 use crate::effects::ELECTRICAL_STATES;
 use crate::model::Model;
-use crate::real::{Carries, Loop, Real};
+use crate::numerics::real::{Carries, Loop, Real};
+use crate::numerics::transforms::rotate;
 use crate::signals::Signals;
-use crate::transforms::rotate;
 
 /// Hands to `sink` the sample number and the d, q voltage that the model calls for there, V, in the logged frame.
 pub fn run<T: Real>(model: &Model, signals: &Signals, p: &[T], mut sink: impl FnMut(usize, [T; 2])) {

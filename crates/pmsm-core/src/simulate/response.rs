@@ -10,7 +10,7 @@ use crate::effects::{ELECTRICAL_STATES, MECHANICAL_STATES, STATES};
 use crate::error::{Error, Result};
 use crate::model::Model;
 use crate::monitor::Monitor;
-use crate::rk4;
+use crate::numerics::rk4;
 use std::collections::BTreeMap;
 
 /// Most steps per interval.

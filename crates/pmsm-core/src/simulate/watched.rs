@@ -4,7 +4,7 @@ use super::electrical::{Along, run_sized};
 use crate::effect::Env;
 use crate::effects::ELECTRICAL_STATES;
 use crate::model::Model;
-use crate::real::{Carries, Loop, Real};
+use crate::numerics::real::{Carries, Loop, Real};
 use crate::signals::Signals;
 use std::marker::PhantomData;
 

@@ -3,11 +3,11 @@
 use crate::error::{Error, Result};
 use crate::experiment::Linearisation;
 use crate::identify::Method;
-use crate::least_squares::{self, Normal, Problem, Settings, Status};
 use crate::monitor::Monitor;
+use crate::optimise::least_squares::{self, Normal, Problem, Settings, Status};
+use crate::optimise::swarm::{self, Swarm, SwarmSettings};
+use crate::optimise::uncertainty::{self, Estimate, Judge, NotShown};
 use crate::pairs;
-use crate::swarm::{self, Swarm, SwarmSettings};
-use crate::uncertainty::{self, Estimate, Judge, NotShown};
 use serde::Serialize;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};

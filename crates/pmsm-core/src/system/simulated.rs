@@ -1,11 +1,11 @@
 //! A system written in Rust as residuals: simulated over plain numbers for the cost, over duals for derivatives.
 
 use super::{Observations, Residuals, System};
-use crate::dual::Dual;
 use crate::error::{Error, Result};
 use crate::experiment::Linearisation;
-use crate::real::Real;
-use crate::rk4;
+use crate::numerics::dual::Dual;
+use crate::numerics::real::Real;
+use crate::numerics::rk4;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 

@@ -1,7 +1,7 @@
 //! White noise of the channels of a window.
 
-use crate::extent::peak;
-use crate::noise::white_noise;
+use crate::experiment::floor::white_noise;
+use crate::numerics::extent::peak;
 use crate::signals::Signals;
 
 /// White noise of a measured channel and the largest value of it.

@@ -4,8 +4,8 @@ use super::{Progress, Settings, Tracker};
 use crate::error::{Error, Result};
 use crate::identify::{Method, Target};
 use crate::machine::{BaseParameter, Machine};
+use crate::optimise::swarm::SwarmSettings;
 use crate::recording::Load;
-use crate::swarm::SwarmSettings;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 

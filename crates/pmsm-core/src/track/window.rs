@@ -8,10 +8,10 @@ use crate::error::{Error, Result};
 use crate::identify::{self, Identification, Request, Target, Warm};
 use crate::machine::Machine;
 use crate::monitor::Monitor;
+use crate::optimise::uncertainty::{Estimate, NotShown};
 use crate::pairs;
 use crate::recording::{FEWEST_SAMPLES, Load, Recording};
 use crate::signals::{Finding, Signals};
-use crate::uncertainty::{Estimate, NotShown};
 use serde::Serialize;
 
 /// A window with less than this share of its samples is not identified.

@@ -1,8 +1,8 @@
 //! Periodic parts of what a model leaves: the order that repeats with the angle, the frequency that swings in time.
 
-use crate::colour::effective_samples;
 use crate::diagnose::data::Data;
-use crate::real::Real;
+use crate::noise::colour::effective_samples;
+use crate::numerics::real::Real;
 use crate::signals::Signals;
 use std::f64::consts::TAU;
 

@@ -5,9 +5,9 @@ use super::steps::{steps_apart, worthwhile_steps};
 use crate::diagnose::data::Data;
 use crate::error::Result;
 use crate::experiment::{Channel, Fitted, Joint};
-use crate::least_squares::{Settings, Status};
 use crate::model::Model;
 use crate::monitor::Monitor;
+use crate::optimise::least_squares::{Settings, Status};
 use crate::simulate::mechanical::Nuisance;
 use nalgebra::DVector;
 

@@ -1,13 +1,13 @@
 //! Steps of an unknown load: those that a fitted equation of motion still misses, and those that do not pay.
 
 use super::state::State;
-use crate::basis;
-use crate::colour::effective_samples;
 use crate::diagnose::data::Data;
 use crate::experiment::{Channel, Fitted, Joint};
-use crate::least_squares;
 use crate::load_steps;
 use crate::model::Model;
+use crate::noise::colour::effective_samples;
+use crate::numerics::basis;
+use crate::optimise::least_squares;
 use crate::simulate::mechanical::Nuisance;
 use nalgebra::{DMatrix, DVector};
 

@@ -1,6 +1,6 @@
 //! What the fitted parameters can do, and which of them absorb an effect.
 
-use crate::tall;
+use crate::numerics::tall;
 use nalgebra::{DMatrix, DVector, DVectorView};
 
 /// Share of what the fitted parameters absorb from which one of them is said to do it.

@@ -3,7 +3,7 @@
 
 use crate::diagnose::shortlist::Sensitivity;
 use crate::experiment::Block;
-use crate::tall;
+use crate::numerics::tall;
 use nalgebra::{DMatrix, DVector};
 use std::iter::once;
 use std::ops::Range;
@@ -153,8 +153,8 @@ impl Products<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::basis::orthonormal;
     use crate::experiment::Channel;
+    use crate::numerics::basis::orthonormal;
 
     const SAMPLES: usize = 40;
 

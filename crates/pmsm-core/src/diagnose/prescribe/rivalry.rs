@@ -10,8 +10,8 @@ use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::unmodelled::MOST_WORTH;
 use crate::error::Result;
 use crate::experiment::{Block, Channel, Channels, Joint};
-use crate::least_squares::{self, Normal, Problem, Settings};
 use crate::monitor::Monitor;
+use crate::optimise::least_squares::{self, Normal, Problem, Settings};
 use crate::simulate::mechanical::Nuisance;
 use nalgebra::{DMatrix, DVector};
 

@@ -1,10 +1,10 @@
 //! What lasts in whitened currents: sums over blocks of samples, in which white noise keeps its mean square and what is left for a reason
 //! stands out. Hypotheses are judged by them, see [`crate::experiment::Experiment::mean_squares`].
 
-use crate::basis::orthonormal;
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::experiment::{Channel, Linearisation};
+use crate::numerics::basis::orthonormal;
 use nalgebra::{DMatrix, DVector};
 
 /// The currents of all recordings in sums over blocks.
@@ -75,7 +75,7 @@ impl Blocks {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::normal_pair;
+    use crate::numerics::random::normal_pair;
 
     #[test]
     fn noise_keeps_its_mean_square_and_what_lasts_grows() {

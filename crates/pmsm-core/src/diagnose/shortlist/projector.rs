@@ -1,11 +1,11 @@
 //! What the derivatives of effects are freed of before they are held against what is left.
 
 use super::lasting::Lasting;
-use crate::basis::orthonormal;
 use crate::diagnose::data::Data;
 use crate::diagnose::fitting::rescaled;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::experiment::{Channel, Channels, Course};
+use crate::numerics::basis::orthonormal;
 use nalgebra::{DMatrix, DVector};
 
 /// Orthonormal basis of what fitted parameters can do, and the residual they leave.

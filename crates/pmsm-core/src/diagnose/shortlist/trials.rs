@@ -6,8 +6,8 @@ use crate::effect::{Role, Site};
 use crate::effects::EffectId;
 use crate::experiment::split;
 use crate::model::Model;
+use crate::numerics::tall;
 use crate::simulate::mechanical::Nuisance;
-use crate::tall;
 use rayon::prelude::*;
 
 /// Strengths, over the typical one, at which an effect is tried whose trace changes with it, and factors by which the best is refined.

@@ -7,7 +7,7 @@ use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::locate::{Located, equation_of};
 use crate::experiment::Channel;
 use crate::map::{Equation, Factor, Part, Spline, Variable};
-use crate::real::Real;
+use crate::numerics::real::Real;
 use crate::recording::Kind;
 use std::f64::consts::{PI, TAU};
 

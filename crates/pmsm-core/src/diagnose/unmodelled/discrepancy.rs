@@ -8,7 +8,6 @@
 
 use super::linear::Linear;
 use super::{Side, candidates};
-use crate::basis::orthonormal;
 use crate::diagnose::data::Data;
 use crate::diagnose::evidence::{Evidence, price};
 use crate::diagnose::hypothesis::{Hypothesis, independent_samples};
@@ -18,8 +17,9 @@ use crate::effects::EffectId;
 use crate::experiment::LAGS;
 use crate::map::Part;
 use crate::model::Slot;
+use crate::numerics::basis::orthonormal;
+use crate::numerics::tall;
 use crate::recording::Kind;
-use crate::tall;
 use nalgebra::{DMatrix, DVector};
 
 /// Weight of a coefficient of the discrepancy at zero, share of its own square: what no row shows stays there.

@@ -6,8 +6,8 @@ use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::transfer::transfer;
 use crate::error::Result;
 use crate::experiment::Channel;
+use crate::experiment::floor::Floor;
 use crate::monitor::Monitor;
-use crate::noise::Floor;
 
 /// Share of the squares above the floors, over all channels, that `after` takes away of what `before` leaves: on the validation run, or on
 /// the recording itself without one.

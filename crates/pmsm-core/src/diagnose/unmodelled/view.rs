@@ -2,12 +2,12 @@
 
 use super::Side;
 use super::linear::Linear;
-use crate::basis::orthonormal;
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::least_squares::Normal;
 use crate::map::Part;
-use crate::tall;
+use crate::numerics::basis::orthonormal;
+use crate::numerics::tall;
+use crate::optimise::least_squares::Normal;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 

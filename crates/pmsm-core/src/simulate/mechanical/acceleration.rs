@@ -7,7 +7,7 @@ use super::load::{Nuisance, load_over};
 use crate::base::Base;
 use crate::effect::Env;
 use crate::model::Model;
-use crate::real::{Abreast, Carries, Loop, Real, Several};
+use crate::numerics::real::{Abreast, Carries, Loop, Real, Several};
 use crate::signals::Signals;
 use std::ops::Range;
 

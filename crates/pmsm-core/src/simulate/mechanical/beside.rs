@@ -7,12 +7,12 @@ use super::between::{Fixed, Way, environment, halfway, mix, span, steps_are_coar
 use super::load::load_over;
 use super::{Nuisance, Rhs};
 use crate::base::Base;
-use crate::dual::Beside;
 use crate::effect::Env;
-use crate::lanes::{self, Job, Lane, Path};
 use crate::model::Model;
-use crate::real::Real;
-use crate::rk4::{self, Length};
+use crate::numerics::dual::Beside;
+use crate::numerics::lanes::{self, Job, Lane, Path};
+use crate::numerics::real::Real;
+use crate::numerics::rk4::{self, Length};
 use crate::signals::Signals;
 use std::ops::{Mul, Range};
 

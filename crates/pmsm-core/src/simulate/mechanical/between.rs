@@ -2,7 +2,7 @@
 
 use crate::effect::Env;
 use crate::model::Model;
-use crate::real::{Carries, Real, Several};
+use crate::numerics::real::{Carries, Real, Several};
 use crate::signals::Signals;
 use crate::simulate::electrical::{measured_env, true_env};
 use std::ops::Range;

@@ -4,7 +4,7 @@ use super::between::Fixed;
 use super::{Nuisance, Restart, run_sized};
 use crate::effects::MECHANICAL_STATES;
 use crate::model::Model;
-use crate::real::{Abreast, Real, Several};
+use crate::numerics::real::{Abreast, Real, Several};
 use crate::signals::Signals;
 use crate::simulate::forms::{Each, beside};
 use std::ops::Range;

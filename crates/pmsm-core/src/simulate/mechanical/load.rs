@@ -1,6 +1,6 @@
 //! The load torque of a run: what the recording tells of it, and levels that are fitted.
 
-use crate::real::Real;
+use crate::numerics::real::Real;
 use crate::recording::Load;
 use crate::signals::Signals;
 

@@ -7,7 +7,7 @@ use crate::base::Base;
 use crate::effect::{Env, Mechanical};
 use crate::machine::BaseParameter;
 use crate::model::{Model, Slot};
-use crate::real::{Abreast, Carries, Loop, Real, Several};
+use crate::numerics::real::{Abreast, Carries, Loop, Real, Several};
 use std::ops::Range;
 
 /// Stations taken together at most.
@@ -173,9 +173,9 @@ impl<T: Real, S: FnMut(&Range<usize>, usize, &[T])> Abreast<T> for Asked<'_, '_,
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dual::Dual;
     use crate::effects::EffectId;
     use crate::machine::Machine;
+    use crate::numerics::dual::Dual;
     use crate::recording::Recording;
     use crate::signals::Signals;
     use crate::simulate::mechanical::{Nuisance, Torque};

@@ -5,10 +5,10 @@ use crate::base::Base;
 use crate::effect::Env;
 use crate::effects::ELECTRICAL_STATES;
 use crate::model::{Known, Model};
-use crate::real::{Abreast, Carries, Loop, Real, Several};
+use crate::numerics::real::{Abreast, Carries, Loop, Real, Several};
+use crate::numerics::transforms::rotate;
 use crate::signals::Signals;
 use crate::simulate::electrical::{measured_env, true_env};
-use crate::transforms::rotate;
 use std::ops::Range;
 
 /// Samples taken together at most.

@@ -1,0 +1,13 @@
+//! Numbers, vectors of numbers, and what is computed with them: nothing here knows a motor.
+
+pub(crate) mod basis;
+pub mod dual;
+pub(crate) mod extent;
+pub mod lanes;
+pub mod random;
+pub mod real;
+pub mod rk4;
+pub(crate) mod robust;
+pub mod symbolic;
+pub(crate) mod tall;
+pub mod transforms;
