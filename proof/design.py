@@ -104,7 +104,6 @@ def of_references(machine: Machine, references: dict[str, np.ndarray]) -> Manoeu
 
 def drawn(answer: Any, machine: Machine, seed: int) -> tuple[Manoeuvre, str]:
     """A random manoeuvre of the package's families that keeps the limits, and its words."""
-    from pmsm_rs.experiments.bench import possible
     from pmsm_rs.experiments.design import bench_of
     from pmsm_rs.experiments.outcome import columns_of
     from pmsm_rs.experiments.references import GENES, build, families
@@ -114,8 +113,7 @@ def drawn(answer: Any, machine: Machine, seed: int) -> tuple[Manoeuvre, str]:
     while True:
         kind = str(rng.choice(families(scales)))
         references = build(kind, rng.random(GENES), bench.limits, scales)
-        trial = possible(bench, answer.model, references)
-        if trial is not None and trial.broken is None:
+        if bench.run(answer.model, references).broken is None:
             return of_references(machine, columns_of(references)), references.words
 
 

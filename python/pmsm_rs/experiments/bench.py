@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._core import Machine, PmsmError
+from .._core import Machine
 from .._core import Recording as _Recording
 from ..config.nameplate import PARAMETERS
 from ..io.recording import Recording
 from ..model import REFERENCE_TEMPERATURE, Model
+from .rivals import reading_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,7 +29,7 @@ MARGIN = 0.95
 # Acceleration is taken over at least this time, s: shorter is ripple that no coupling feels.
 _OVER = 2e-3
 # What a drive that must not turn back may turn back, share of the range.
-_BACK = 0.005
+_BACK = 0.01
 # Rows of a trial at most: rivals are compared on means of equal runs of rows.
 _ROWS = 2000
 # A drive whose electrical side was not recorded samples so many times its current loop's time constant.
@@ -38,8 +39,10 @@ _QUICK = 5000.0
 
 @dataclass(frozen=True)
 class Trial:
-    """What a rival does under a manoeuvre: the recording, its machine, time (s), speed (rad/s), currents (A)
-    and angle (rad) at its rows, and the peaks as shares of the limits.
+    """What a rival does under a manoeuvre.
+
+    There are the recording and its machine, and at its rows time (s), speed (rad/s), currents (A), angle
+    (rad) and torque (N·m). `peaks` are shares of the limits.
     """
 
     recording: Recording
@@ -80,7 +83,7 @@ class Bench:
         Raises PmsmError where the drive cannot run this motor.
         """
         limits, scales = self.limits, model.specification["scales"]
-        electrical = model.specification["reading"]["electrical"]
+        electrical = reading_of(model)["electrical"]
         f_sample = limits.f_sample
         v_dc = limits.voltage
         if not electrical:
@@ -96,8 +99,16 @@ class Bench:
             "current_bandwidth": limits.current_bandwidth,
             "speed_bandwidth": limits.speed_bandwidth,
         }
-        tau = limits.load_torque if load is None else load
         locked = self.load_kind == "locked"
+        about: dict[str, Any] = {"kind": self.load_kind}
+        if load is not None:
+            # The torque of a formula: what a recording would know of it does not matter here.
+            about = {"tau": load}
+        elif limits.load_torque:
+            stated = "known_constant" if self.load_kind == "none" else self.load_kind
+            about = {"tau": limits.load_torque, "kind": stated}
+        elif self.load_kind == "known_constant":
+            about = {"kind": "none"}
         known = scales["has_temperature"], scales["has_magnet_temperature"]
         temperature = {
             name: REFERENCE_TEMPERATURE
@@ -109,7 +120,7 @@ class Bench:
             reference=reference,
             drive={"v_dc": v_dc, "i_limit": limits.current, "f_sample": f_sample},
             control={name: value for name, value in given.items() if value is not None},
-            load={"kind": self.load_kind} if locked else {"kind": self.load_kind, "tau": tau},
+            load={"kind": "locked"} if locked else about,
             sensors={"log_theta_m": True},
             temperature=temperature,
         )
@@ -151,14 +162,6 @@ def _share(least: float, most: float, allowed: tuple[float, float]) -> float:
     back = _BACK * (high - low)
     over, under = max(high, back), max(-low, back)
     return max(most / over, -least / under, 0.0)
-
-
-def possible(bench: Bench, model: Model, references: References) -> Trial | None:
-    """The trial, None where the drive cannot run this motor."""
-    try:
-        return bench.run(model, references)
-    except PmsmError:
-        return None
 
 
 def _stand_in(model: Model, limits: Limits, f_sample: float) -> tuple[Model, float]:

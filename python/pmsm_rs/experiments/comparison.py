@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import _core
-from .._core import PmsmError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -36,7 +35,7 @@ _STEP = 1e-3
 # Share of a trial over which a place is told.
 _PLACE = 0.04
 # Fits of the manoeuvre that is chosen, and halvings of a step that leads nowhere.
-_ROUNDS, _HALVINGS = 4, 3
+_ROUNDS, _HALVINGS = 3, 3
 
 
 @dataclass(frozen=True)
@@ -49,8 +48,10 @@ class Known:
 
 @dataclass(frozen=True)
 class Separation:
-    """What `rival` leaves of a manoeuvre on which `truth` is true: `nats` of evidence against it, and by
-    channel the residual in times the noise. The residual is largest in `channel`, and there at the row `at`.
+    """The residual of `rival` on a manoeuvre on which `truth` is true.
+
+    `nats` is the evidence against it, `times` the residual by channel in times the noise. It is largest in
+    `channel`, and there at the row `at`.
     """
 
     truth: str
@@ -107,16 +108,13 @@ class Comparison:
         ]
         return first, np.column_stack(columns) if columns else np.empty((len(at), 0))
 
-    def separation(self, truth: Rival, rival: Rival, trial: Trial, *, rounds: int = 1) -> Separation | None:
-        """What `rival` leaves of the trial of `truth`; None where it cannot be predicted.
+    def separation(self, truth: Rival, rival: Rival, trial: Trial, *, rounds: int = 1) -> Separation:
+        """The residual of `rival` on the trial of `truth`.
 
-        One round is the linear adjustment; with more the fit is repeated from there.
+        One round is the linear adjustment; with more the fit is repeated from there. Raises PmsmError where
+        the trial cannot be predicted.
         """
-        try:
-            target = self._targets(truth, trial)
-            return self._fitted(truth, rival, trial, target, rounds)
-        except PmsmError:
-            return None
+        return self._fitted(truth, rival, trial, self._targets(truth, trial), rounds)
 
     def _runs(self, trial: Trial) -> list[tuple[Recording, Machine]]:
         return [(trial.recording, trial.machine), *((k.recording, k.machine) for k in self._known)]

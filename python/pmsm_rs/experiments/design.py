@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from .._core import Machine, Recording, UsageError
+from .._core import DataError, Machine, Recording, UsageError
 from ..answers import Diagnosis
 from ..errors import expect_whole, opened, refuse
 from ..given import machine_of, recording_of
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from .rivals import Rival
 
 # Manoeuvres that are tried, and those of them that are compared closely.
-TRIES, _FINALISTS = 64, 3
+TRIES, _FINALISTS = 64, 2
 # Times a decisive gain that is enough: no rival that is fitted otherwise comes back from it.
 _ENOUGH = 60.0
 # What a verdict takes where the answer does not say, nats.
@@ -51,9 +51,9 @@ def design(
 ) -> Design:
     """Designs the manoeuvre of the next recording, within limits. It moves no motor.
 
-    `answer` is a diagnosis, its JSON object or its file. Where it leaves rivals, the manoeuvre separates them
+    `answer` is a diagnosis, its JSON object or its file. Where it has rivals, the manoeuvre separates them
     best: effects that the recording cannot tell apart, names whose probabilities overlap, and formulas of an
-    unknown torque. Where it leaves none, the manoeuvre makes the least certain parameters known (D-optimal).
+    unknown torque. Where it has none, the manoeuvre makes the least certain parameters known (D-optimal).
 
     `limits` is a TOML file or a mapping. It has current (A, peak), speed (rad/s, mechanical; one number, or
     lowest and highest) and time (s). Where they apply it has acceleration (rad/s^2), position (rad from the
@@ -112,8 +112,7 @@ def _design(
         between = TellModels(bench, models, comparison)
         tried = search(between, bench.limits, scales, **how)
         closer = [(between.closely(x.trials), x) for x in tried[:_FINALISTS]]
-        seen = [replace(x, worth=y[0], found=y[1]) for y, x in closer if y is not None]
-        best = max(seen or tried[:1], key=lambda x: x.worth)
+        best = max((replace(x, worth=y[0], found=y[1]) for y, x in closer), key=lambda x: x.worth)
         return _apart(best, tuple(x.name for x in models), bench, decisive, seed)
     return _pinned(models[0], bench, scales, comparison, found, how, decisive)
 
@@ -193,7 +192,15 @@ def _answer(given: object) -> Diagnosis:
     if isinstance(given, str | os.PathLike):
         with opened(str(given), "answer") as file:
             text = file.read_text(encoding="utf-8", errors="replace")
-        return Diagnosis.from_json(text)
+        try:
+            return Diagnosis.from_json(text)
+        except DataError as error:
+            raise refuse(
+                UsageError,
+                "this is no JSON answer",
+                file=str(given),
+                fix="write one with: pmsm-rs diagnose ... --json ANSWER.json",
+            ) from error
     raise refuse(
         UsageError,
         f"a {type(given).__name__} was given where an answer is expected",
@@ -217,7 +224,7 @@ def bench_of(found: Diagnosis, given: object) -> tuple[Bench, Scales]:
         "f_sample": f_sample,
         "locked": load == "locked",
     }
-    electrical = specification["reading"]["electrical"]
+    electrical = rivals.reading_of(Model(found.data["model"]))["electrical"]
     if not electrical:
         # The voltage of a drive whose voltages were not recorded limits nothing here.
         shown["v_dc"] = shown["v_dc"] or 1.0

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._core import PmsmError
 from ..formulas.reading import Torque, torque
 from ..formulas.weak_form import Motion
 from ..model import Model
@@ -54,17 +53,12 @@ def of(answer: Mapping[str, Any]) -> list[FormulaRival]:
     return [FormulaRival(f"τ = {entry['formula']}", named, torque(entry)) for entry in chosen]
 
 
-def run(bench: Bench, rival: FormulaRival, references: References) -> Trial | None:
-    """The manoeuvre under the torque of a formula; None where the drive cannot run it."""
-    load: Any = None
-    trial = None
-    for _ in range(_ROUNDS):
-        try:
-            trial = bench.run(rival.model, references, load)
-        except PmsmError:
-            return None
+def run(bench: Bench, rival: FormulaRival, references: References) -> Trial:
+    """The manoeuvre under the torque of a formula. Raises PmsmError where the drive cannot run it."""
+    trial = bench.run(rival.model, references)
+    for _ in range(_ROUNDS - 1):
         tau = rival.torque.at(motion(trial)) + bench.limits.load_torque
-        load = {"t": trial.t, "value": tau}
+        trial = bench.run(rival.model, references, {"t": trial.t, "value": tau})
     return trial
 
 
@@ -76,7 +70,7 @@ def motion(trial: Trial) -> Motion:
 def separation(
     truth: FormulaRival, rival: FormulaRival, trial: Trial, *, noise: float, load_open: bool
 ) -> Separation:
-    """What `rival` leaves of the speed in the trial of `truth`; `noise` is that of the speed (rad/s,
+    """The residual of `rival` in the speed of the trial of `truth`; `noise` is that of the speed (rad/s,
     electrical).
 
     The rival adjusts its numbers, the inertia, the viscous friction and an unknown constant load.

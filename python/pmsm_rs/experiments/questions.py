@@ -7,7 +7,7 @@ from itertools import permutations
 from typing import TYPE_CHECKING
 
 from . import certainty, formula_rivals
-from .bench import Bench, Trial, possible
+from .bench import Bench, Trial
 from .certainty import Gain
 from .comparison import ROUNDS, Comparison, Separation
 from .formula_rivals import FormulaRival
@@ -29,33 +29,29 @@ class TellModels:
     def __init__(self, bench: Bench, rivals: Sequence[Rival], comparison: Comparison) -> None:
         self._bench, self._rivals, self._comparison = bench, tuple(rivals), comparison
 
-    def trials(self, references: References) -> list[Trial] | None:
+    def trials(self, references: References) -> list[Trial]:
         """See `search.Question`."""
         made = []
         for rival in self._rivals:
-            trial = possible(self._bench, rival.model, references)
-            if trial is None:
-                return None
+            trial = self._bench.run(rival.model, references)
             made.append(trial)
             if trial.broken is not None:
                 break
         return made
 
-    def worth(self, trials: Sequence[Trial]) -> tuple[float, Separations] | None:
+    def worth(self, trials: Sequence[Trial]) -> tuple[float, Separations]:
         """See `search.Question`."""
         return self._compared(trials, 1)
 
-    def closely(self, trials: Sequence[Trial]) -> tuple[float, Separations] | None:
+    def closely(self, trials: Sequence[Trial]) -> tuple[float, Separations]:
         """The same with every rival fitted anew, not linearly."""
         return self._compared(trials, ROUNDS)
 
-    def _compared(self, trials: Sequence[Trial], rounds: int) -> tuple[float, Separations] | None:
+    def _compared(self, trials: Sequence[Trial], rounds: int) -> tuple[float, Separations]:
         found = []
         for a, b in permutations(range(len(self._rivals)), 2):
-            seen = self._comparison.separation(self._rivals[a], self._rivals[b], trials[a], rounds=rounds)
-            if seen is None:
-                return None
-            found.append(seen)
+            pair = self._rivals[a], self._rivals[b]
+            found.append(self._comparison.separation(*pair, trials[a], rounds=rounds))
         return min(s.nats for s in found), tuple(found)
 
 
@@ -68,19 +64,17 @@ class TellFormulas:
         self._bench, self._rivals = bench, tuple(rivals)
         self._noise, self._load_open = noise, load_open
 
-    def trials(self, references: References) -> list[Trial] | None:
+    def trials(self, references: References) -> list[Trial]:
         """See `search.Question`."""
         made = []
         for rival in self._rivals:
             trial = formula_rivals.run(self._bench, rival, references)
-            if trial is None:
-                return None
             made.append(trial)
             if trial.broken is not None:
                 break
         return made
 
-    def worth(self, trials: Sequence[Trial]) -> tuple[float, Separations] | None:
+    def worth(self, trials: Sequence[Trial]) -> tuple[float, Separations]:
         """See `search.Question`."""
         found = tuple(
             formula_rivals.separation(
@@ -105,12 +99,11 @@ class PinDown:
         self._before, self._rows = before, rows
         self.asked = certainty.open_parameters(rival, before)
 
-    def trials(self, references: References) -> list[Trial] | None:
+    def trials(self, references: References) -> list[Trial]:
         """See `search.Question`."""
-        trial = possible(self._bench, self._rival.model, references)
-        return None if trial is None else [trial]
+        return [self._bench.run(self._rival.model, references)]
 
-    def worth(self, trials: Sequence[Trial]) -> tuple[float, Gain] | None:
+    def worth(self, trials: Sequence[Trial]) -> tuple[float, Gain]:
         """See `search.Question`."""
         (trial,) = trials
         weight = max(1.0, self._rows / len(trial.t))

@@ -23,20 +23,24 @@ _USED = 0.9
 # Share of the current that may accelerate, and that i_d may take: sqrt(0.6² + 0.6²) is within the limit.
 _PART = 0.6
 # Rest at either end, share of the time.
-_REST = 0.04
+_REST = 0.06
 # Points of a reference: one per ms, within these bounds.
 _POINTS = (400, 4000)
 # Levels of the speed, and of the current at a held rotor.
 _LEVELS = 5
+# Corners of a ramp are rounded over this share of the time; a rest is as long.
+_CORNER = 0.04
 # Ramps take at most this share of a level's time.
 _RAMP = 0.8
 
 
 @dataclass(frozen=True)
 class References:
-    """References of a manoeuvre at the instants `t` (s), linear between: mechanical speed (rad/s, None where
-    the drive controls the currents alone), i_d and i_q (A; with a speed, i_q is added to what the speed
-    controller asks for). `words` say what it does.
+    """References of a manoeuvre at the instants `t` (s), linear between them.
+
+    `omega_m` is the mechanical speed (rad/s), None where the drive controls the currents alone. `i_d` and
+    `i_q` are in A; with a speed, i_q is added to what the speed controller asks for. `words` say what the
+    manoeuvre does.
     """
 
     kind: str
@@ -127,7 +131,16 @@ def _ramped(room: _Room, edges: Array, speeds: Array, share: float) -> tuple[Arr
     for begin, target in zip(edges, targets, strict=True):
         at += [float(begin), float(begin) + abs(target - now[-1]) / max(a, 1e-12) + 1e-9]
         now += [now[-1], float(target)]
-    return np.interp(room.t, at, now), speeds
+    return _smooth(np.interp(room.t, at, now)), speeds
+
+
+def _smooth(values: Array) -> Array:
+    """The values without corners, which a speed controller would overshoot; rests at both ends stay."""
+    half = max(1, round(0.5 * _CORNER * len(values)))
+    window = np.hanning(2 * half + 3)[1:-1]
+    padded = np.pad(values, half, mode="edge")
+    smooth: Array = np.convolve(padded, window / window.sum(), mode="valid")
+    return smooth
 
 
 def _within(room: _Room, omega: Array) -> tuple[Array, float]:

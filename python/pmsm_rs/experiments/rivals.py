@@ -74,8 +74,15 @@ class Rival:
         """The model as the core reads it."""
         told = dict(self.model.specification)
         if self.motion:
-            told["reading"] = {**told["reading"], "electrical": False}
+            told["reading"] = {**reading_of(self.model), "electrical": False}
         return json.dumps(told, allow_nan=False)
+
+
+def reading_of(model: Model) -> dict[str, Any]:
+    """How recordings are read for a model: whether it holds for the voltage equations (`electrical`), and for
+    the equation of motion (`mechanical`).
+    """
+    return {"electrical": True, "mechanical": True, **model.specification.get("reading", {})}
 
 
 def with_values(model: Model, values: Mapping[str, float]) -> Model:
@@ -151,7 +158,7 @@ def only_motion(models: Sequence[Model]) -> bool:
     """
     names = {name for m in models for name in m.effects}
     differing = {name for name in names if not all(name in m.effects for m in models)}
-    reading = models[0].specification["reading"]
+    reading = reading_of(models[0])
     both = reading["mechanical"] and reading["electrical"]
     return bool(differing) and both and all(entry(x)["acts_in"] == "mechanical" for x in differing)
 
@@ -161,7 +168,7 @@ def free(model: Model, motion: bool = False) -> tuple[Parameter, ...]:
     the torque of the currents is given.
     """
     specification = model.specification
-    reading, scales, base = (specification[name] for name in ("reading", "scales", "base"))
+    reading, scales, base = reading_of(model), specification["scales"], specification["base"]
     names: list[str] = []
     if reading["electrical"] and not motion:
         names += _ELECTRICAL

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from .._core import NotIdentifiableError
+from .._core import NotIdentifiableError, PmsmError
 from ..errors import refuse
 from .bench import MARGIN, Trial
 from .references import GENES, References, Scales, build, families
@@ -34,13 +34,13 @@ _Answer = TypeVar("_Answer", covariant=True)
 
 
 class Question(Protocol[_Answer]):
-    """What a manoeuvre is to answer."""
+    """What a manoeuvre is to answer. Raises PmsmError where a drive cannot run it with one of the motors."""
 
-    def trials(self, references: References) -> list[Trial] | None:
-        """The trials of all rivals up to the first that breaks a limit; None where a drive cannot run one."""
+    def trials(self, references: References) -> list[Trial]:
+        """The trials of all rivals up to the first that breaks a limit."""
 
-    def worth(self, trials: Sequence[Trial]) -> tuple[float, _Answer] | None:
-        """What the trials are worth in nats, and what they show; None where they cannot be compared."""
+    def worth(self, trials: Sequence[Trial]) -> tuple[float, _Answer]:
+        """What the trials are worth in nats, and what they show."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,11 @@ class Tried(Generic[_Found]):
 
 
 class _Refused:
-    """How far the manoeuvres that were tried break a limit at least, by its name."""
+    """How far the manoeuvres that were tried break a limit at least, and why one cannot be run."""
 
     def __init__(self) -> None:
         self.least: dict[str, float] = {}
-        self.cannot = 0
+        self.reason = ""
 
     def add(self, trial: Trial) -> None:
         name = trial.broken
@@ -128,16 +128,15 @@ def _attempt(
     shrink = 1.0
     for _ in range(_AGAIN + 1):
         references = build(kind, genes, limits, scales, shrink)
-        trials = question.trials(references)
-        if trials is None:
-            refused.cannot += 1
+        try:
+            trials = question.trials(references)
+            if trials[-1].broken is None:
+                worth = question.worth(trials)
+                return Tried(references, tuple(trials), *worth, kind, genes, shrink)
+        except PmsmError as error:
+            # What the drive cannot run with this motor is no manoeuvre; the reason is told if none is left.
+            refused.reason = str(error)
             return None
-        if trials[-1].broken is None:
-            worth = question.worth(trials)
-            if worth is None:
-                refused.cannot += 1
-                return None
-            return Tried(references, tuple(trials), *worth, kind, genes, shrink)
         refused.add(trials[-1])
         shrink *= _SMALLER
     return None
@@ -147,7 +146,7 @@ def _none(refused: _Refused, limits: Limits) -> NotIdentifiableError:
     if not refused.least:
         return refuse(
             NotIdentifiableError,
-            "no manoeuvre within the limits can be run by the simulated drive",
+            f"no manoeuvre within the limits can be run by the simulated drive ({refused.reason})",
             fix="check f_sample and the bandwidths under [drive], and the limits themselves",
         )
     name = max(refused.least, key=lambda limit: refused.least[limit])
