@@ -45,12 +45,10 @@ EFFECTS = (
     "coulomb_friction",
     "saturation_q",
     "asymmetric_friction",
-    "cross_saturation",
-    "stribeck_friction",
     "voltage_delay",
-    "load_dependent_friction",
+    "stribeck_friction",
+    "cross_saturation",
     "dead_time",
-    "quadratic_drag",
     "encoder_angle_offset",
 )
 ARMS = ("designed", "random", "rich")

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,6 +34,8 @@ MOST_WORTH = 200.0
 _STEP = 1e-3
 # Share of a trial over which a place is told.
 _PLACE = 0.04
+# Residual of the dq-model that is allowed, share of the variation of a channel.
+_EXPLAINED = 0.5
 # Fits of the manoeuvre that is chosen, and halvings of a step that leads nowhere.
 _ROUNDS, _HALVINGS = 3, 3
 
@@ -51,7 +53,8 @@ class Separation:
     """The residual of `rival` on a manoeuvre on which `truth` is true.
 
     `nats` is the evidence against it, `times` the residual by channel in times the noise. It is largest in
-    `channel`, and there at the row `at`.
+    `channel`, and there at the row `at`. `gained` is what the trial tells of the parameters of the rival: the
+    entropy that they lose, in nats.
     """
 
     truth: str
@@ -60,6 +63,7 @@ class Separation:
     times: Mapping[str, float]
     channel: str
     at: int
+    gained: float = 0.0
 
 
 class Comparison:
@@ -116,6 +120,19 @@ class Comparison:
         """
         return self._fitted(truth, rival, trial, self._targets(truth, trial), rounds)
 
+    def explains(self, truth: Rival, plain: Rival, trial: Trial) -> bool:
+        """Whether the dq-model `plain` stays a model of the trial of `truth`: a diagnosis begins with it, and
+        says nothing of a recording of which it explains next to nothing.
+        """
+        target = self._targets(truth, trial)[0]
+        told, matrix = self.jacobian(plain, trial.recording, trial.machine)
+        y = stacked(target) - stacked(told)
+        size = matrix.shape[1]
+        whole = np.vstack([matrix, np.eye(size)])
+        step = np.linalg.lstsq(whole, np.concatenate([y, np.zeros(size)]), rcond=1e-12)[0]
+        left = _blocks(target, y - matrix @ step)
+        return all(float(np.std(left[k])) <= _EXPLAINED * float(np.std(x)) for k, x in target.items())
+
     def _runs(self, trial: Trial) -> list[tuple[Recording, Machine]]:
         return [(trial.recording, trial.machine), *((k.recording, k.machine) for k in self._known)]
 
@@ -141,7 +158,10 @@ class Comparison:
             step = np.linalg.lstsq(matrix, y, rcond=1e-12)[0]
             if rounds == 1:
                 rows = len(stacked(target[0]))
-                return _separation(truth, rival, _blocks(target[0], (y - matrix @ step)[:rows]))
+                left_over = _blocks(target[0], (y - matrix @ step)[:rows])
+                own = matrix[:rows]
+                gained = 0.5 * float(np.linalg.slogdet(np.eye(own.shape[1]) + own.T @ own)[1])
+                return replace(separation_of(truth.name, rival.name, left_over), gained=gained)
             spreads = np.array([p.spread for p in rival.free])
             for _ in range(_HALVINGS + 1):
                 other = rival.at(rival.values + (moved + step) * spreads)
@@ -156,7 +176,7 @@ class Comparison:
             now, moved, best = other, there, found
             if gained < 1e-4 * cost and number:
                 break
-        return _separation(truth, rival, best)
+        return separation_of(truth.name, rival.name, best)
 
     def _left(
         self, rival: Rival, trial: Trial, target: Sequence[Blocks], moved: Array
@@ -176,10 +196,6 @@ def stacked(blocks: Blocks) -> Array:
 def _blocks(like: Blocks, values: Array) -> Blocks:
     ends = np.cumsum([len(x) for x in like.values()])[:-1]
     return dict(zip(like, np.split(values, ends), strict=True))
-
-
-def _separation(truth: Rival, rival: Rival, left: Blocks) -> Separation:
-    return separation_of(truth.name, rival.name, left)
 
 
 def separation_of(truth: str, rival: str, left: Blocks) -> Separation:

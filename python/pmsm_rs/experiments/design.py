@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # Manoeuvres that are tried, and those of them that are compared closely.
 TRIES, _FINALISTS = 64, 2
-# Times a decisive gain that is enough: no rival that is fitted otherwise comes back from it.
+# Times a decisive gain that is enough: a rival does not come back from it by what is not modelled.
 _ENOUGH = 60.0
 # What a verdict takes where the answer does not say, nats.
 _DECISIVE = 5.0
@@ -96,7 +96,7 @@ def _design(
     progress: Progress | None,
 ) -> Design:
     decisive = float(found.options.get("decisive", _DECISIVE))
-    how: dict[str, Any] = {"tries": tries, "seed": seed, "enough": _ENOUGH * decisive, "progress": progress}
+    how: dict[str, Any] = {"tries": tries, "seed": seed, "progress": progress}
     formulas = formula_rivals.of(found.data) if found.formulas else []
     if len(formulas) > 1:
         told = TellFormulas(
@@ -109,7 +109,7 @@ def _design(
         return _apart(best, tuple(x.name for x in formulas), bench, decisive, seed)
     models = rivals.of(found)
     if len(models) > 1:
-        between = TellModels(bench, models, comparison)
+        between = TellModels(bench, models, comparison, enough=_ENOUGH * decisive)
         tried = search(between, bench.limits, scales, **how)
         closer = [(between.closely(x.trials), x) for x in tried[:_FINALISTS]]
         best = max((replace(x, worth=y[0], found=y[1]) for y, x in closer), key=lambda x: x.worth)
@@ -130,7 +130,7 @@ def _pinned(
     before = certainty.information(rival, model.names, model.covariance)
     rows = bench.limits.time / bench.period
     asked = PinDown(bench, rival, comparison, before, rows)
-    best = search(asked, bench.limits, scales, **{**how, "enough": float("inf")})[0]
+    best = search(asked, bench.limits, scales, **how)[0]
     certainties = tuple(Certainty(x.name, x.value, x.before, x.after) for x in best.found.known)
     return Design(
         "pin down",

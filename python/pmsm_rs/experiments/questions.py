@@ -12,7 +12,7 @@ from .certainty import Gain
 from .comparison import ROUNDS, Comparison, Separation
 from .formula_rivals import FormulaRival
 from .references import References
-from .rivals import Rival
+from .rivals import Rival, plain
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,8 +26,12 @@ Separations = tuple[Separation, ...]
 class TellModels:
     """Which of several models is true: the worst of all ordered pairs counts."""
 
-    def __init__(self, bench: Bench, rivals: Sequence[Rival], comparison: Comparison) -> None:
+    def __init__(
+        self, bench: Bench, rivals: Sequence[Rival], comparison: Comparison, *, enough: float
+    ) -> None:
         self._bench, self._rivals, self._comparison = bench, tuple(rivals), comparison
+        self._enough = enough
+        self._plain = [plain(rival) for rival in rivals]
 
     def trials(self, references: References) -> list[Trial]:
         """See `search.Question`."""
@@ -40,8 +44,16 @@ class TellModels:
         return made
 
     def worth(self, trials: Sequence[Trial]) -> tuple[float, Separations]:
-        """See `search.Question`."""
-        return self._compared(trials, 1)
+        """See `search.Question`.
+
+        What the manoeuvre tells of the parameters counts, too, and alone beyond what is enough: a rich
+        recording also answers for rivals of which nobody has thought.
+        """
+        worst, found = self._compared(trials, 1)
+        for rival, dq, trial in zip(self._rivals, self._plain, trials, strict=True):
+            if not self._comparison.explains(rival, dq, trial):
+                return 0.0, found
+        return min(worst, self._enough) + min(s.gained for s in found), found
 
     def closely(self, trials: Sequence[Trial]) -> tuple[float, Separations]:
         """The same with every rival fitted anew, not linearly."""

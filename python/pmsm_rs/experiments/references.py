@@ -28,6 +28,8 @@ _REST = 0.06
 _POINTS = (400, 4000)
 # Levels of the speed, and of the current at a held rotor.
 _LEVELS = 5
+# Least share of the current in steps of i_d: without them a recording does not determine l_d.
+_LEAST = 0.15
 # Corners of a ramp are rounded over this share of the time; a rest is as long.
 _CORNER = 0.04
 # Ramps take at most this share of a level's time.
@@ -158,7 +160,7 @@ def _direct(room: _Room, edges: Array, genes: Array) -> tuple[Array, str]:
     """Steps of i_d, one level per piece; none for a log without currents."""
     if not room.scales.electrical:
         return np.zeros_like(room.t), ""
-    size = _PART * room.current * max(0.0, 1.25 * float(genes[0]) - 0.25)
+    size = _PART * room.current * (_LEAST + (1.0 - _LEAST) * float(genes[0]))
     levels = size * (2.0 * genes[1:] - 1.0)
     i_d = _steps(room, edges, np.resize(levels, len(edges) - 1))
     if not np.abs(i_d).max() > 1e-3 * room.current:
@@ -186,7 +188,7 @@ def _swing(room: _Room, genes: Array) -> tuple[Array, str]:
 def _levels(room: _Room) -> References:
     """Speeds held one after the other, of any sign that the limits allow."""
     g = room.genes
-    scale = _log(g[0], 0.02, 1.0)
+    scale = _log(g[0], 0.1, 1.0)
     speeds = scale * (room.low + g[2 : 2 + _LEVELS] * (room.high - room.low))
     return _through(room, "levels", speeds, "hold the speeds")
 
@@ -194,7 +196,7 @@ def _levels(room: _Room) -> References:
 def _reversals(room: _Room) -> References:
     """Ramps through standstill between two speeds, at a slow and a fast amplitude."""
     g = room.genes
-    first, second = _log(g[0], 0.01, 1.0), _log(g[2], 0.01, 1.0)
+    first, second = _log(g[0], 0.15, 1.0), _log(g[2], 0.02, 0.6)
     sizes = np.array([first, first, second, second, first])
     sign = np.array([1.0, -1.0, 1.0, -1.0, 1.0]) * (1.0 if g[3] < 0.5 else -1.0)
     speeds = np.where(sign > 0.0, room.high, room.low) * sizes
@@ -225,7 +227,7 @@ def _chirp(room: _Room) -> References:
     lead = room.time * 0.15
     approach = min(1.0, room.acceleration * lead / 1.6 / max(abs(middle), 1e-12))
     middle *= approach
-    size = np.minimum(_log(g[3], 0.02, 1.0) * reach, 0.8 * room.acceleration / (2.0 * np.pi * f))
+    size = np.minimum(_log(g[3], 0.1, 1.0) * reach, 0.8 * room.acceleration / (2.0 * np.pi * f))
     # Smooth in and out, so that it begins and ends at rest.
     ends = np.minimum(1.0, np.minimum(t, room.time - t) / lead)
     window = 0.5 * (1.0 - np.cos(np.pi * ends))
@@ -242,12 +244,12 @@ def _chirp(room: _Room) -> References:
 def _pulses(room: _Room) -> References:
     """Pulses of i_q both ways with coasting between them; no speed control."""
     g = room.genes
-    strength = _PART * room.current * _log(g[0], 0.1, 1.0)
+    strength = _PART * room.current * _log(g[0], 0.3, 1.0)
     both = room.low < -0.05 * room.high
     signs = (1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0, 0.0) if both else (1.0, 0.0, -0.8, 0.0, 1.0, 0.0, -0.8, 0.0)
     reach = min(room.high, -room.low) if both else room.high
     pulse = min(0.12 * room.time, 0.8 * reach / max(strength * room.scales.agility, 1e-12))
-    pulse *= _log(g[1], 0.1, 1.0)
+    pulse *= _log(g[1], 0.3, 1.0)
     coast = (1.0 - 2.0 * _REST) * room.time / 4.0 - pulse
     at = [_REST * room.time]
     for sign in signs:

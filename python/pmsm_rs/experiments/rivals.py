@@ -152,6 +152,14 @@ def _filled(effect: str, values: Mapping[str, float | None]) -> dict[str, float]
     return told
 
 
+def plain(rival: Rival) -> Rival:
+    """The dq-model of a rival, without any effect."""
+    data = rival.model.to_dict()
+    specification = {**rival.model.specification, "effects": [], "map": []}
+    model = Model({**data, "effects": [], "covariance": None, "specification": specification})
+    return Rival("the dq-model", model, free(model, rival.motion), rival.motion)
+
+
 def only_motion(models: Sequence[Model]) -> bool:
     """Whether the models differ in the equation of motion alone: the voltage equations then say the same of
     all.

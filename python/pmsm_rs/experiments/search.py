@@ -76,13 +76,12 @@ def search(
     *,
     tries: int,
     seed: int,
-    enough: float,
     progress: Progress | None = None,
 ) -> list[Tried[_Found]]:
     """The manoeuvres within the limits, best first.
 
-    `tries` are made at most; none is made where one is worth `enough` nats after the first half. The same
-    `seed` gives the same manoeuvres. Raises NotIdentifiableError naming the limit that none keeps.
+    `tries` are made: half of them random, the rest changes of the best. The same `seed` gives the same
+    manoeuvres. Raises NotIdentifiableError naming the limit that none keeps.
     """
     rng = np.random.default_rng(seed)
     kinds = families(scales)
@@ -102,7 +101,7 @@ def search(
     found.sort(key=lambda x: -x.worth)
     done = fresh
     for number, size in enumerate(_CHANGES):
-        if not found or found[0].worth >= enough:
+        if not found:
             break
         end = tries if number + 1 == len(_CHANGES) else fresh + (tries - fresh) // len(_CHANGES)
         parents = found[:_PARENTS]
