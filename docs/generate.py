@@ -12,6 +12,7 @@ import click
 import pmsm_rs
 from pmsm_rs import DiagnosisOptions, effects, plot
 from pmsm_rs.cli import cli
+from pmsm_rs.experiments.outcome import Certainty, Outcome
 from pmsm_rs.live.tracker import Drift
 from pmsm_rs.quantities.canonical import CANONICAL, LOGS
 from pmsm_rs.quantities.units import UNITS
@@ -155,7 +156,7 @@ def interface() -> str:
     # They are met in answers and never made by hand: their names are those of their modules.
     kinds["Parts of answers"] = [
         f".. autoclass:: {part.__module__}.{part.__qualname__}\n   :members:\n   :undoc-members:\n"
-        for part in (Estimate, Location, Candidate, Unmodelled, Term, Drift, Page)
+        for part in (Estimate, Location, Candidate, Unmodelled, Term, Drift, Page, Outcome, Certainty)
     ]
     for heading, lines in kinds.items():
         parts.append(f"{heading}\n{'-' * len(heading)}\n\n" + "\n".join(lines))

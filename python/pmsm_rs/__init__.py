@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     )
     from .answers import Diagnosis, Identification
     from .config.options import DiagnosisOptions
+    from .experiments.design import design
+    from .experiments.outcome import Design
     from .fleet.recordings import Failure, Fleet, diagnose_many
     from .inspection.inspect import Inspection, inspect
     from .io.loader import load
@@ -45,6 +47,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "DataError": "_core",
+    "Design": "experiments.outcome",
     "Diagnosis": "answers",
     "DiagnosisOptions": "config.options",
     "Failure": "fleet.recordings",
@@ -66,6 +69,7 @@ _HOME = {
     "UsageError": "_core",
     "WindowEstimate": "live.tracker",
     "__version__": "_core",
+    "design": "experiments.design",
     "diagnose": "run",
     "diagnose_many": "fleet.recordings",
     "effects": "results.registry",
@@ -79,6 +83,7 @@ _HOME = {
 
 __all__ = [
     "DataError",
+    "Design",
     "Diagnosis",
     "DiagnosisOptions",
     "Failure",
@@ -100,6 +105,7 @@ __all__ = [
     "UsageError",
     "WindowEstimate",
     "__version__",
+    "design",
     "diagnose",
     "diagnose_many",
     "effects",

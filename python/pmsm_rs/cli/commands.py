@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from .completing import completion, man
+from .designing import design
 from .diagnosing import demo, diagnose, fleet
 from .exporting import export
 from .help import Group, codes
@@ -29,7 +30,7 @@ def _version(context: click.Context, _parameter: click.Parameter, wanted: bool) 
         "Start here": ("demo", "inspect", "diagnose"),
         "Parameters": ("identify", "track"),
         "Many recordings": ("fleet",),
-        "The model": ("export",),
+        "The model": ("export", "design"),
         "Simulation": ("simulate", "reproduce"),
         "Questions and faults": ("doctor", "bundle"),
         "Reference": ("effects", "completion", "man"),
@@ -56,7 +57,7 @@ def cli() -> None:
 
 
 for _command in (
-    *(demo, inspect, diagnose, identify, track, fleet, export, simulate, reproduce),
+    *(demo, inspect, diagnose, identify, track, fleet, export, design, simulate, reproduce),
     *(doctor, bundle, effects, completion, man),
 ):
     cli.add_command(_command)

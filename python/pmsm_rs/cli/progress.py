@@ -31,6 +31,7 @@ DIAGNOSIS: Final[Stages] = {
 """The core gives shares of the whole here; each fit tells of its own steps beside them."""
 
 SIMULATION: Final[Stages] = {"simulating": Stage("simulating the drive")}
+DESIGN: Final[Stages] = {"manoeuvres": Stage("comparing manoeuvres")}
 
 _SWARM: Final = 0.8
 """Share of an identification that the swarm takes where least squares follow."""
