@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         __version__,
     )
     from .answers import Diagnosis, Identification
+    from .config.effect_text import Effect, effect
     from .config.options import DiagnosisOptions
     from .fleet.recordings import Failure, Fleet, diagnose_many
     from .inspection.inspect import Inspection, inspect
@@ -47,6 +48,7 @@ _HOME = {
     "DataError": "_core",
     "Diagnosis": "answers",
     "DiagnosisOptions": "config.options",
+    "Effect": "config.effect_text",
     "Failure": "fleet.recordings",
     "Fitness": "_core",
     "Fleet": "fleet.recordings",
@@ -68,6 +70,7 @@ _HOME = {
     "__version__": "_core",
     "diagnose": "run",
     "diagnose_many": "fleet.recordings",
+    "effect": "config.effect_text",
     "effects": "results.registry",
     "identify": "run",
     "identify_system": "systems",
@@ -81,6 +84,7 @@ __all__ = [
     "DataError",
     "Diagnosis",
     "DiagnosisOptions",
+    "Effect",
     "Failure",
     "Fitness",
     "Fleet",
@@ -102,6 +106,7 @@ __all__ = [
     "__version__",
     "diagnose",
     "diagnose_many",
+    "effect",
     "effects",
     "identify",
     "identify_system",

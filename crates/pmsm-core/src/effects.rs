@@ -51,7 +51,9 @@ macro_rules! catalogue {
             }
             /// Whether it has `narrow` as a special case, so that fitting as well is no rivalry.
             pub fn contains(self, narrow: Self) -> bool {
-                self.info().contains.contains(&narrow.id())
+                let contains = |id: &str| self.info().contains.contains(&id);
+                contains(narrow.id())
+                    || narrow.definition().is_some_and(|own| own.replaces.iter().any(|id| contains(id)))
             }
             /// The effect of which this one is the finer part.
             pub fn refines(self) -> Option<&'static str> {

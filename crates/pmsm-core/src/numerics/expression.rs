@@ -14,6 +14,7 @@ mod check;
 mod parse;
 
 pub use check::{Given, checked_value, dimension};
+pub(crate) use parse::nearest;
 pub use parse::parse;
 
 use crate::numerics::real::Real;

@@ -5,7 +5,7 @@ use crate::effect::Site;
 use crate::effects::ALL;
 use crate::error::{Error, Result};
 use crate::numerics::dimension::Dimension;
-use crate::numerics::expression::{Fault, Function, LONGEST};
+use crate::numerics::expression::{Fault, Function, LONGEST, nearest};
 use serde::{Deserialize, Serialize};
 
 /// Letters of a name at most.
@@ -114,6 +114,9 @@ pub struct Definition {
     /// A short title; the name without one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub title: Option<String>,
+    /// Effects of the catalogue in whose place it is asked about.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub replaces: Vec<String>,
 }
 
 impl Definition {
@@ -167,6 +170,13 @@ impl Definition {
         }
         if ALL.iter().any(|effect| effect.id() == self.name) {
             return Err(self.wrong("the catalogue has an effect of this name", "give it another name"));
+        }
+        let known: Vec<&str> = ALL.iter().map(|effect| effect.id()).collect();
+        if let Some(name) = self.replaces.iter().find(|name| !known.contains(&name.as_str())) {
+            let name: String = name.chars().take(LONGEST_NAME).collect();
+            return Err(
+                self.wrong(format!("it replaces '{name}', which is no effect"), nearest(&name, &known))
+            );
         }
         let expected = self.side.terms();
         if self.terms.len() != expected.len() {

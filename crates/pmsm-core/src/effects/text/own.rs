@@ -19,6 +19,11 @@ impl OwnEffects {
         self.0.into_iter().flatten().map(EffectId::Text)
     }
 
+    /// Whether one of them stands in the place of an effect of the catalogue.
+    pub fn replace(&self, effect: EffectId) -> bool {
+        self.0.into_iter().flatten().any(|own| own.definition().replaces.iter().any(|id| id == effect.id()))
+    }
+
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.0[0].is_none()

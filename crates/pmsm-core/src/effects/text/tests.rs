@@ -25,6 +25,7 @@ fn definition(name: &str, side: Side, terms: &[&str], parameters: &[(&str, &str,
         terms: terms.iter().map(|t| (*t).to_string()).collect(),
         parameters: parameters.iter().map(|(n, u, l, h)| quantity(n, u, *l, *h)).collect(),
         title: None,
+        replaces: Vec::new(),
     }
 }
 
