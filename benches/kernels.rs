@@ -209,14 +209,22 @@ fn as_text() -> Vec<EffectId> {
         EffectId::Text(TextId::new(&definition).expect("it is right"))
     };
     let phase = |f: &str| {
-        ["i_a", "i_b", "i_c"].iter().zip(["", "-2*pi/3", "+2*pi/3"]).fold(String::new(), |sum, (i, turned)| {
-            format!("{sum}+{i}/sqrt({i}**2+i_th**2)*{f}(theta_e{turned})")
-        })
+        ["i_a", "i_b", "i_c"]
+            .iter()
+            .zip(["", "-2*pi/3", "+2*pi/3"])
+            .fold(String::new(), |sum, (i, turned)| {
+                format!("{sum}+{i}/sqrt({i}**2+i_th**2)*{f}(theta_e{turned})")
+            })
     };
     let (d, q) = (format!("v_err*2/3*({})", phase("cos")), format!("-v_err*2/3*({})", phase("sin")));
     let saturated = "k/l_q*abs(lambda_q)**(s+2)/((s+2)*(0.3*one)**s)";
     vec![
-        text("coulomb_friction", Side::Torque, &["tau_c*tanh(w/w_0)"], &[("tau_c", "N m", 5.0), ("w_0", "rad/s", 10.0)]),
+        text(
+            "coulomb_friction",
+            Side::Torque,
+            &["tau_c*tanh(w/w_0)"],
+            &[("tau_c", "N m", 5.0), ("w_0", "rad/s", 10.0)],
+        ),
         text("quadratic_drag", Side::Torque, &["k*w*abs(w)"], &[("k", "N m s^2", 1e-3)]),
         text(
             "cogging_torque",
@@ -225,7 +233,12 @@ fn as_text() -> Vec<EffectId> {
             &[("a", "N m", 1.0), ("b", "N m", 1.0)],
         ),
         text("dead_time", Side::Voltage, &[&d, &q], &[("v_err", "V", 10.0), ("i_th", "A", 2.0)]),
-        text("saturation_q", Side::Energy, &[saturated], &[("k", "1", 2.0), ("s", "1", 8.0), ("one", "1", 2.0)]),
+        text(
+            "saturation_q",
+            Side::Energy,
+            &[saturated],
+            &[("k", "1", 2.0), ("s", "1", 8.0), ("one", "1", 2.0)],
+        ),
     ]
 }
 

@@ -186,8 +186,9 @@ def diagnose(
     noise, load and initial values. `machine` is the nameplate, or a machine file that holds it. `validation`
     is another run of the same machine, to check the prediction. `options` are the constants on which the
     verdict rests. `effects` are effects given as text, see `effect`, which are asked about besides the
-    catalogue and those of the machine file. `progress(stage, fraction)` is called from time to time. `threads` None uses every
-    processor; the answer does not depend on it. On Ctrl-C the best so far is returned, marked `interrupted`.
+    catalogue and those of the machine file. `progress(stage, fraction)` is called from time to time.
+    `threads` None uses every processor; the answer does not depend on it. On Ctrl-C the best so far is
+    returned, marked `interrupted`.
 
     Raises UsageError without a recording, for what is none and for an option out of range, and MachineError
     for a wrong machine file. Raises DataError or NotIdentifiableError where the recordings cannot be used. Of

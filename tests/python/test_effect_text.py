@@ -85,10 +85,12 @@ def _run(effects: Any, seed: int = 1) -> Any:
 
 
 def test_a_definition_says_what_it_is_and_is_frozen() -> None:
-    assert BRAKE.strengths == ("k",) and BRAKE.side == "torque"
+    assert BRAKE.strengths == ("k",)
+    assert BRAKE.side == "torque"
     assert BRAKE.equation == "torque = k*w/(1+(w/w0)**2)"
     again = pm.Effect.of(json.loads(BRAKE.text))
-    assert again == BRAKE and hash(again) == hash(BRAKE)
+    assert again == BRAKE
+    assert hash(again) == hash(BRAKE)
     with pytest.raises(AttributeError):
         BRAKE.name = "other"  # type: ignore[misc]
 
@@ -115,7 +117,8 @@ def test_what_is_wrong_is_named_with_its_place_and_the_way_out(
 ) -> None:
     with pytest.raises(pm.UsageError) as caught:
         pm.effect("own", **given, parameters={"k": ("N m s", 0, 1)})
-    assert said in str(caught.value) and fix in str(caught.value.fix)  # type: ignore[attr-defined]
+    assert said in str(caught.value)
+    assert fix in str(caught.value.fix)
     if position is not None:
         assert caught.value.position == position  # type: ignore[attr-defined]
 
@@ -181,7 +184,8 @@ def test_a_text_effect_is_found_simulated_written_and_exported(tmp_path: Path) -
     run, other = (_run({BRAKE: values}, seed) for seed in (1, 2))
     assert run.truth.effects["my_brake"] == values
     answer = pm.diagnose(run.recording, run.machine, other.recording, effects=[BRAKE])
-    assert answer.verdict == "named" and list(answer.effects) == ["my_brake"]
+    assert answer.verdict == "named"
+    assert list(answer.effects) == ["my_brake"]
     found = answer.model.parameters
     name = next(key for key in found if key.endswith("w0"))
     assert found[name].value == pytest.approx(values["w0"], rel=0.1)
@@ -215,9 +219,11 @@ def test_a_machine_file_and_a_configuration_hold_effects_as_text(tmp_path: Path)
     file.write_text(MACHINE)
     assert read_machine(file).effects == (BRAKE,)
     shown = CliRunner().invoke(cli, ["effects", "--machine", str(file)])
-    assert shown.exit_code == 0 and "my_brake" in shown.output
+    assert shown.exit_code == 0
+    assert "my_brake" in shown.output
     one = CliRunner().invoke(cli, ["effects", "my_brake", "--machine", str(file)])
-    assert one.exit_code == 0 and "k*w/(1+(w/w0)**2)" in one.output
+    assert one.exit_code == 0
+    assert "k*w/(1+(w/w0)**2)" in one.output
     table = {
         "torque": "k*w/(1+(w/w0)**2)",
         "parameters": {"k": ["N m s", 0, 1], "w0": ["rad/s", 1, 500]},

@@ -85,8 +85,9 @@ def effect(
     title: str | None = None,
     replaces: Sequence[str] = (),
 ) -> Effect:
-    """An effect as text, for `diagnose` and `simulate`:
-    `effect("my_brake", torque="k*w/(1+(w/w0)**2)", parameters={"k": ("N m s", 0, 1), "w0": ("rad/s", 1, 500)})`.
+    """An effect as text, for `diagnose` and `simulate`.
+
+    `effect("my_brake", torque="k*w", parameters={"k": ("N m s", 0, 1)})` is one with a single parameter.
 
     One side is given. `torque` is taken from the rotor against positive rotation (N·m). `voltage` is the pair
     d, q lost between command and winding (V). `flux` is the pair d, q added to the magnet's flux (V·s).

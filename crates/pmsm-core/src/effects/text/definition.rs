@@ -182,7 +182,7 @@ impl Definition {
         if self.terms.len() != expected.len() {
             let which = if expected.len() == 1 { "one formula".into() } else { expected.join(", ") };
             return Err(self.wrong(
-                format!("{} formulas stand for {}", self.terms.len(), self.side.name()),
+                format!("{} formulas are given for {}", self.terms.len(), self.side.name()),
                 format!("give {which}"),
             ));
         }

@@ -234,7 +234,7 @@ fn what_is_wrong_is_an_error_that_names_the_place() {
         (&["k*w+w"], &[k], "character 4: the left side is in N m and the right side in rad/s"),
         (&["k*i_q"], &[k], "'i_q' is not known where torque is computed"),
         (&["k*w/w"], &[("k", "N m", 0.0, 1.0)], "divides by zero where"),
-        (&["k*abs(w)**1.5/w0**0.5", "1"], &[k], "2 formulas stand for torque"),
+        (&["k*abs(w)**1.5/w0**0.5", "1"], &[k], "2 formulas are given for torque"),
         (&["w0*w"], &[("w0", "N m s", 0.5, 1.0)], "no parameter may be zero"),
         (&["k*w+2*c"], &[k, ("c", "N m", 0.5, 1.0)], "is not zero where k is zero"),
         (&["k*w"], &[k, ("c", "N m", 0.5, 1.0)], "no formula has the parameter 'c'"),
