@@ -3,7 +3,8 @@
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use plant::Plant;
-use pmsm_core::effects;
+use pmsm_core::effects::text::{Definition, Quantity, Side, TextId};
+use pmsm_core::effects::{self, EffectId};
 use pmsm_core::identify::{Method, Request, identify};
 use pmsm_core::kernels::bare::{self, Kernel, POINT, Track, chunks};
 use pmsm_core::kernels::objective::{Drive, Objective};
@@ -182,14 +183,73 @@ fn long(c: &mut Criterion) {
 }
 
 /// Time per particle-step of the model with one effect of the catalogue, on vectors.
+/// Effects of the catalogue as text, named after them.
+fn as_text() -> Vec<EffectId> {
+    let quantity = |(name, unit, high): &(&str, &str, f64)| Quantity {
+        name: (*name).into(),
+        unit: (*unit).into(),
+        low: if *name == "a" || *name == "b" { -high } else { 0.0 },
+        high: *high,
+        typical: Some(0.1 * high),
+        values: Vec::new(),
+        meaning: None,
+    };
+    let text = |name: &str, side: Side, terms: &[&str], parameters: &[(&str, &str, f64)]| {
+        let mut parameters: Vec<Quantity> = parameters.iter().map(quantity).collect();
+        // Shapes stay above zero.
+        parameters.iter_mut().skip(1).filter(|p| p.low == 0.0).for_each(|p| p.low = 1e-2 * p.high);
+        let definition = Definition {
+            name: format!("{name}_as_text"),
+            side,
+            terms: terms.iter().map(|t| (*t).to_string()).collect(),
+            parameters,
+            title: None,
+            replaces: Vec::new(),
+        };
+        EffectId::Text(TextId::new(&definition).expect("it is right"))
+    };
+    let phase = |f: &str| {
+        ["i_a", "i_b", "i_c"]
+            .iter()
+            .zip(["", "-2*pi/3", "+2*pi/3"])
+            .fold(String::new(), |sum, (i, turned)| {
+                format!("{sum}+{i}/sqrt({i}**2+i_th**2)*{f}(theta_e{turned})")
+            })
+    };
+    let (d, q) = (format!("v_err*2/3*({})", phase("cos")), format!("-v_err*2/3*({})", phase("sin")));
+    let saturated = "k/l_q*abs(lambda_q)**(s+2)/((s+2)*(0.3*one)**s)";
+    vec![
+        text(
+            "coulomb_friction",
+            Side::Torque,
+            &["tau_c*tanh(w/w_0)"],
+            &[("tau_c", "N m", 5.0), ("w_0", "rad/s", 10.0)],
+        ),
+        text("quadratic_drag", Side::Torque, &["k*w*abs(w)"], &[("k", "N m s^2", 1e-3)]),
+        text(
+            "cogging_torque",
+            Side::Torque,
+            &["a*cos(24*theta_m)+b*sin(24*theta_m)"],
+            &[("a", "N m", 1.0), ("b", "N m", 1.0)],
+        ),
+        text("dead_time", Side::Voltage, &[&d, &q], &[("v_err", "V", 10.0), ("i_th", "A", 2.0)]),
+        text(
+            "saturation_q",
+            Side::Energy,
+            &[saturated],
+            &[("k", "1", 2.0), ("s", "1", 8.0), ("one", "1", 2.0)],
+        ),
+    ]
+}
+
 fn with_effects(c: &mut Criterion) {
     let (plant, recording, machine) = recording(500);
     let signals = Signals::new(&recording, &machine).expect("signals");
     let windows = mechanical::windows(&signals);
     let mut group = c.benchmark_group("particle-step with effect");
     group.throughput(Throughput::Elements(8 * 500)).sample_size(10);
-    for effect in std::iter::once(None).chain(effects::ALL.iter().map(Some)) {
-        let chosen: Vec<_> = effect.into_iter().copied().collect();
+    for effect in std::iter::once(None).chain(effects::ALL.iter().copied().chain(as_text()).map(Some)) {
+        let chosen: Vec<_> = effect.into_iter().collect();
         let model = Model::new(signals.context, &chosen);
         let objective = Objective::new(Drive::Coupled, &model, &signals, &windows).reference();
         let one = points(&plant, 1);

@@ -66,8 +66,11 @@ fn recording(seconds: u32, effects: &[Choice], stepping: bool) -> (Recording, Ma
 }
 
 fn diagnosis(c: &mut Criterion) {
-    let friction =
-        Choice { effect: "coulomb_friction".into(), parameters: [("tau_c".to_owned(), 0.3)].into() };
+    let friction = Choice {
+        effect: "coulomb_friction".into(),
+        parameters: [("tau_c".to_owned(), 0.3)].into(),
+        definition: None,
+    };
     let mut group = c.benchmark_group("diagnosis with the whole catalogue");
     group.sample_size(10);
     for (name, effects, stepping) in [

@@ -103,7 +103,7 @@ fn energy_goes_into_heat_motion_and_field() {
 fn the_models_of_the_package_reproduce_the_log() {
     let mut setup = setup(60.0, 4.0, 0.4);
     setup.effects = ["dead_time", "iron_loss", "coulomb_friction", "encoder_angle_offset", "voltage_delay"]
-        .map(|effect| Choice { effect: effect.into(), parameters: [].into() })
+        .map(|effect| Choice { effect: effect.into(), parameters: [].into(), definition: None })
         .to_vec();
     let simulation = run(&setup);
     let mut signals = Signals::new(&simulation.recording, &machine()).unwrap();
@@ -146,6 +146,7 @@ fn an_effect_without_strength_is_the_bare_machine() {
         setup.effects = vec![Choice {
             effect: effect.id().into(),
             parameters: zero.map(|p| (p.name.to_string(), 0.0)).collect(),
+            definition: None,
         }];
         let same = run(&setup);
         for name in bare.recording.names() {

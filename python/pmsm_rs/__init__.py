@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         __version__,
     )
     from .answers import Diagnosis, Identification
+    from .config.effect_text import Effect, effect
     from .config.options import DiagnosisOptions
     from .experiments.design import design
     from .experiments.outcome import Design
@@ -50,6 +51,7 @@ _HOME = {
     "Design": "experiments.outcome",
     "Diagnosis": "answers",
     "DiagnosisOptions": "config.options",
+    "Effect": "config.effect_text",
     "Failure": "fleet.recordings",
     "Fitness": "_core",
     "Fleet": "fleet.recordings",
@@ -72,6 +74,7 @@ _HOME = {
     "design": "experiments.design",
     "diagnose": "run",
     "diagnose_many": "fleet.recordings",
+    "effect": "config.effect_text",
     "effects": "results.registry",
     "identify": "run",
     "identify_system": "systems",
@@ -86,6 +89,7 @@ __all__ = [
     "Design",
     "Diagnosis",
     "DiagnosisOptions",
+    "Effect",
     "Failure",
     "Fitness",
     "Fleet",
@@ -108,6 +112,7 @@ __all__ = [
     "design",
     "diagnose",
     "diagnose_many",
+    "effect",
     "effects",
     "identify",
     "identify_system",

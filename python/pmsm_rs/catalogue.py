@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
+from .config.effect_text import Effect
 from .results.registry import effect, effects
 from .results.words import EQUATIONS, number, unit
 
 
-def overview() -> str:
-    """One line per effect."""
-    entries = effects()
+def overview(own: Iterable[Effect] = ()) -> str:
+    """One line per effect of the catalogue, then one per effect given as text."""
+    entries = [*effects(), *(one.entry for one in own)]
     wide = max(len(entry["id"]) for entry in entries)
     lines = [f"{entry['id']:<{wide}}  {entry['sentence']}" for entry in entries]
     return "\n".join([*lines, "", "pmsm-rs effects NAME shows one of them."])
 
 
-def entry(name: str) -> str:
-    """Equation, parameters, signature and look-alikes of one effect.
+def entry(name: str, own: Iterable[Effect] = ()) -> str:
+    """Equation, parameters, signature and look-alikes of one effect, of the catalogue or of `own`.
 
     Raises UsageError naming the nearest ids.
     """
-    item = effect(name)
+    given = {one.name: one.entry for one in own}
+    item = given[name] if name in given else effect(name)
+    about = "its ranges" if name in given else "ranges for a typical servo motor"
     facts = [
         ("Equation", item["equation"]),
         ("Acts in", EQUATIONS.get(item["acts_in"], item["acts_in"])),
@@ -32,7 +36,7 @@ def entry(name: str) -> str:
     lines = [f"{item['title']} ({item['id']})", item["sentence"], ""]
     lines += [f"{label + ':':<11}{text}" for label, text in facts]
     if item["parameters"]:
-        lines += ["", "Parameters, with ranges for a typical servo motor"]
+        lines += ["", f"Parameters, with {about}"]
         lines += [_parameter(parameter) for parameter in item["parameters"]]
     if item["derived"]:
         lines += ["", "Answers also give"]

@@ -116,7 +116,7 @@ class Model(Mapping[str, Any]):
         own = estimates(self._data["base"])
         errors = self._errors
         for choice in self.specification["effects"]:
-            units = _units(choice["effect"])
+            units = _units(choice)
             for name, value in choice["parameters"].items():
                 path = f"{choice['effect']}.{name}"
                 stderr = errors.get(path)
@@ -343,7 +343,7 @@ class Model(Mapping[str, Any]):
             )
 
 
-def _units(effect: str) -> dict[str, str]:
-    from .results.registry import effect as entry
+def _units(choice: Mapping[str, Any]) -> dict[str, str]:
+    from .results.registry import of_choice
 
-    return {p["name"]: p["unit"] for p in entry(effect)["parameters"]}
+    return {p["name"]: p["unit"] for p in of_choice(choice)["parameters"]}

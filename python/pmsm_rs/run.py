@@ -13,6 +13,7 @@ import numpy as np
 from . import _core
 from ._core import DataError, Machine, NotIdentifiableError, Recording, UsageError
 from .answers import Diagnosis, Identification
+from .config.effect_text import Effect, together
 from .config.options import DiagnosisOptions
 from .config.rules import Rule
 from .errors import NothingToAsk, did_you_mean, expect, expect_whole, fact, refuse
@@ -173,6 +174,7 @@ def diagnose(
     validation: Run | None = None,
     *,
     options: DiagnosisOptions | None = None,
+    effects: Iterable[Effect] = (),
     seed: int = 1,
     threads: int | None = None,
     progress: Progress | None = None,
@@ -183,8 +185,10 @@ def diagnose(
     on `recording`: several are fitted together by one machine with the same effects, each with its own clock,
     noise, load and initial values. `machine` is the nameplate, or a machine file that holds it. `validation`
     is another run of the same machine, to check the prediction. `options` are the constants on which the
-    verdict rests. `progress(stage, fraction)` is called from time to time. `threads` None uses every
-    processor; the answer does not depend on it. On Ctrl-C the best so far is returned, marked `interrupted`.
+    verdict rests. `effects` are effects given as text, see `effect`, which are asked about besides the
+    catalogue and those of the machine file. `progress(stage, fraction)` is called from time to time.
+    `threads` None uses every processor; the answer does not depend on it. On Ctrl-C the best so far is
+    returned, marked `interrupted`.
 
     Raises UsageError without a recording, for what is none and for an option out of range, and MachineError
     for a wrong machine file. Raises DataError or NotIdentifiableError where the recordings cannot be used. Of
@@ -199,6 +203,7 @@ def diagnose(
     expect(DiagnosisOptions, options=constants)
     described = machine_of(machine)
     known, converted = _nameplate(described)
+    own = together(effects, () if isinstance(described, Machine) else described.effects)
     recordings = [recording_of(run, described) for run in runs]
     other = None if validation is None else recording_of(validation, described)
     try:
@@ -206,7 +211,7 @@ def diagnose(
             recordings,
             known,
             other,
-            options=constants.settings,
+            options=constants.with_effects([one.definition for one in own]),
             seed=seed,
             threads=threads,
             progress=progress,

@@ -11,6 +11,7 @@
 
 use crate::base::Base;
 use crate::numerics::real::Real;
+use std::fmt;
 
 /// The part of the model in which an effect sits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
@@ -35,8 +36,11 @@ pub enum Role {
     Fixed,
 }
 
+/// A value that follows from the scales of a machine and recording, or is the same for all.
+pub type Scaled = &'static (dyn Fn(&Context) -> f64 + Send + Sync);
+
 /// A parameter of an effect.
-#[derive(Debug, Clone, Copy)]
+#[derive(Clone, Copy)]
 pub struct Parameter {
     /// Name in results.
     pub name: &'static str,
@@ -47,11 +51,17 @@ pub struct Parameter {
     /// How it is found.
     pub role: Role,
     /// Lowest physical value for this machine and recording.
-    pub low: fn(&Context) -> f64,
+    pub low: Scaled,
     /// Highest physical value for this machine and recording.
-    pub high: fn(&Context) -> f64,
+    pub high: Scaled,
     /// Typical value, where a reader or a search may start.
-    pub typical: fn(&Context) -> f64,
+    pub typical: Scaled,
+}
+
+impl fmt::Debug for Parameter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} in {}, {:?}", self.name, self.unit, self.role)
+    }
 }
 
 impl Parameter {

@@ -1,4 +1,5 @@
-//! The catalogue of omitted effects: the only registry. An effect is one file below `effects/` and one line here.
+//! The catalogue of omitted effects: the only registry. An effect is one file below `effects/` and one line here. Effects that a user gives
+//! [as text](text) stand beside it and are passed on by whoever has them.
 
 use crate::base::Base;
 use crate::effect::{
@@ -12,10 +13,12 @@ macro_rules! catalogue {
     ($($module:ident :: $name:ident),+ $(,)?) => {
         $(pub mod $module;)+
 
-        /// An effect of the catalogue.
+        /// An effect of the catalogue, or one given as text.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
         pub enum EffectId {
-            $(#[doc = concat!("See [`", stringify!($module), "`].")] $name),+
+            $(#[doc = concat!("See [`", stringify!($module), "`].")] $name,)+
+            /// See [`text`].
+            Text(TextId),
         }
 
         /// Electrical states of a machine with all effects: the flux linkages d and q, and what each effect adds.
@@ -32,55 +35,57 @@ macro_rules! catalogue {
         impl EffectId {
             /// Its description.
             pub fn info(self) -> &'static Info {
-                match self { $(Self::$name => &<$module::$name as Effect>::INFO),+ }
+                match self { $(Self::$name => &<$module::$name as Effect>::INFO,)+ Self::Text(text) => text.info() }
             }
             /// Number of its own electrical or thermal states.
             pub fn electrical_state_count(self) -> usize {
-                match self { $(Self::$name => <$module::$name as Effect>::ELECTRICAL_STATES),+ }
+                match self { $(Self::$name => <$module::$name as Effect>::ELECTRICAL_STATES,)+ Self::Text(_) => 0 }
             }
             /// Number of its own mechanical states.
             pub fn mechanical_state_count(self) -> usize {
-                match self { $(Self::$name => <$module::$name as Effect>::MECHANICAL_STATES),+ }
+                match self { $(Self::$name => <$module::$name as Effect>::MECHANICAL_STATES,)+ Self::Text(_) => 0 }
             }
             /// Results that are none of its parameters.
             pub fn derived(self) -> &'static [Derived] {
-                match self { $(Self::$name => <$module::$name as Effect>::DERIVED),+ }
+                match self { $(Self::$name => <$module::$name as Effect>::DERIVED,)+ Self::Text(text) => text.derived() }
             }
             /// Whether it has `narrow` as a special case, so that fitting as well is no rivalry.
             pub fn contains(self, narrow: Self) -> bool {
-                self.info().contains.contains(&narrow.id())
+                let contains = |id: &str| self.info().contains.contains(&id);
+                contains(narrow.id())
+                    || narrow.definition().is_some_and(|own| own.replaces.iter().any(|id| contains(id)))
             }
             /// The effect of which this one is the finer part.
             pub fn refines(self) -> Option<&'static str> {
-                match self { $(Self::$name => <$module::$name as Effect>::REFINES),+ }
+                match self { $(Self::$name => <$module::$name as Effect>::REFINES,)+ Self::Text(_) => None }
             }
             /// Share of its strength by which its parameters scatter with the form of its equation.
             pub fn form(self) -> f64 {
-                match self { $(Self::$name => <$module::$name as Effect>::FORM),+ }
+                match self { $(Self::$name => <$module::$name as Effect>::FORM,)+ Self::Text(_) => text::FORM }
             }
             /// Whether its derivative at zero strength tells how much it can explain.
             pub fn is_first_order(self) -> bool {
-                match self { $(Self::$name => <$module::$name as Effect>::FIRST_ORDER),+ }
+                match self { $(Self::$name => <$module::$name as Effect>::FIRST_ORDER,)+ Self::Text(text) => text.is_first_order() }
             }
             /// Whether its name covers every function of its variables.
             pub fn is_general(self) -> bool {
-                match self { $(Self::$name => <$module::$name as Effect>::GENERAL),+ }
+                match self { $(Self::$name => <$module::$name as Effect>::GENERAL,)+ Self::Text(_) => false }
             }
             /// Whether its torque jumps where the speed changes its sign.
             pub fn jumps(self) -> bool {
-                match self { $(Self::$name => <$module::$name as Effect>::JUMPS),+ }
+                match self { $(Self::$name => <$module::$name as Effect>::JUMPS,)+ Self::Text(text) => text.jumps() }
             }
             /// Whether its electrical states are temperatures.
             pub fn is_thermal(self) -> bool {
-                match self { $(Self::$name => <$module::$name as Effect>::THERMAL),+ }
+                match self { $(Self::$name => <$module::$name as Effect>::THERMAL,)+ Self::Text(_) => false }
             }
             /// Whether the torque of given currents depends on it.
             pub fn turns(self) -> bool {
-                match self { $(Self::$name => <$module::$name as Effect>::TURNS),+ }
+                match self { $(Self::$name => <$module::$name as Effect>::TURNS,)+ Self::Text(own) => own.side() != text::Side::Voltage }
             }
             /// Whether the flux of a current must be iterated for.
             pub fn is_magnetic(self) -> bool {
-                match self { $(Self::$name => <$module::$name as Effect>::MAGNETIC),+ }
+                match self { $(Self::$name => <$module::$name as Effect>::MAGNETIC,)+ Self::Text(own) => own.side() == text::Side::Energy }
             }
             dispatch! { [$($module::$name),+]
                 fn probes[](cx: &Context) -> Vec<Vec<f64>>;
@@ -134,12 +139,18 @@ macro_rules! dispatch {
         }
     };
     (@each [$($module:ident :: $name:ident),+] $hook:ident $effect:ident $call:tt) => {
-        match $effect { $(EffectId::$name => <$module::$name as Effect>::$hook $call),+ }
+        match $effect {
+            $(EffectId::$name => <$module::$name as Effect>::$hook $call,)+
+            EffectId::Text(text) => text.$hook $call,
+        }
     };
 }
 
 #[cfg(test)]
 pub(crate) mod testing;
+pub mod text;
+
+use text::TextId;
 
 catalogue! {
     coulomb_friction::CoulombFriction,
@@ -178,7 +189,15 @@ impl EffectId {
         self.info().id
     }
 
-    /// The effect with this identifier.
+    /// What its user gave, where it was given as text.
+    pub fn definition(self) -> Option<&'static text::Definition> {
+        match self {
+            Self::Text(own) => Some(own.definition()),
+            _ => None,
+        }
+    }
+
+    /// The effect of the catalogue with this identifier.
     ///
     /// # Errors
     /// [`Error::Unknown`] with the list of known identifiers.

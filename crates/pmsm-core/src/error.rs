@@ -57,6 +57,20 @@ pub enum Error {
         /// What to do about it.
         fix: String,
     },
+    /// A formula of an effect given as text cannot be used.
+    #[error("effect '{effect}', {term}, character {position}: {problem}; {fix}")]
+    Formula {
+        /// Name of the effect.
+        effect: String,
+        /// Which of its formulas.
+        term: String,
+        /// Number of the character, from one.
+        position: usize,
+        /// What is wrong there.
+        problem: String,
+        /// What to do about it.
+        fix: String,
+    },
     /// One of several recordings cannot be used.
     #[error("recording {number}: {source}")]
     InRecording {

@@ -1,7 +1,11 @@
 //! Numbers, vectors of numbers, and what is computed with them: nothing here knows a motor.
 
 pub(crate) mod basis;
+pub mod bytecode;
+pub mod derivative;
+pub mod dimension;
 pub mod dual;
+pub mod expression;
 pub(crate) mod extent;
 pub mod lanes;
 pub mod random;

@@ -95,7 +95,11 @@ impl Specification {
         let named = |slot: &crate::model::Slot| {
             let own = slot.effect.info().parameters.iter().zip(&p[slot.parameters.clone()]);
             let parameters = own.map(|(info, x)| (info.name.to_string(), *x)).collect();
-            Choice { effect: slot.effect.id().into(), parameters }
+            Choice {
+                effect: slot.effect.id().into(),
+                parameters,
+                definition: slot.effect.definition().cloned(),
+            }
         };
         let coefficients = &p[model.map_parameters()];
         let places = model.map().into_iter().flat_map(Map::places);
@@ -121,7 +125,7 @@ impl Specification {
         let mut p = self.base()?.to_vec();
         let mut effects: Vec<EffectId> = Vec::new();
         for choice in &self.effects {
-            let effect = EffectId::parse(&choice.effect)?;
+            let effect = choice.id()?;
             if effects.contains(&effect) {
                 return Err(wrong(format!("the effect {} stands in it twice", choice.effect)));
             }

@@ -18,9 +18,9 @@ pub const PHASE: Parameter = Parameter {
     unit: "1",
     meaning: "phase concerned: 0, 1, 2 for a, b, c",
     role: Role::Fixed,
-    low: |_| 0.0,
-    high: |_| 2.0,
-    typical: |_| 0.0,
+    low: &|_| 0.0,
+    high: &|_| 2.0,
+    typical: &|_| 0.0,
 };
 
 /// 1 where `phase` is `index`, else 0.
@@ -37,19 +37,19 @@ pub const SATURATION: [Parameter; 2] = [
         unit: "1",
         meaning: "extra current at the largest flux linkage, share of the linear one",
         role: Role::Amplitude,
-        low: |_| 0.0,
+        low: &|_| 0.0,
         // An axis that the magnet leaves empty fills to a small share of the largest flux linkage, which counts by the power s.
-        high: |_| 1e5,
-        typical: |_| 0.2,
+        high: &|_| 1e5,
+        typical: &|_| 0.2,
     },
     Parameter {
         name: "s",
         unit: "1",
         meaning: "exponent: how sharp the knee is",
         role: Role::Shape,
-        low: |_| 0.5,
-        high: |_| 10.0,
-        typical: |_| 2.0,
+        low: &|_| 0.5,
+        high: &|_| 10.0,
+        typical: &|_| 2.0,
     },
 ];
 

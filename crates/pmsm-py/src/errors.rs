@@ -31,6 +31,28 @@ pyo3::create_exception!(
 );
 pyo3::create_exception!(pmsm_rs._core, InternalError, PmsmError, "A fault of this package, not of the data.");
 
+/// The Python exception for what a user gave as an effect: a `UsageError` with the attributes problem and fix, and for a fault in a formula
+/// term and position.
+pub fn to_usage(py: Python<'_>, error: &Error) -> PyErr {
+    let raised = UsageError::new_err(error.to_string());
+    let facts = raised.value(py);
+    let set = match error {
+        Error::Formula { term, position, problem, fix, .. } => facts
+            .setattr("term", term)
+            .and_then(|()| facts.setattr("position", *position))
+            .and_then(|()| facts.setattr("problem", problem))
+            .and_then(|()| facts.setattr("fix", fix)),
+        Error::Unusable { problem, fix } => {
+            facts.setattr("problem", problem).and_then(|()| facts.setattr("fix", fix))
+        }
+        _ => Ok(()),
+    };
+    match set {
+        Ok(()) => raised,
+        Err(other) => other,
+    }
+}
+
 /// The Python exception for an error of the core. What cannot be done with a recording is a matter of what the
 /// recording determines, unless it is about columns or names.
 pub fn to_python(py: Python<'_>, error: &Error) -> PyErr {
@@ -50,6 +72,7 @@ pub fn to_python(py: Python<'_>, error: &Error) -> PyErr {
             return DataError::new_err(text);
         }
         Error::Unknown { .. } => return UsageError::new_err(text),
+        Error::Formula { .. } => return to_usage(py, error),
         Error::Interrupted => return PyKeyboardInterrupt::new_err(text),
         Error::Sample { column, row, problem, fix } => {
             (DataError::new_err(text), Some(*row), Some(column), problem, fix)

@@ -26,7 +26,7 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 #[pymodule]
 mod _core {
     #[pymodule_export]
-    use super::catalogue::effects;
+    use super::catalogue::{effect_of_text, effects};
     #[pymodule_export]
     use super::diagnosis::{diagnose, diagnosis_options, refusal};
     #[pymodule_export]

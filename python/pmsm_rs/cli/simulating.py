@@ -90,13 +90,22 @@ def _names(_context: click.Context, _parameter: click.Parameter, begin: str) -> 
 @click.command(
     cls=Command,
     short_help="Show the catalogue of effects, or one of them.",
-    examples=("pmsm-rs effects", "pmsm-rs effects dead_time"),
-    exits=codes(without=(3, 130)),
+    examples=("pmsm-rs effects", "pmsm-rs effects dead_time", "pmsm-rs effects --machine machine.toml"),
+    exits=codes(c3="machine file refused", without=(130,)),
 )
 @click.argument("name", required=False, shell_complete=_names)
-def effects(name: str | None) -> int:
+@click.option(
+    "--machine",
+    "machine_file",
+    type=options.FILE,
+    metavar="M.toml",
+    help="Show the effects of this machine file, too, which are given as text.",
+)
+def effects(name: str | None, machine_file: str | None) -> int:
     """Show the catalogue of effects, or one of them with equation, parameters and look-alikes."""
     from ..catalogue import entry, overview
+    from ..config.machine_file import read_machine
 
-    terminal.show(overview() if name is None else entry(name))
+    own = () if machine_file is None else read_machine(machine_file).effects
+    terminal.show(overview(own) if name is None else entry(name, own))
     return 0

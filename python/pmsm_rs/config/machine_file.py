@@ -16,6 +16,7 @@ from ..errors import clauses, did_you_mean, opened, refuse, shown
 from ..quantities.canonical import CANONICAL
 from ..quantities.units import canonical, suggest
 from .datasheet import Converted, settled
+from .effect_text import Effect, of_tables
 from .rules import Rule, Rules
 from .schema import NotNegative, Number, Positive, Table, validated
 
@@ -110,6 +111,7 @@ class MachineFile:
 
     `converted` are the entries of the nameplate that were not given as parameters of the model in SI units.
     `dbc` is the file that describes the CAN bus of a recording, found from the folder of the machine file.
+    `effects` are those given as text, which a diagnosis asks about besides the catalogue.
     `allow_outside` lets columns come from files that lie outside of the recording's folder.
     """
 
@@ -121,6 +123,7 @@ class MachineFile:
     converted: tuple[Converted, ...] = ()
     dbc: str | None = None
     allow_outside: bool = False
+    effects: tuple[Effect, ...] = ()
 
 
 def read_machine(path: str | os.PathLike[str], *, allow_outside: bool = False) -> MachineFile:
@@ -138,6 +141,7 @@ def read_machine(path: str | os.PathLike[str], *, allow_outside: bool = False) -
     parts = {name: validated(model, name, given.get(name), errors) for name, model in _TABLES.items()}
     table = content.get("columns", {})
     columns, dbc = _columns(table, errors), _dbc(table, name, errors)
+    own = of_tables(content.get("effects"), errors)
     plate, drive, load = parts["machine"], parts["drive"], parts["load"]
     if sheet.i_rated is not None and isinstance(drive, Ratings) and drive.i_rated is not None:
         errors.append("machine.i_rated: [drive] has it as well; give it once")
@@ -152,7 +156,7 @@ def read_machine(path: str | os.PathLike[str], *, allow_outside: bool = False) -
         machine = Machine(**plate.model_dump(), **ratings)
     except MachineError as error:
         raise refuse(MachineError, f"[machine] {error}", file=name, fix="correct the machine file") from error
-    entries = (load.kind, load.value, columns, tuple(sheet.converted), dbc, allow_outside)
+    entries = (load.kind, load.value, columns, tuple(sheet.converted), dbc, allow_outside, own)
     return MachineFile(name, machine, *entries)
 
 
@@ -257,7 +261,7 @@ def _largest(content: object) -> int:
 
 
 def _misspelt(content: dict[str, Any]) -> list[tuple[str, str]]:
-    known = [*_TABLES, "columns"]
+    known = [*_TABLES, "columns", "effects"]
     hints = ((table, did_you_mean(table, known)) for table in content if table not in known)
     # Other tools keep tables of their own in the file; only one that nearly has a known name is a mistake.
     return [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Final
 
@@ -73,6 +74,12 @@ class DiagnosisOptions:
     def settings(self) -> str:
         """As the core reads it: JSON text."""
         return json.dumps(asdict(self), allow_nan=True)
+
+    def with_effects(self, definitions: Sequence[Mapping[str, Any]]) -> str:
+        """The same with definitions of effects given as text: JSON text."""
+        if not definitions:
+            return self.settings
+        return json.dumps(asdict(self) | {"effects": list(definitions)}, allow_nan=True)
 
     @classmethod
     def parse(cls, text: str) -> DiagnosisOptions:

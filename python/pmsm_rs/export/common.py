@@ -20,7 +20,7 @@ _BASE = {
 
 def header(model: Model) -> list[str]:
     """Lines that say what the model is: its machine, and each effect with its equation and its values."""
-    from ..results.registry import effect as entry
+    from ..results.registry import of_choice
 
     specification = model.specification
     base = specification["base"]
@@ -31,7 +31,7 @@ def header(model: Model) -> list[str]:
         ", ".join(f"{name} = {base[name]:.6g} {unit}" for name, unit in _BASE.items()),
     ]
     for choice in specification["effects"]:
-        about = entry(choice["effect"])
+        about = of_choice(choice)
         units = {p["name"]: p["unit"] for p in about["parameters"]}
         values = ", ".join(
             f"{name} = {x:.6g}{'' if units.get(name, '1') == '1' else ' ' + units[name]}"
@@ -45,9 +45,9 @@ def header(model: Model) -> list[str]:
 
 def sites(model: Model) -> dict[str, str]:
     """Where each effect acts: electrical, mechanical or sensor."""
-    from ..results.registry import effect as entry
+    from ..results.registry import of_choice
 
-    return {name: str(entry(name)["acts_in"]) for name in model.effects}
+    return {x["effect"]: str(of_choice(x)["acts_in"]) for x in model.specification["effects"]}
 
 
 def not_expressed(model: Model, known: Iterable[str]) -> list[str]:

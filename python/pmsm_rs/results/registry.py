@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from typing import Any
 
 from .. import _core
@@ -17,6 +18,15 @@ def effects() -> list[dict[str, Any]]:
     """
     catalogue: list[dict[str, Any]] = json.loads(_core.effects())
     return catalogue
+
+
+def of_choice(choice: Mapping[str, Any]) -> dict[str, Any]:
+    """The entry of an effect of a model, be it of the catalogue or given as text with its `definition`."""
+    definition = choice.get("definition")
+    if definition is None:
+        return effect(str(choice["effect"]))
+    told: dict[str, Any] = json.loads(_core.effect_of_text(json.dumps(definition)))
+    return told
 
 
 def effect(name: str) -> dict[str, Any]:

@@ -24,7 +24,8 @@ Tables and keys, all optional but a reference; units are SI. A schedule is a num
     [start]                  # theta_e (rad), omega_m (rad/s) or n (rpm)
     [temperature]            # schedules in degC, which are logged: winding, magnet
     [effects.NAME]           # an effect of the catalogue with its parameters; those left out are typical, but
-                             # strengths are zero once one is given
+                             # strengths are zero once one is given; or an effect as text, as in a machine
+                             # file, with value = {...}
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from .._core import Machine, MachineError, UsageError
+from ..config.effect_text import Effect, is_definition, of_table
 from ..config.machine_file import Plate, Ratings, read_machine, read_toml
 from ..config.schema import Table, validated
 from ..errors import clauses, did_you_mean, refuse
@@ -108,7 +110,7 @@ def _of_model(
     if not isinstance(specification, Mapping):
         return given, {}
     scales = specification["scales"]
-    chosen = {entry["effect"]: entry["parameters"] for entry in specification["effects"]}
+    chosen = {_key(entry): entry["parameters"] for entry in specification["effects"]}
     spelt: dict[str, Any] = {**given, "effects": chosen}
     if "machine" not in given and "machine" not in content:
         spelt["machine"] = {"n_p": int(scales["n_p"]), **specification["base"]}
@@ -116,6 +118,12 @@ def _of_model(
         told = {name: value for name, value in drive.items() if value is not None}
         spelt["drive"] = {**told, **dict(content.get("drive", {})), **dict(given.get("drive", {}))}
     return spelt, {"map": list(specification.get("map", ())), "scales": scales}
+
+
+def _key(entry: Mapping[str, Any]) -> str | Effect:
+    """What names an effect of a model: its id, or the effect itself where it was given as text."""
+    definition = entry.get("definition")
+    return str(entry["effect"]) if definition is None else Effect.of(definition)
 
 
 def _build(content: dict[str, Any], folder: Path, errors: list[str]) -> Configuration | None:
@@ -261,7 +269,17 @@ def _effects(content: object, errors: list[str]) -> list[dict[str, Any]]:
         return []
     known = {entry["id"]: [p["name"] for p in entry["parameters"]] for entry in effects()}
     chosen = []
-    for effect, parameters in content.items():
+    for key, given in content.items():
+        effect, parameters, definition = key, given, None
+        try:
+            if isinstance(key, str) and key not in known and is_definition(given):
+                key, parameters = of_table(key, given)
+        except UsageError as error:
+            errors.append(str(error))
+            continue
+        if isinstance(key, Effect):
+            effect, definition = key.name, {"definition": key.definition}
+            known[effect] = [p["name"] for p in key.definition["parameters"]]
         if effect not in known:
             errors.append(f"effects.{effect}: there is no such effect ({did_you_mean(str(effect), known)})")
             continue
@@ -274,7 +292,7 @@ def _effects(content: object, errors: list[str]) -> list[dict[str, Any]]:
                 errors.append(f"effects.{effect}.{name}: unknown key ({hint})")
             elif isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
                 errors.append(f"effects.{effect}.{name}: give a finite number, not {value!r}")
-        chosen.append({"effect": effect, "parameters": dict(parameters)})
+        chosen.append({"effect": effect, "parameters": dict(parameters), **(definition or {})})
     return chosen
 
 

@@ -11,7 +11,9 @@ use std::f64::consts::TAU;
 /// Effects that the recording can be asked about, and the others with the reason.
 pub fn able(data: &Data) -> (Vec<EffectId>, Vec<(EffectId, String)>) {
     let (mut able, mut unfit) = (Vec::new(), Vec::new());
-    for &effect in effects::ALL {
+    let own = &data.options.effects;
+    let known = effects::ALL.iter().copied().filter(|effect| !own.replace(*effect));
+    for effect in known.chain(own.iter()) {
         match obstacle(data, effect) {
             None => able.push(effect),
             Some(why) => unfit.push((effect, why)),

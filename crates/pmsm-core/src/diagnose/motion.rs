@@ -268,7 +268,8 @@ mod tests {
         let manoeuvre = speeds(1.2, &[(0.1, 90.0), (0.4, -80.0), (0.7, 90.0), (1.0, -60.0)]);
         let parameters = [("inertia_ratio", 0.4), ("f_antires", 25.0), ("zeta", 0.02)];
         let parameters = parameters.map(|(name, value)| (name.to_string(), value)).into();
-        let setup = setup(manoeuvre, vec![Choice { effect: "two_mass_shaft".into(), parameters }]);
+        let setup =
+            setup(manoeuvre, vec![Choice { effect: "two_mass_shaft".into(), parameters, definition: None }]);
         let whole = simulate(&setup, &Silent).unwrap().recording;
         let in_gap = |t: f64| (0.43..0.47).contains(&t) || (0.75..0.81).contains(&t);
         let logged = |x: &[f64]| -> Vec<f64> {

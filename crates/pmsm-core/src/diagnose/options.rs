@@ -3,6 +3,7 @@
 //! Those of the likelihood say how much a row tells, those of the prior how rare an effect is, the others from where on a verdict speaks. None
 //! of them belongs to a kind of machine or to an effect. They are echoed in every answer.
 
+use crate::effects::text::OwnEffects;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -65,6 +66,9 @@ pub struct DiagnosisOptions {
     pub worse_than_constant: f64,
     /// A signal that varies by less than this many times its noise has nothing to explain.
     pub still: f64,
+    /// Effects given as text, which are asked about besides those of the catalogue.
+    #[serde(skip_serializing_if = "OwnEffects::is_empty")]
+    pub effects: OwnEffects,
 }
 
 impl Default for DiagnosisOptions {
@@ -95,6 +99,7 @@ impl Default for DiagnosisOptions {
             run_up_spread: 2.3,
             worse_than_constant: 1.1,
             still: 2.0,
+            effects: OwnEffects::default(),
         }
     }
 }
@@ -112,7 +117,7 @@ impl DiagnosisOptions {
         };
         let shares =
             ["floor_known_to", "unknown", "named", "remaining_chance", "ceiling_unknown", "ceiling_doubtful"];
-        for (name, value) in each {
+        for (name, value) in each.into_iter().filter(|(name, _)| name != "effects") {
             let value = value.as_f64().unwrap_or(f64::NAN);
             if !value.is_finite() || value <= 0.0 || shares.contains(&name.as_str()) && value > 1.0 {
                 let range = if shares.contains(&name.as_str()) { " up to one" } else { "" };

@@ -25,7 +25,7 @@ pub fn setup(manoeuvre: Manoeuvre, effects: Vec<Choice>) -> Setup {
 
 /// An effect of this strength.
 pub fn choice(effect: &str, parameter: &str, value: f64) -> Choice {
-    Choice { effect: effect.into(), parameters: [(parameter.to_string(), value)].into() }
+    Choice { effect: effect.into(), parameters: [(parameter.to_string(), value)].into(), definition: None }
 }
 
 /// Lines through points (s, mechanical rad/s).

@@ -2,6 +2,7 @@
 
 use crate::effect::{Context, Parameter, Role};
 use crate::effects::EffectId;
+use crate::effects::text::{Definition, TextId};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -11,21 +12,39 @@ use std::collections::BTreeMap;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Choice {
-    /// Identifier of the catalogue.
+    /// Identifier of the catalogue, or the name of the effect given as text.
     pub effect: String,
     /// Values of its parameters by name, SI.
     #[serde(default)]
     pub parameters: BTreeMap<String, f64>,
+    /// The effect itself, where it is given as text.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub definition: Option<Definition>,
 }
 
 impl Choice {
+    /// The effect.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] for an effect that does not exist; those of [`TextId::new`]; [`Error::Unusable`] where its definition has another name.
+    pub fn id(&self) -> Result<EffectId> {
+        let Some(definition) = &self.definition else { return EffectId::parse(&self.effect) };
+        if definition.name != self.effect {
+            return Err(Error::unusable(
+                format!("the effect '{}' is defined under the name '{}'", self.effect, definition.name),
+                "give both the same name",
+            ));
+        }
+        TextId::new(definition).map(EffectId::Text)
+    }
+
     /// The effect and its whole parameter slice.
     ///
     /// # Errors
     /// [`Error::Unknown`] for an effect or a parameter that does not exist; [`Error::Quantity`] for a value that is not
     /// finite, has the wrong sign, or is a pure number outside its range.
     pub fn resolve(&self, cx: &Context) -> Result<(EffectId, Vec<f64>)> {
-        let effect = EffectId::parse(&self.effect)?;
+        let effect = self.id()?;
         let known = effect.info().parameters;
         if let Some(name) = self.parameters.keys().find(|name| known.iter().all(|p| p.name != **name)) {
             return Err(Error::Unknown {
@@ -74,7 +93,7 @@ mod tests {
 
     fn choice(effect: &str, given: &[(&str, f64)]) -> Choice {
         let parameters = given.iter().map(|(name, x)| ((*name).to_string(), *x)).collect();
-        Choice { effect: effect.into(), parameters }
+        Choice { effect: effect.into(), parameters, definition: None }
     }
 
     #[test]

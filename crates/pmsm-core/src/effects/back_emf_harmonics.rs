@@ -19,9 +19,9 @@ const fn part(name: &'static str, meaning: &'static str) -> Parameter {
         unit: "1",
         meaning,
         role: Role::Amplitude,
-        low: |_| -0.1,
-        high: |_| 0.1,
-        typical: |_| 0.004,
+        low: &|_| -0.1,
+        high: &|_| 0.1,
+        typical: &|_| 0.004,
     }
 }
 

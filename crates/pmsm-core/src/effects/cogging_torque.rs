@@ -16,9 +16,9 @@ const fn part(name: &'static str, meaning: &'static str) -> Parameter {
         unit: "N m",
         meaning,
         role: Role::Amplitude,
-        low: |cx| -cx.tau_max,
-        high: |cx| cx.tau_max,
-        typical: |cx| 0.01 * cx.tau_max,
+        low: &|cx| -cx.tau_max,
+        high: &|cx| cx.tau_max,
+        typical: &|cx| 0.01 * cx.tau_max,
     }
 }
 
@@ -47,9 +47,9 @@ impl Effect for CoggingTorque {
                 unit: "1",
                 meaning: "cogging periods per mechanical revolution",
                 role: Role::Fixed,
-                low: |cx| 2.0 * cx.n_p,
-                high: |cx| 2.0 * cx.n_p * f64::from(MOST_PERIODS),
-                typical: |cx| 6.0 * cx.n_p,
+                low: &|cx| 2.0 * cx.n_p,
+                high: &|cx| 2.0 * cx.n_p * f64::from(MOST_PERIODS),
+                typical: &|cx| 6.0 * cx.n_p,
             },
         ],
     };

@@ -17,9 +17,9 @@ const fn part(name: &'static str, meaning: &'static str) -> Parameter {
         unit: "A",
         meaning,
         role: Role::Amplitude,
-        low: |cx| -0.3 * cx.i_max,
-        high: |cx| 0.3 * cx.i_max,
-        typical: |cx| 0.005 * cx.i_max,
+        low: &|cx| -0.3 * cx.i_max,
+        high: &|cx| 0.3 * cx.i_max,
+        typical: &|cx| 0.005 * cx.i_max,
     }
 }
 

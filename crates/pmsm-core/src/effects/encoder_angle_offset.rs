@@ -26,9 +26,9 @@ impl Effect for EncoderAngleOffset {
             unit: "rad",
             meaning: "measured minus true electrical angle",
             role: Role::Amplitude,
-            low: |_| -0.6,
-            high: |_| 0.6,
-            typical: |_| 0.03,
+            low: &|_| -0.6,
+            high: &|_| 0.6,
+            typical: &|_| 0.03,
         }],
     };
 

@@ -16,9 +16,9 @@ const fn part(name: &'static str, meaning: &'static str) -> Parameter {
         unit: "rad",
         meaning,
         role: Role::Amplitude,
-        low: |_| -0.5,
-        high: |_| 0.5,
-        typical: |_| 0.01,
+        low: &|_| -0.5,
+        high: &|_| 0.5,
+        typical: &|_| 0.01,
     }
 }
 

@@ -25,9 +25,9 @@ const fn part(name: &'static str, meaning: &'static str) -> Parameter {
         unit: "rad",
         meaning,
         role: Role::Amplitude,
-        low: |_| -LARGEST,
-        high: |_| LARGEST,
-        typical: |_| 0.01,
+        low: &|_| -LARGEST,
+        high: &|_| LARGEST,
+        typical: &|_| 0.01,
     }
 }
 

@@ -24,9 +24,9 @@ const fn part(name: &'static str, meaning: &'static str) -> Parameter {
         unit: "N m",
         meaning,
         role: Role::Amplitude,
-        low: |cx| -largest(cx),
-        high: largest,
-        typical: |cx| 0.1 * cx.tau_max,
+        low: &|cx| -largest(cx),
+        high: &largest,
+        typical: &|cx| 0.1 * cx.tau_max,
     }
 }
 

@@ -20,9 +20,9 @@ const fn part(name: &'static str, meaning: &'static str) -> Parameter {
         unit: "1",
         meaning,
         role: Role::Amplitude,
-        low: |_| -0.3,
-        high: |_| 0.3,
-        typical: |_| 0.01,
+        low: &|_| -0.3,
+        high: &|_| 0.3,
+        typical: &|_| 0.01,
     }
 }
 

@@ -26,9 +26,9 @@ impl Effect for LoadDependentFriction {
             unit: "1",
             meaning: "share of the motor torque lost",
             role: Role::Amplitude,
-            low: |_| 0.0,
-            high: |_| 0.6,
-            typical: |_| 0.04,
+            low: &|_| 0.0,
+            high: &|_| 0.6,
+            typical: &|_| 0.04,
         }],
     };
     const JUMPS: bool = true;

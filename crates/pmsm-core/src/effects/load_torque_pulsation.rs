@@ -16,9 +16,9 @@ const fn part(name: &'static str, meaning: &'static str) -> Parameter {
         unit: "N m",
         meaning,
         role: Role::Amplitude,
-        low: |cx| -cx.tau_max,
-        high: |cx| cx.tau_max,
-        typical: |cx| 0.01 * cx.tau_max,
+        low: &|cx| -cx.tau_max,
+        high: &|cx| cx.tau_max,
+        typical: &|cx| 0.01 * cx.tau_max,
     }
 }
 
@@ -42,9 +42,9 @@ impl Effect for LoadTorquePulsation {
                 unit: "1",
                 meaning: "periods per mechanical revolution",
                 role: Role::Fixed,
-                low: |_| 1.0,
-                high: |_| 4.0,
-                typical: |_| 1.0,
+                low: &|_| 1.0,
+                high: &|_| 4.0,
+                typical: &|_| 1.0,
             },
         ],
     };

@@ -26,9 +26,9 @@ impl Effect for QuadraticDrag {
             unit: "N m s^2",
             meaning: "drag torque per squared mechanical speed",
             role: Role::Amplitude,
-            low: |_| 0.0,
-            high: |cx| 4.0 * cx.tau_max / cx.omega_m_max().powi(2),
-            typical: |cx| 0.05 * cx.tau_max / cx.omega_m_max().powi(2),
+            low: &|_| 0.0,
+            high: &|cx| 4.0 * cx.tau_max / cx.omega_m_max().powi(2),
+            typical: &|cx| 0.05 * cx.tau_max / cx.omega_m_max().powi(2),
         }],
     };
     const FORM: f64 = 0.02;

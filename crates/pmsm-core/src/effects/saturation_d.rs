@@ -16,9 +16,9 @@ const PRELOAD: Parameter = Parameter {
     unit: "1",
     meaning: "share of the magnet's flux that fills the iron of the axis beforehand",
     role: Role::Shape,
-    low: |_| 0.0,
-    high: |_| 1.0,
-    typical: |_| 1.0,
+    low: &|_| 0.0,
+    high: &|_| 1.0,
+    typical: &|_| 1.0,
 };
 
 /// See the module's documentation.

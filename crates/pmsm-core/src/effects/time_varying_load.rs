@@ -17,9 +17,9 @@ const fn part(name: &'static str, meaning: &'static str) -> Parameter {
         unit: "N m",
         meaning,
         role: Role::Amplitude,
-        low: |cx| -cx.tau_max,
-        high: |cx| cx.tau_max,
-        typical: |cx| 0.01 * cx.tau_max,
+        low: &|cx| -cx.tau_max,
+        high: &|cx| cx.tau_max,
+        typical: &|cx| 0.01 * cx.tau_max,
     }
 }
 
@@ -56,9 +56,9 @@ impl Effect for TimeVaryingLoad {
                 unit: "N m/s",
                 meaning: "steady rise",
                 role: Role::Amplitude,
-                low: |cx| -cx.tau_max / cx.duration,
-                high: |cx| cx.tau_max / cx.duration,
-                typical: |cx| 0.005 * cx.tau_max / cx.duration,
+                low: &|cx| -cx.tau_max / cx.duration,
+                high: &|cx| cx.tau_max / cx.duration,
+                typical: &|cx| 0.005 * cx.tau_max / cx.duration,
             },
             Parameter {
                 name: "f",
@@ -66,9 +66,9 @@ impl Effect for TimeVaryingLoad {
                 meaning: "frequency of the swing",
                 role: Role::Shape,
                 // Less than most of a swing is a slope.
-                low: |cx| 0.8 / cx.duration,
-                high: |cx| (0.1 / cx.period).max(1.5 / cx.duration),
-                typical: |cx| 5f64.min(0.1 / cx.period).max(1.0 / cx.duration),
+                low: &|cx| 0.8 / cx.duration,
+                high: &|cx| (0.1 / cx.period).max(1.5 / cx.duration),
+                typical: &|cx| 5f64.min(0.1 / cx.period).max(1.0 / cx.duration),
             },
         ],
     };

@@ -27,9 +27,9 @@ impl Effect for VoltageDelay {
             unit: "1",
             meaning: "delay beyond the logged one, sample periods",
             role: Role::Amplitude,
-            low: |_| 0.0,
-            high: |_| 2.0,
-            typical: |_| 0.2,
+            low: &|_| 0.0,
+            high: &|_| 2.0,
+            typical: &|_| 0.2,
         }],
     };
     const TURNS: bool = false;

@@ -84,6 +84,24 @@ pub trait Real:
     fn abreast<L: Abreast<Self>>(_: L) -> Option<L::Output> {
         None
     }
+    /// Runs a task as a function of its own that is compiled with this type's instructions, for what is too long to be inlined wherever it
+    /// is asked for.
+    #[inline(always)]
+    fn apart<K: Task<U>, U: Real>(task: K) -> K::Output {
+        #[inline(never)]
+        fn called<K: Task<U>, U: Real>(task: K) -> K::Output {
+            task.run()
+        }
+        called(task)
+    }
+}
+
+/// A task on numbers of type `T`, run by [`Real::apart`].
+pub trait Task<T> {
+    /// What it returns.
+    type Output;
+    /// The task. Implementations are `#[inline(always)]`.
+    fn run(self) -> Self::Output;
 }
 
 /// A number type that stands for `T` in an inner loop: conversions there and back change no bit.

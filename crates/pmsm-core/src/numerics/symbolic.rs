@@ -71,7 +71,7 @@ impl Operation {
     }
 
     /// Its operands.
-    fn operands(&self) -> Vec<usize> {
+    pub fn operands(&self) -> Vec<usize> {
         match *self {
             Self::Constant(_) | Self::Input(_) => Vec::new(),
             Self::Add(a, b) | Self::Sub(a, b) | Self::Mul(a, b) | Self::Div(a, b) => vec![a, b],

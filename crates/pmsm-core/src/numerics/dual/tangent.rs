@@ -6,7 +6,7 @@
 use super::Dual;
 use super::outlined::Outlined;
 use crate::numerics::lanes::{self, Job, Lane, Path};
-use crate::numerics::real::{Carries, Loop, Real};
+use crate::numerics::real::{Carries, Loop, Real, Task};
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 /// Derivatives that one pass carries on vectors.
@@ -244,6 +244,10 @@ impl<V: Lane, const R: usize, const APART: bool> Real for Tangent<V, R, APART> {
     #[inline(always)]
     fn if_positive(self, yes: Self, no: Self) -> Self {
         each!(self, self.re.if_positive(yes.re, no.re), k => self.re.if_positive(yes.eps[k], no.eps[k]))
+    }
+    #[inline(always)]
+    fn apart<K: Task<U>, U: Real>(task: K) -> K::Output {
+        V::apart(task)
     }
     #[inline(always)]
     fn positive(self) -> bool {

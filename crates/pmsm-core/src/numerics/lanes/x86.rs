@@ -10,7 +10,7 @@
 mod entry;
 
 use super::{Lane, angles};
-use crate::numerics::real::Real;
+use crate::numerics::real::{Real, Task};
 use std::arch::x86_64::*;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
@@ -247,6 +247,17 @@ macro_rules! vector {
             #[inline(always)]
             fn positive(self) -> bool {
                 self.first() > 0.0
+            }
+            #[inline(always)]
+            fn apart<K: Task<U>, U: Real>(task: K) -> K::Output {
+                #[inline(never)]
+                #[target_feature(enable = $features)]
+                fn called<K: Task<U>, U: Real>(task: K) -> K::Output {
+                    task.run()
+                }
+                // SAFETY: (1)
+                #[allow(unused_unsafe)]
+                unsafe { called(task) }
             }
             #[inline(always)]
             fn size(self) -> f64 {
