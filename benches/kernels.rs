@@ -217,7 +217,7 @@ fn as_text() -> Vec<EffectId> {
             })
     };
     let (d, q) = (format!("v_err*2/3*({})", phase("cos")), format!("-v_err*2/3*({})", phase("sin")));
-    let saturated = "k/l_q*abs(lambda_q)**(s+2)/((s+2)*(0.3*one)**s)";
+    let saturated = "k/l_q*lambda_q**2*abs(lambda_q/one)**s/(s+2)";
     vec![
         text(
             "coulomb_friction",
@@ -237,7 +237,7 @@ fn as_text() -> Vec<EffectId> {
             "saturation_q",
             Side::Energy,
             &[saturated],
-            &[("k", "1", 2.0), ("s", "1", 8.0), ("one", "1", 2.0)],
+            &[("k", "1", 2.0), ("s", "1", 8.0), ("one", "V s", 2.0)],
         ),
     ]
 }

@@ -65,8 +65,8 @@ KNOWN: dict[str, tuple[dict[str, float], dict[str, Any], tuple[str, ...]]] = {
     "saturation_q": (
         {"k": 0.4, "s": 2.0},
         {
-            "energy": "c/l_q*abs(lambda_q)**(s+2)/(s+2)/unit**s",
-            "parameters": {"c": ("1", 0, 200), "s": ("1", 0.5, 6), "unit": ("V s", 0.9, 1.1)},
+            "energy": "c/l_q*lambda_q**2*abs(lambda_q/unit)**s/(s+2)",
+            "parameters": {"c": ("1", 0, 20, 0.3), "s": ("1", 0.5, 6), "unit": {"unit": "V s", "values": [0.5]}},
         },
         (),
     ),

@@ -185,8 +185,6 @@ def _check_bounds(where: str, out: Mapping[str, Any]) -> None:
     numbers = [out["low"], out["high"], out.get("typical", 0.0), *out["values"]]
     if not all(abs(x) < float("inf") for x in numbers):
         raise refuse(UsageError, f"{where} has a bound that is not finite", fix="give finite numbers")
-    if out["values"] and out["low"] == out["high"]:
-        raise refuse(UsageError, f"{where} has one value only", fix="write it into the formula")
 
 
 def is_definition(table: object) -> bool:

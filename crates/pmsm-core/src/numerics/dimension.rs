@@ -80,7 +80,7 @@ impl Dimension {
         while at < signs.len() {
             match signs[at] {
                 ' ' | '*' | '·' => at += 1,
-                '/' if !over && inside.is_none() => (over, at) = (true, at + 1),
+                '/' if !over => (over, at) = (true, at + 1),
                 '(' if inside.is_none() => (inside, over, at) = (Some(over), false, at + 1),
                 ')' if inside.is_some() => (inside, at) = (None, at + 1),
                 _ => {

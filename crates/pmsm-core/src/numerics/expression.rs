@@ -205,14 +205,14 @@ fn called<T: Real>(f: Function, x: T) -> T {
     }
 }
 
-/// Inverse tangent: atan x = 8·atan y for y = x/(1 + √(1 + x²)), taken three times, which is below 0.1, and then its series.
+/// Inverse tangent: atan x = 16·atan y for y = x/(1 + √(1 + x²)), taken four times, which is below 0.1, and then its series.
 fn atan<T: Real>(x: T) -> T {
     // Beyond it the tangent is π/2 to the last bit, and squares are finite before it.
     const FAR: f64 = 1e100;
     const TERMS: i32 = 8;
     let far = T::constant(FAR);
     let mut y = (x - far).if_positive(far, (-x - far).if_positive(-far, x));
-    for _ in 0..3 {
+    for _ in 0..4 {
         y = y / ((y.squared() + 1.0).sqrt() + 1.0);
     }
     let square = y.squared();
@@ -220,7 +220,7 @@ fn atan<T: Real>(x: T) -> T {
     for k in (0..TERMS).rev() {
         sum = -(sum * square) + 1.0 / f64::from(2 * k + 1);
     }
-    y * sum * 8.0
+    y * sum * 16.0
 }
 
 #[cfg(test)]

@@ -223,7 +223,8 @@ impl Definition {
             if let Err((problem, fix)) = Dimension::parse(&p.unit) {
                 return Err(self.wrong(format!("parameter '{shown}': {problem}"), fix));
             }
-            if !(p.low.is_finite() && p.high.is_finite() && p.low < p.high) {
+            let constant = p.low == p.high && !p.values.is_empty();
+            if !(p.low.is_finite() && p.high.is_finite() && (p.low < p.high || constant)) {
                 return wrong("has no range", "give two finite bounds, the lower one first");
             }
             if p.typical.is_some_and(|x| !(p.low..=p.high).contains(&x)) {

@@ -97,10 +97,10 @@ fn pairs() -> Vec<(EffectId, EffectId, Vec<f64>)> {
             EffectId::SaturationQ,
             effect(
                 Side::Energy,
-                &["k/l_q*abs(lambda_q)**(s+2)/((s+2)*0.3**s*lambda_1**s)"],
-                &[("k", "1", 0.0, 5.0), ("s", "1", 0.5, 10.0), ("lambda_1", "1", 0.5, 2.0)],
+                &["k/l_q*lambda_q**2*abs(lambda_q/lambda_0)**s/(s+2)"],
+                &[("k", "1", 0.0, 5.0), ("s", "1", 0.5, 10.0), ("lambda_0", "V s", 0.2, 0.5)],
             ),
-            vec![0.4, 2.5, 1.0],
+            vec![0.4, 2.5, 0.3],
         ),
         (
             EffectId::BackEmfHarmonics,
@@ -230,7 +230,7 @@ fn what_is_wrong_is_an_error_that_names_the_place() {
             &[k][..],
             "effect 'own', torque, character 3: there is no quantity 'omga_m'; did you mean omega_m?",
         ),
-        (&["k*w*w"], &[k], "in kg m^2 s^-3, and torque is in N m"),
+        (&["k*w*w"], &[k], "it is in W, and torque is in N m"),
         (&["k*w+w"], &[k], "character 4: the left side is in N m and the right side in rad/s"),
         (&["k*i_q"], &[k], "'i_q' is not known where torque is computed"),
         (&["k*w/w"], &[("k", "N m", 0.0, 1.0)], "divides by zero where"),

@@ -281,9 +281,9 @@ fn cut(name: &str) -> String {
 /// The advice to write the known name that is nearest.
 pub(crate) fn nearest(name: &str, known: &[&str]) -> String {
     let name = cut(name);
-    let best = known.iter().map(|k| (distance(&name, k), *k)).min();
+    let best = known.iter().map(|k| (distance(&name, k), k.len(), *k)).min();
     match best {
-        Some((away, best)) if away <= 1 + best.len() / 3 => format!("did you mean {best}?"),
+        Some((away, _, best)) if away <= 1 + best.len() / 3 => format!("did you mean {best}?"),
         _ => {
             format!("known here: {}", known.iter().take(MOST_LISTED).copied().collect::<Vec<_>>().join(", "))
         }
