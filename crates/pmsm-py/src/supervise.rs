@@ -17,7 +17,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// How often the calling thread looks for signals and progress.
-const LOOK: Duration = Duration::from_millis(50);
+const LOOK: Duration = Duration::from_millis(10);
 
 /// Where the last panic of this library happened; panics are reported as exceptions, not on standard error.
 static LAST_PANIC: Mutex<Option<String>> = Mutex::new(None);

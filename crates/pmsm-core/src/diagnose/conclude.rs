@@ -59,13 +59,9 @@ pub fn conclude(
         let asked = able::able(data).0;
         let worth = outcome.evidence.samples();
         let traces = power::Traces::new(data, &outcome.base.fitted);
-        outcome.shown = traces.survey(&asked, worth, true, monitor);
+        outcome.shown = traces.survey(&asked, worth, true, monitor)?;
     }
     let (mut verdict, mut ranked) = decide::decide(&outcome, cannot_tell(data, &outcome.best.fitted));
-    if monitor.cancelled() && matches!(verdict, Verdict::Unknown | Verdict::NoMismatch) {
-        // What was not tried is neither missing from the catalogue nor absent.
-        verdict = Verdict::Undetermined;
-    }
     let refuted = outcome.best.refuted;
     if refuted {
         // It stays a candidate, but is no model to predict with.
@@ -74,6 +70,7 @@ pub fn conclude(
     }
     let last = outcome.path.len() - 1;
     outcome.path.par_iter_mut().try_for_each(|judged| {
+        monitor.go_on()?;
         judged.fitted = final_estimate(data, &judged.fitted, monitor)?;
         Ok(())
     })?;
@@ -130,7 +127,7 @@ pub fn conclude(
         Verdict::Named | Verdict::Ambiguous => !remaining.is_empty(),
         _ => verdict == Verdict::Unknown,
     };
-    if found && open && !monitor.cancelled() {
+    if found && open {
         let mut earned = unmodelled::earned(data, judge, &outcome.best.fitted, monitor)?;
         earned.set = final_estimate(data, &earned.set, monitor)?;
         let nearest = earned.nearest.as_ref().map(|set| step(data, set));
@@ -143,7 +140,6 @@ pub fn conclude(
         }
     }
     if matches!(verdict, Verdict::Named | Verdict::Partial)
-        && !monitor.cancelled()
         && unmodelled::rival(data, judge, &outcome.best.fitted, monitor)?.is_some()
     {
         // Of the motion nothing is named; what acts in the voltage equations stays.
@@ -176,7 +172,7 @@ pub fn conclude(
     let best = &outcome.best;
     // What stays unknown is at least described, so that the model predicts.
     let described = match verdict {
-        Verdict::Unknown | Verdict::Partial if !monitor.cancelled() => {
+        Verdict::Unknown | Verdict::Partial => {
             Some(unmodelled::explain(data, judge, &best.fitted, monitor)?)
         }
         _ => None,
@@ -219,11 +215,6 @@ pub fn conclude(
     data_quality.extend(stated_load::may_be_off(data, &asymmetric));
     data_quality.extend(contradiction.map(|c| c.finding));
     data_quality.splice(0..0, ran_away);
-    data_quality.extend(monitor.cancelled().then(|| Finding {
-        finding: "the diagnosis was interrupted".into(),
-        consequence: "what had not been tried is neither named nor excluded".into(),
-        fix: "let it run to its end".into(),
-    }));
     data_quality.extend(judge.and_then(|judge| reach::judges_the_motion_alone(data, judge)));
     data_quality.extend(unforeseen);
     // What a model of the rest leaves on the validation run may be its own extrapolation, and so may what kept one from being believed.
