@@ -12,13 +12,13 @@ import click
 import pmsm_rs
 from pmsm_rs import DiagnosisOptions, effects, plot
 from pmsm_rs.cli import cli
-from pmsm_rs.notebook import Page
-from pmsm_rs.quantities import CANONICAL, LOGS
-from pmsm_rs.results import Candidate, Estimate, Location
-from pmsm_rs.tracking import Drift
-from pmsm_rs.units import UNITS
-from pmsm_rs.unmodelled import Term, Unmodelled
-from pmsm_rs.words import EQUATIONS, number, unit
+from pmsm_rs.live.tracker import Drift
+from pmsm_rs.quantities.canonical import CANONICAL, LOGS
+from pmsm_rs.quantities.units import UNITS
+from pmsm_rs.results.findings import Candidate, Estimate, Location
+from pmsm_rs.results.unmodelled import Term, Unmodelled
+from pmsm_rs.results.words import EQUATIONS, number, unit
+from pmsm_rs.view.notebook import Page
 
 SOURCES = Path(__file__).parents[1] / "crates" / "pmsm-core" / "src"
 

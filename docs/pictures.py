@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from matplotlib.figure import Figure
-from pmsm_rs import Diagnosis, budget, diagnose, effects, load, plot
-from pmsm_rs.words import estimate, percent, title
+from pmsm_rs import Diagnosis, diagnose, effects, load, plot
+from pmsm_rs.results import budget
+from pmsm_rs.results.words import estimate, percent, title
 
 DOCS: Final = Path(__file__).resolve().parent
 sys.path.insert(0, str(DOCS.parent))

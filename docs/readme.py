@@ -20,8 +20,8 @@ from shutil import copyfile
 
 import numpy as np
 from pmsm_rs import load
-from pmsm_rs.config import read_machine
-from pmsm_rs.demo import recording_files
+from pmsm_rs.config.machine_file import read_machine
+from pmsm_rs.support.demo import recording_files
 
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"

@@ -58,8 +58,8 @@ def corpus() -> dict[str, bytes]:
 def reader(name: str) -> Read:
     """What reads a file of that name."""
     import pmsm_rs as pm
-    from pmsm_rs.config import read_machine
-    from pmsm_rs.stream import batches
+    from pmsm_rs.config.machine_file import read_machine
+    from pmsm_rs.io.stream import batches
 
     if name.endswith(".toml"):
         return lambda path: void(read_machine(path))

@@ -7,7 +7,7 @@ inverter loses voltage in its dead time.
 """
 
 import pmsm_rs as pm
-from pmsm_rs.demo import recording_files
+from pmsm_rs.support.demo import recording_files
 
 run_file, other_file, machine_file = recording_files()
 run = pm.load(run_file, machine=machine_file)

@@ -8,8 +8,8 @@ Every plot draws on the matplotlib axes that it is given and returns them.
 import matplotlib.pyplot as plt
 import pmsm_rs as pm
 from pmsm_rs import plot
-from pmsm_rs.config import read_machine
-from pmsm_rs.demo import recording_files
+from pmsm_rs.config.machine_file import read_machine
+from pmsm_rs.support.demo import recording_files
 
 run_file, other_file, machine_file = recording_files()
 machine = read_machine(machine_file)

@@ -8,8 +8,8 @@ recording of the demo, the dead time of the inverter is taken for resistance.
 
 import pmsm_rs as pm
 from pmsm_rs import plot
-from pmsm_rs.config import read_machine
-from pmsm_rs.demo import recording_files
+from pmsm_rs.config.machine_file import read_machine
+from pmsm_rs.support.demo import recording_files
 
 run_file, _, machine_file = recording_files()
 machine = read_machine(machine_file)

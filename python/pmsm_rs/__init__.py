@@ -31,50 +31,50 @@ if TYPE_CHECKING:
         __version__,
     )
     from .answers import Diagnosis, Identification
-    from .fleet import Failure, Fleet, diagnose_many
-    from .inspecting import Inspection, inspect
-    from .loader import load
+    from .config.options import DiagnosisOptions
+    from .fleet.recordings import Failure, Fleet, diagnose_many
+    from .inspection.inspect import Inspection, inspect
+    from .io.loader import load
+    from .io.recording import Recording
+    from .live.tracker import Tracker, WindowEstimate, track
     from .model import Model
-    from .options import DiagnosisOptions
-    from .recording import Recording
-    from .registry import effects
+    from .results.registry import effects
     from .run import Swarm, diagnose, identify
-    from .simulation import Simulation, simulate
+    from .simulation.drive import Simulation, simulate
     from .systems import SystemFit, identify_system
-    from .tracking import Tracker, WindowEstimate, track
 
 _HOME = {
     "DataError": "_core",
     "Diagnosis": "answers",
-    "DiagnosisOptions": "options",
-    "Failure": "fleet",
+    "DiagnosisOptions": "config.options",
+    "Failure": "fleet.recordings",
     "Fitness": "_core",
-    "Fleet": "fleet",
+    "Fleet": "fleet.recordings",
     "Identification": "answers",
-    "Inspection": "inspecting",
+    "Inspection": "inspection.inspect",
     "InternalError": "_core",
     "Machine": "_core",
     "MachineError": "_core",
     "Model": "model",
     "NotIdentifiableError": "_core",
     "PmsmError": "_core",
-    "Recording": "recording",
-    "Simulation": "simulation",
+    "Recording": "io.recording",
+    "Simulation": "simulation.drive",
     "Swarm": "run",
     "SystemFit": "systems",
-    "Tracker": "tracking",
+    "Tracker": "live.tracker",
     "UsageError": "_core",
-    "WindowEstimate": "tracking",
+    "WindowEstimate": "live.tracker",
     "__version__": "_core",
     "diagnose": "run",
-    "diagnose_many": "fleet",
-    "effects": "registry",
+    "diagnose_many": "fleet.recordings",
+    "effects": "results.registry",
     "identify": "run",
     "identify_system": "systems",
-    "inspect": "inspecting",
-    "load": "loader",
-    "simulate": "simulation",
-    "track": "tracking",
+    "inspect": "inspection.inspect",
+    "load": "io.loader",
+    "simulate": "simulation.drive",
+    "track": "live.tracker",
 }
 
 __all__ = [

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, Self, overload
 
 from .errors import written_by
 from .model import Model
-from .results import DiagnosisValues, IdentificationValues, Traces
+from .results.findings import DiagnosisValues, IdentificationValues, Traces
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from .notebook import Page
+    from .view.notebook import Page
 
 # What draws and renders is fetched by those who use it: a fleet of diagnoses needs none of it.
 
@@ -35,12 +35,12 @@ class Identification(IdentificationValues):
         return f"<Identification by {self.method}, {state}: {', '.join(self.parameters)}>"
 
     def __str__(self) -> str:
-        from .summary import identification
+        from .view.summary import identification
 
         return identification(self)
 
     def _repr_html_(self) -> str:
-        from .notebook import identification
+        from .view.notebook import identification
 
         return identification(self)
 
@@ -103,8 +103,8 @@ class Diagnosis(DiagnosisValues):
         `command` is the command line that made the answer, where there is one; the page shows it. The same
         answer, title and command give the same bytes. Raises UsageError if it cannot be written.
         """
-        from .notebook import Page
-        from .report import render
+        from .view.notebook import Page
+        from .view.report import render
 
         page = Page(render(self, title, command))
         if path is None:
@@ -128,7 +128,7 @@ class Diagnosis(DiagnosisValues):
 
         Raises UsageError if it cannot.
         """
-        from .trajectories import write
+        from .results.trajectories import write
 
         write(self, path)
 
@@ -147,11 +147,11 @@ class Diagnosis(DiagnosisValues):
         return f"<Diagnosis: {self.verdict}{': ' if chosen else ''}{', '.join(chosen)}{state}>"
 
     def __str__(self) -> str:
-        from .summary import diagnosis
+        from .view.summary import diagnosis
 
         return diagnosis(self)
 
     def _repr_html_(self) -> str:
-        from .notebook import diagnosis
+        from .view.notebook import diagnosis
 
         return diagnosis(self)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from .registry import effect, effects
-from .words import EQUATIONS, number, unit
+from .results.registry import effect, effects
+from .results.words import EQUATIONS, number, unit
 
 
 def overview() -> str:

@@ -10,7 +10,7 @@ from ._core import Machine, UsageError
 from .errors import refuse
 
 if TYPE_CHECKING:
-    from .config import MachineFile
+    from .config.machine_file import MachineFile
 
     Described = Machine | MachineFile | str | os.PathLike[str]
     Run = _core.Recording | str | os.PathLike[str]
@@ -24,7 +24,7 @@ def machine_of(given: object) -> Machine | MachineFile:
     """
     if isinstance(given, Machine):
         return given
-    from .config import MachineFile, read_machine
+    from .config.machine_file import MachineFile, read_machine
 
     if isinstance(given, MachineFile):
         return given
@@ -45,7 +45,7 @@ def recording_of(given: object, machine: Machine | MachineFile) -> _core.Recordi
     if isinstance(given, _core.Recording):
         return given
     if isinstance(given, str | os.PathLike):
-        from .loader import load
+        from .io.loader import load
 
         return load(given, machine)
     raise refuse(

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any, Self
 from . import _core
 from ._core import Machine, UsageError
 from .errors import did_you_mean, refuse
-from .results import Estimate, estimates
+from .results.findings import Estimate, estimates
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
+    from .io.recording import Recording
     from .progress import Progress
-    from .recording import Recording
-    from .simulation import Simulation
+    from .simulation.drive import Simulation
 
     Columns = dict[str, NDArray[np.float64]]
 
@@ -314,7 +314,7 @@ class Model(Mapping[str, Any]):
 
     def simulate(self, config: Any = None, /, **tables: Any) -> Simulation:
         """This motor in a closed-loop drive: `pmsm_rs.simulate` with this model as machine and effects."""
-        from .simulation import simulate
+        from .simulation.drive import simulate
 
         return simulate(config, **({"effects": self} | tables))
 
@@ -344,6 +344,6 @@ class Model(Mapping[str, Any]):
 
 
 def _units(effect: str) -> dict[str, str]:
-    from .registry import effect as entry
+    from .results.registry import effect as entry
 
     return {p["name"]: p["unit"] for p in entry(effect)["parameters"]}

@@ -13,19 +13,19 @@ import numpy as np
 from . import _core
 from ._core import DataError, Machine, NotIdentifiableError, Recording, UsageError
 from .answers import Diagnosis, Identification
-from .conventions import scaled
-from .corrections import corrected, of_load
+from .config.options import DiagnosisOptions
+from .config.rules import Rule
 from .errors import NothingToAsk, did_you_mean, expect, expect_whole, fact, refuse
 from .given import machine_of, recording_of
-from .options import DiagnosisOptions
+from .io.conventions import scaled
+from .io.corrections import corrected, of_load
+from .io.reading import Account, told, warnings
 from .progress import Progress
-from .provenance import dated, stated
-from .reading import Account, told, warnings
-from .rules import Rule
-from .words import lower_first
+from .results.provenance import dated, stated
+from .results.words import lower_first
 
 if TYPE_CHECKING:
-    from .config import MachineFile
+    from .config.machine_file import MachineFile
     from .given import Described, Run
 
 METHODS = ("pso", "lm", "pso+lm")
@@ -227,7 +227,7 @@ def _with_formulas(
     """The answer with formulas for the torque that has no name, where that is asked of a single recording."""
     if len(recordings) != 1 or data.get("interrupted"):
         return data
-    from . import unknown_torque
+    from .formulas import unknown_torque
 
     try:
         formulas = unknown_torque.found(data, traces, recordings[0], validation)

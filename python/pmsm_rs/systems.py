@@ -14,7 +14,7 @@ from . import _core
 from ._core import DataError, UsageError
 from .errors import did_you_mean, expect_whole, refuse
 from .progress import Progress
-from .results import Fit
+from .results.findings import Fit
 from .run import METHODS, ORDINARY, Swarm
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from typing import Any
 import pmsm_rs as pm
 from conftest import ROOT
 from pmsm_rs import Diagnosis
-from pmsm_rs.config import read_machine
+from pmsm_rs.config.machine_file import read_machine
 
 sys.path.insert(0, str(ROOT))
 

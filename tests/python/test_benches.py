@@ -8,7 +8,7 @@ import numpy as np
 import pmsm_rs as pm
 import pytest
 from conftest import Columns, csv_text, plausible
-from pmsm_rs.held import held
+from pmsm_rs.io.held import held
 
 
 def held_for(values: np.ndarray, rows: int, first: int = 0) -> np.ndarray:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pmsm_rs as pm
 import pytest
-from pmsm_rs.budget import judged, sentence, shares
-from pmsm_rs.demo import recording_files
-from pmsm_rs.results import Budget
+from pmsm_rs.results.budget import judged, sentence, shares
+from pmsm_rs.results.findings import Budget
+from pmsm_rs.support.demo import recording_files
 
 ENTRY = {
     "run": "recording",

@@ -11,7 +11,7 @@ import numpy as np
 import pmsm_rs as pm
 import pytest
 from conftest import Columns, Ran, csv_text
-from pmsm_rs.demo import recording_files
+from pmsm_rs.support.demo import recording_files
 from test_captures import NAMEPLATE, terminals
 
 Run = Callable[..., Ran]
@@ -138,7 +138,7 @@ def test_the_machine_file_is_reduced_to_known_keys(
     recording, machine = bench
     run("bundle", recording, "--machine", machine, "-o", tmp_path / "bug.zip")
     folder = opened(tmp_path / "bug.zip", tmp_path / "bug")
-    from pmsm_rs.config import read_machine
+    from pmsm_rs.config.machine_file import read_machine
 
     old, new = read_machine(machine), read_machine(folder / "machine.toml")
     assert (new.machine, new.load, new.load_value) == (old.machine, old.load, old.load_value)

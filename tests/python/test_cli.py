@@ -14,7 +14,7 @@ import pmsm_rs as pm
 import pyarrow.parquet
 import pytest
 from conftest import MACHINE, Ran, csv_text, plausible
-from pmsm_rs.demo import recording_files, sealed
+from pmsm_rs.support.demo import recording_files, sealed
 
 Run = Callable[..., Ran]
 

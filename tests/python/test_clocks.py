@@ -10,7 +10,7 @@ import numpy as np
 import pmsm_rs as pm
 import pytest
 from conftest import Columns, csv_text
-from pmsm_rs.timing import spread, unwrapped
+from pmsm_rs.io.timing import spread, unwrapped
 
 BEGAN = datetime(2024, 3, 1, 16, 53, 12, 590000)
 

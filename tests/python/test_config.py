@@ -8,7 +8,7 @@ from pathlib import Path
 import pmsm_rs as pm
 import pytest
 from conftest import MACHINE, Ran, csv_text, plausible
-from pmsm_rs.config import read_machine
+from pmsm_rs.config.machine_file import read_machine
 
 BAD = {
     "no TOML": ("[machine\nn_p = 3", ["TOML", "line 1"]),

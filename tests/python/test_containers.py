@@ -13,7 +13,7 @@ import numpy as np
 import pmsm_rs as pm
 import pytest
 from conftest import Columns, csv_text
-from pmsm_rs.formats import isolated
+from pmsm_rs.io.formats import isolated
 
 UNITS = {"t": "s", "v_d": "V", "v_q": "V", "i_d": "A", "i_q": "A", "theta_e": "rad", "omega_e": "rad/s"}
 

@@ -9,9 +9,9 @@ import pmsm_rs as pm
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pmsm_rs.checks import angle_against_speed
-from pmsm_rs.conventions import scaled
-from pmsm_rs.rules import Rule
+from pmsm_rs.config.rules import Rule
+from pmsm_rs.io.checks import angle_against_speed
+from pmsm_rs.io.conventions import scaled
 
 PLATE = {"r_s": 0.9, "l_d": 0.0096, "l_q": 0.0213, "psi_m": 0.193, "j": 0.0126}
 RULES = {name: Rule(f"x_{name}", name[0].upper().replace("I", "A")) for name in ("v_d", "v_q", "i_d", "i_q")}

@@ -17,8 +17,8 @@ import pmsm_rs as pm
 import pytest
 from conftest import Columns
 from pmsm_rs import _core
-from pmsm_rs.config import read_machine
-from pmsm_rs.demo import recording_files
+from pmsm_rs.config.machine_file import read_machine
+from pmsm_rs.support.demo import recording_files
 
 PACKAGE = Path(pm.__file__).parent
 

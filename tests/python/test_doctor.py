@@ -15,7 +15,8 @@ from typing import Any
 import pmsm_rs as pm
 import pytest
 from conftest import ROOT, Ran
-from pmsm_rs import _core, doctor
+from pmsm_rs import _core
+from pmsm_rs.support import doctor
 
 Run = Callable[..., Ran]
 WIDTHS = {"portable": 1, "sse2": 2, "avx2": 4, "avx512": 8}
@@ -107,7 +108,7 @@ def test_a_broken_library_is_told_by_its_error(monkeypatch: pytest.MonkeyPatch, 
 
 
 def test_what_cannot_be_read_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pmsm_rs.demo._FOLDER", ROOT / "absent")
+    monkeypatch.setattr("pmsm_rs.support.demo._FOLDER", ROOT / "absent")
     found = doctor.examine()
     assert not found.is_sound
     assert "reading the demo recording fails with UsageError" in str(found)

@@ -17,10 +17,10 @@ import numpy as np
 import pmsm_rs as pm
 import pytest
 from conftest import PACKAGE, Ran, csv_text
-from pmsm_rs import crew
-from pmsm_rs.columns import Rule
-from pmsm_rs.config import MachineFile
-from pmsm_rs.crew import Task
+from pmsm_rs.config.machine_file import MachineFile
+from pmsm_rs.fleet import crew
+from pmsm_rs.fleet.crew import Task
+from pmsm_rs.io.columns import Rule
 
 MACHINE = pm.Machine(n_p=3, r_s=0.9, l_d=0.0096, l_q=0.0213, psi_m=0.193, j=0.0126, b=0.0017)
 SPAWN = multiprocessing.get_context("spawn")
@@ -281,7 +281,7 @@ def test_ctrl_c_leaves_a_ledger_to_go_on_from(long_files: list[Path], machine_fi
     assert "Interrupted" in out
     assert 1 <= len(done) < len(long_files)
     assert all(entry["answer"]["interrupted"] is False for entry in done)
-    from pmsm_rs.ledger import Ledger
+    from pmsm_rs.fleet.ledger import Ledger
 
     with Ledger(ledger) as book:
         assert len(book.entries) == len(done)

@@ -17,7 +17,7 @@ import scipy.io
 from conftest import ROOT, Columns, csv_text, plausible
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pmsm_rs.formats.ahead import Opening
+from pmsm_rs.io.formats.ahead import Opening
 
 
 def check(recording: pm.Recording, columns: Columns, rtol: float = 1e-12) -> None:

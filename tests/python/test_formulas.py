@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pmsm_rs as pm
 import pytest
-from pmsm_rs.formulas import search
-from pmsm_rs.weak_form import Motion, windows
+from pmsm_rs.formulas.search import search
+from pmsm_rs.formulas.weak_form import Motion, windows
 
 J = 0.004
 Torque = Callable[[Any, Any, Any], Any]

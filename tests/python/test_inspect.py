@@ -15,13 +15,13 @@ import pytest
 from conftest import Columns, Ran, csv_text, plausible
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pmsm_rs.config import read_machine
-from pmsm_rs.demo import recording_files
-from pmsm_rs.inspected import plain, text
-from pmsm_rs.poles import pole_pairs
-from pmsm_rs.sampling import Sampling
-from pmsm_rs.signals import STRETCHES, Signal, course
-from pmsm_rs.sparkline import ASCII, sparkline
+from pmsm_rs.config.machine_file import read_machine
+from pmsm_rs.inspection.text import plain, text
+from pmsm_rs.io.sampling import Sampling
+from pmsm_rs.io.signals import STRETCHES, Signal, course
+from pmsm_rs.plot.sparkline import ASCII, sparkline
+from pmsm_rs.quantities.poles import pole_pairs
+from pmsm_rs.support.demo import recording_files
 
 Run = Callable[..., Ran]
 

@@ -35,10 +35,19 @@ def needs(root: Path) -> dict[str, set[str]]:
 
 def test_no_module_needs_one_that_needs_it() -> None:
     graph = needs(Path(pm.__file__).parent)
-    assert {"results", "words"} <= graph["summary"]
-    assert "fleet" in graph["__init__"]
+    assert {"results.findings", "results.words"} <= graph["view.summary"]
+    assert "fleet.recordings" in graph["__init__"]
     order = list(TopologicalSorter(graph).static_order())
-    assert order.index("results") < order.index("report") < order.index("__init__")
+    assert order.index("results.findings") < order.index("view.report") < order.index("__init__")
+
+
+def test_no_package_needs_one_that_needs_it() -> None:
+    packages: dict[str, set[str]] = {}
+    for module, needed in needs(Path(pm.__file__).parent).items():
+        home = module.split(".")[0]
+        packages.setdefault(home, set()).update({name.split(".")[0] for name in needed} - {home})
+    order = list(TopologicalSorter(packages).static_order())
+    assert order.index("quantities") < order.index("io") < order.index("view") < order.index("cli")
 
 
 def test_an_import_within_a_function_counts(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ import pmsm_rs as pm
 import pytest
 from conftest import MACHINE, Columns, Ran
 from mcap.writer import Writer as McapWriter
-from pmsm_rs.formats import isolated
+from pmsm_rs.io.formats import isolated
 from rosbags.rosbag1 import Writer as BagWriter
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2Writer
@@ -305,8 +305,8 @@ def test_another_kind_of_description_is_an_error_of_the_machine_file(tmp_path: P
 
 
 def test_a_description_is_a_part_of_the_question(tmp_path: Path, machine: Path) -> None:
-    from pmsm_rs.config import read_machine
-    from pmsm_rs.crew import Task
+    from pmsm_rs.config.machine_file import read_machine
+    from pmsm_rs.fleet.crew import Task
 
     (tmp_path / "drive.dbc").write_text(DBC)
     fields = dict.fromkeys(("recording", "validation"), None)

@@ -6,10 +6,10 @@ import numpy as np
 import pmsm_rs as pm
 import pytest
 from conftest import csv_text
-from pmsm_rs import demo
-from pmsm_rs.config import read_machine
-from pmsm_rs.corrections import corrected, of_load, undoing
-from pmsm_rs.rules import Rule
+from pmsm_rs.config.machine_file import read_machine
+from pmsm_rs.config.rules import Rule
+from pmsm_rs.io.corrections import corrected, of_load, undoing
+from pmsm_rs.support import demo
 
 pq = pytest.importorskip("pyarrow.parquet")
 

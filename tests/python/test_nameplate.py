@@ -14,9 +14,9 @@ import pytest
 from conftest import Ran
 from hypothesis import given
 from hypothesis import strategies as st
-from pmsm_rs.compound import EXAMPLES, compound
-from pmsm_rs.config import MachineFile, read_machine
-from pmsm_rs.demo import recording_files
+from pmsm_rs.config.machine_file import MachineFile, read_machine
+from pmsm_rs.quantities.compound import EXAMPLES, compound
+from pmsm_rs.support.demo import recording_files
 
 Read = Callable[[str], MachineFile]
 

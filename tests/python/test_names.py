@@ -12,8 +12,8 @@ import pytest
 from conftest import Columns, csv_text
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pmsm_rs.formats.sniff import name_and_unit
-from pmsm_rs.naming import meaning
+from pmsm_rs.io.formats.sniff import name_and_unit
+from pmsm_rs.io.naming import meaning
 
 
 def several(plain: str, *spaced: str) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pmsm_rs as pm
 import pytest
-from pmsm_rs.headline import headline
+from pmsm_rs.view.headline import headline
 
 R_S, L_Q, PSI_M, N_P = 0.5, 3e-4, 0.004, 7
 J, TAU_C = 2e-5, 0.004

@@ -8,7 +8,7 @@ from dataclasses import asdict
 import pmsm_rs as pm
 import pytest
 from pmsm_rs import _core
-from pmsm_rs.demo import recording_files
+from pmsm_rs.support.demo import recording_files
 
 
 def test_the_options_are_those_of_the_core_with_their_values() -> None:

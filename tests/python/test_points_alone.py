@@ -9,7 +9,7 @@ import re
 import numpy as np
 import pmsm_rs as pm
 import pytest
-from pmsm_rs.headline import headline
+from pmsm_rs.view.headline import headline
 
 R_S, L_D, L_Q, PSI_M, N_P = 0.02, 1.5e-4, 4e-4, 0.05, 4
 

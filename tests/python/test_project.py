@@ -131,15 +131,16 @@ def test_the_map_names_modules_that_exist() -> None:
         (package, "python/pmsm_rs", ".py"),
     ):
         for row in re.findall(r"^\| [^|`]+\|(.*)\|$", part, re.M):
-            for name in re.findall(r"`([a-z_]+)/?`", row):
+            for name in re.findall(r"`([a-z_/]+?)/?`", row):
                 places = [
                     ROOT / folder / f"{name}{ending}",
                     ROOT / folder / name,
                     ROOT / folder / "cli" / f"{name}.py",
-                    ROOT / folder / "formats" / f"{name}.py",
                     ROOT / folder / f"{name}.pyi",
                 ]
                 assert any(place.exists() for place in places), name
+    for path in re.findall(r"`(python/[a-z_/]+\.py)`", text):
+        assert (ROOT / path).exists(), path
     for path in re.findall(r"(?:core: |<br/>)(diagnose/[a-z_]+)", text):
         assert (ROOT / "crates/pmsm-core/src" / f"{path}.rs").exists(), path
 

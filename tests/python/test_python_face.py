@@ -17,8 +17,8 @@ import polars as pl
 import pyarrow as pa
 import pytest
 from conftest import MACHINE, Columns, csv_text
-from pmsm_rs.config import read_machine
-from pmsm_rs.demo import recording_files
+from pmsm_rs.config.machine_file import read_machine
+from pmsm_rs.support.demo import recording_files
 
 ORDER = ["t", "v_d", "v_q", "i_a", "i_b", "i_c", "theta_e", "omega_e"]
 ROWS = 1500

@@ -13,8 +13,8 @@ import numpy as np
 import pmsm_rs as pm
 import pytest
 from conftest import MACHINE, Columns, Ran, csv_text
-from pmsm_rs.headline import headline
-from pmsm_rs.report import chip
+from pmsm_rs.view.headline import headline
+from pmsm_rs.view.report import chip
 
 Run = Callable[..., Ran]
 KNOWN = pm.Machine(n_p=3, r_s=0.9, l_d=0.0096, l_q=0.0213, psi_m=0.193, j=0.0126, b=0.0017)

@@ -11,7 +11,7 @@ import numpy as np
 import pmsm_rs as pm
 import pytest
 from numpy.typing import NDArray
-from pmsm_rs.config import read_machine
+from pmsm_rs.config.machine_file import read_machine
 from scipy import io, signal
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -13,13 +13,15 @@ from typing import Any
 import numpy as np
 import pmsm_rs as pm
 import pytest
-from pmsm_rs import palette, plot_data, traces
-from pmsm_rs.advice import next_step
-from pmsm_rs.charts import Axis, Panel
-from pmsm_rs.config import read_machine
-from pmsm_rs.corrected import machine_file
-from pmsm_rs.demo import recording_files
-from pmsm_rs.tables import motor_rows
+from pmsm_rs.config.machine_file import read_machine
+from pmsm_rs.plot import palette
+from pmsm_rs.results import traces
+from pmsm_rs.support.demo import recording_files
+from pmsm_rs.view import plot_data
+from pmsm_rs.view.advice import next_step
+from pmsm_rs.view.charts import Axis, Panel
+from pmsm_rs.view.corrected import machine_file
+from pmsm_rs.view.tables import motor_rows
 from test_results import ANSWER, Tags, diagnosis, estimate
 
 MACHINE: dict[str, Any] = {

@@ -17,9 +17,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.axes import Axes
-from pmsm_rs import Diagnosis, Identification, plot, words
-from pmsm_rs import traces as reduced
-from pmsm_rs.results import Estimate
+from pmsm_rs import Diagnosis, Identification, plot
+from pmsm_rs.results import traces as reduced
+from pmsm_rs.results import words
+from pmsm_rs.results.findings import Estimate
 
 
 def estimate(value: float, stderr: float | None, unit: str) -> dict[str, Any]:

@@ -7,9 +7,9 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pmsm_rs import words
-from pmsm_rs.results import Estimate
-from pmsm_rs.rounding import fixed, last_place, rounded
+from pmsm_rs.results import words
+from pmsm_rs.results.findings import Estimate
+from pmsm_rs.results.rounding import fixed, last_place, rounded
 
 
 @pytest.mark.parametrize(

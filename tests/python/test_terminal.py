@@ -18,7 +18,7 @@ from conftest import Ran, csv_text, plausible
 from pmsm_rs.cli import cli, terminal
 from pmsm_rs.cli.manual import page
 from pmsm_rs.cli.progress import DIAGNOSIS, WIDTH, Bar, identification
-from pmsm_rs.demo import recording_files
+from pmsm_rs.support.demo import recording_files
 
 Run = Callable[..., Ran]
 RECORDING, VALIDATION, MACHINE = recording_files()

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pmsm_rs as pm
 import pytest
-from pmsm_rs.config import read_machine
+from pmsm_rs.config.machine_file import read_machine
 
 pytest.importorskip("numba")
 pq = pytest.importorskip("pyarrow.parquet")

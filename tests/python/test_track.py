@@ -17,8 +17,8 @@ import numpy as np
 import pmsm_rs as pm
 import pytest
 from conftest import Ran
-from pmsm_rs.columns import Rule
-from pmsm_rs.stream import batches
+from pmsm_rs.io.columns import Rule
+from pmsm_rs.io.stream import batches
 
 Run = Callable[..., Ran]
 RATE = 10e3

@@ -10,10 +10,10 @@ import pytest
 from conftest import plausible
 from hypothesis import given
 from hypothesis import strategies as st
-from pmsm_rs.columns import Rule, assemble
-from pmsm_rs.frames import frame_source
-from pmsm_rs.quantities import CANONICAL
-from pmsm_rs.units import UNITS, canonical, to_si
+from pmsm_rs.io.columns import Rule, assemble
+from pmsm_rs.io.frames import frame_source
+from pmsm_rs.quantities.canonical import CANONICAL
+from pmsm_rs.quantities.units import UNITS, canonical, to_si
 
 EPSILON = float(np.finfo(float).eps)
 SMALLEST = float(np.finfo(float).smallest_subnormal)

@@ -11,7 +11,7 @@ import pytest
 from concealed import diagnosed
 from pmsm_rs import Diagnosis
 from pmsm_rs.plot import unmodelled as draw
-from pmsm_rs.unmodelled import Term, functions
+from pmsm_rs.results.unmodelled import Term, functions
 
 pytest.importorskip("numba")
 

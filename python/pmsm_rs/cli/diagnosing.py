@@ -37,10 +37,10 @@ AHEAD: Final = 4
 def demo(report_file: str, json_file: str | None, threads: int | None, seed: int) -> int:
     """Diagnose a recording that ships with the package, then open the seal on what was put into it."""
     from ..atomic import apart
-    from ..config import read_machine
-    from ..demo import compare, recording_files
-    from ..loader import load
+    from ..config.machine_file import read_machine
+    from ..io.loader import load
     from ..run import diagnose as run
+    from ..support.demo import compare, recording_files
 
     recording, validation, machine_file = recording_files()
     apart([json_file, report_file], [])
@@ -134,16 +134,16 @@ def diagnose(
     from .. import _core
     from ..atomic import apart
     from ..errors import NothingToAsk
-    from ..formats.ahead import Opening
-    from ..recording import DEFAULT_MAX_BYTES
+    from ..io.formats.ahead import Opening
+    from ..io.recording import DEFAULT_MAX_BYTES
 
     apart([json_file, report_file, trajectories], [*recordings, machine_file, validation])
     files = [*recordings, *([] if validation is None else [validation])]
     ahead = [Opening(file, DEFAULT_MAX_BYTES) for file in files[:AHEAD]]
     # Meanwhile comes what takes long to import.
-    from ..config import read_machine
-    from ..loader import load
-    from ..options import DiagnosisOptions
+    from ..config.machine_file import read_machine
+    from ..config.options import DiagnosisOptions
+    from ..io.loader import load
     from ..run import diagnose as run
     from ..run import refused, unanswered
 
@@ -248,9 +248,9 @@ def fleet(
     from concurrent.futures import ThreadPoolExecutor
 
     from ..atomic import apart
-    from ..config import read_machine
-    from ..fleet import diagnose_many
-    from ..results import json_text
+    from ..config.machine_file import read_machine
+    from ..fleet.recordings import diagnose_many
+    from ..results.findings import json_text
 
     apart([json_file, ledger], [*recordings, machine_file])
     machine = read_machine(machine_file, allow_outside=allow_outside)

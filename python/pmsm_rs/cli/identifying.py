@@ -46,8 +46,8 @@ def identify(
 ) -> int:
     """Estimate the parameters of the dq-model from RECORDING."""
     from ..atomic import apart
-    from ..config import read_machine
-    from ..loader import load
+    from ..config.machine_file import read_machine
+    from ..io.loader import load
     from ..run import Swarm
     from ..run import identify as run
 
@@ -108,7 +108,7 @@ def track(
     With - samples are read from standard input as they come: CSV with a header, or one JSON object per line.
     Each window is written to standard output as one JSON object as soon as it is complete.
     """
-    from ..live import Request, follow
+    from ..live.command import Request, follow
 
     request = Request(
         recording,

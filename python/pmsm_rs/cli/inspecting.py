@@ -55,9 +55,9 @@ def inspect(
     A file that cannot be diagnosed yet is shown as far as possible, with all that is to be settled.
     """
     from ..atomic import apart
-    from ..inspected import next_steps, plain, text
-    from ..inspecting import expect_new
-    from ..inspecting import inspect as run
+    from ..inspection.inspect import expect_new
+    from ..inspection.inspect import inspect as run
+    from ..inspection.text import next_steps, plain, text
 
     apart([written, json_file], [file, machine_file])
     if written is not None:

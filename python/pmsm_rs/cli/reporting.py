@@ -22,7 +22,7 @@ def doctor(json_file: str | None) -> int:
     Versions, the instruction set and the threads of the core, and the formats that can be read, with what to
     install for the others. Paste it into a bug report; it names no user, host or folder.
     """
-    from ..doctor import examine
+    from ..support.doctor import examine
 
     found = examine()
     failed = terminal.deliver(lambda: found, terminal.as_json(json_file, found.to_json))
@@ -30,7 +30,7 @@ def doctor(json_file: str | None) -> int:
 
 
 def _rows(_context: click.Context, _parameter: click.Parameter, text: str | None) -> slice:
-    from ..bundling import parse_rows
+    from ..support.bundling import parse_rows
 
     return slice(None) if text is None else parse_rows(text)
 
@@ -72,7 +72,7 @@ def bundle(
     if --rows cuts nothing off.
     """
     from ..atomic import apart
-    from ..bundling import bundle as run
+    from ..support.bundling import bundle as run
 
     apart([output], [recording, machine_file, validation, answer])
     terminal.show(run(recording, machine_file, output, validation=validation, answer=answer, rows=rows))

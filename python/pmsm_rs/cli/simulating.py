@@ -39,7 +39,7 @@ from .help import Command, codes
 def simulate(config: str, output: str, truth: bool, machine_file: str | None, seed: int | None) -> int:
     """Make a recording: a closed-loop drive with any effects, as CONFIG.toml describes it."""
     from ..atomic import apart
-    from ..simulation import simulate as run
+    from ..simulation.drive import simulate as run
 
     apart([output, machine_file], [config])
     made = run(
@@ -82,7 +82,7 @@ def reproduce(figures: tuple[str, ...], folder: str) -> int:
 
 
 def _names(_context: click.Context, _parameter: click.Parameter, begin: str) -> list[str]:
-    from ..registry import effects
+    from ..results.registry import effects
 
     return [entry["id"] for entry in effects() if entry["id"].startswith(begin)]
 

@@ -20,7 +20,7 @@ _BASE = {
 
 def header(model: Model) -> list[str]:
     """Lines that say what the model is: its machine, and each effect with its equation and its values."""
-    from ..registry import effect as entry
+    from ..results.registry import effect as entry
 
     specification = model.specification
     base = specification["base"]
@@ -45,7 +45,7 @@ def header(model: Model) -> list[str]:
 
 def sites(model: Model) -> dict[str, str]:
     """Where each effect acts: electrical, mechanical or sensor."""
-    from ..registry import effect as entry
+    from ..results.registry import effect as entry
 
     return {name: str(entry(name)["acts_in"]) for name in model.effects}
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._core import Machine
+from ..live.tracker import Tracker, WindowEstimate
 from ..progress import Progress
 from ..run import Swarm
-from ..simulation import simulate
-from ..tracking import Tracker, WindowEstimate
+from ..simulation.drive import simulate
 from . import setup
 
 Column = NDArray[np.float64]

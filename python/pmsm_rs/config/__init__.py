@@ -1,0 +1,1 @@
+"""The machine file and the options: checked, everything wrong said at once."""

@@ -1,0 +1,1 @@
+"""Formulas for a torque that has no name."""

@@ -1,0 +1,60 @@
+"""Formulas for the torque that an answer could not name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from ..model import Model
+from . import search as formulas
+from .weak_form import Motion, motion, windows
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from .._core import Recording
+
+    Trace = Mapping[str, NDArray[np.float64]]
+
+_ASKED = ("unknown", "partial")
+_LOADS = ("none", "known_constant", "measured", "unknown_constant")
+
+
+def found(
+    data: Mapping[str, Any], traces: Mapping[str, Trace], recording: Recording, validation: Recording | None
+) -> list[dict[str, Any]] | None:
+    """Formulas for what remains of the equation of motion, as JSON objects; see `formulas.Formula`.
+
+    `data` is the JSON answer, `traces` are its signals. An empty list says that no simple formula describes
+    it. None where the question does not arise: nothing remains there, the verdict is another, or the
+    recording does not hold what it takes.
+    """
+    remains = any(entry["equation"] == "mechanical" for entry in data.get("remaining", ()))
+    specification = data["model"].get("specification")
+    if data["verdict"] not in _ASKED or not remains or specification is None:
+        return None
+    named = Model({**data["model"], "specification": {**specification, "map": []}})
+    run = _motion(named, traces.get("recording"), recording)
+    form = None if run is None else windows(run)
+    if form is None:
+        return None
+    other = None if validation is None else _motion(named, traces.get("validation"), validation)
+    check = None if other is None else windows(other)
+    told = formulas.search(form, check, j=specification["base"]["j"])
+    return [formula.to_dict() for formula in told]
+
+
+def _motion(model: Model, trace: Trace | None, recording: Recording) -> Motion | None:
+    """The motion of a run; none where its load steps at unknown times, or where the trace is another's."""
+    if not trace or recording.load not in _LOADS or len(trace["t"]) != len(recording):
+        return None
+    load: Any = 0.0
+    if recording.load == "known_constant":
+        load = recording.load_value or 0.0
+    elif recording.load == "measured":
+        load = recording.column("tau_m")
+    elif recording.load == "unknown_constant":
+        load = None
+    tau_e = recording.column("tau_e") if "tau_e" in recording.names else None
+    return motion(model, trace, load=load, tau_e=tau_e)

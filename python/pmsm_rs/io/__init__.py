@@ -1,0 +1,1 @@
+"""Reading: from a file or a frame to a checked recording."""

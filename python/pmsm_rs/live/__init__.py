@@ -1,0 +1,1 @@
+"""Online identification, window by window."""

@@ -1,0 +1,1 @@
+"""Units, the canonical columns, and the words by which files name them."""

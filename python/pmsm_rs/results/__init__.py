@@ -1,0 +1,1 @@
+"""What answers hold: values over the JSON, their words, tables and traces."""

@@ -1,0 +1,27 @@
+"""The catalogue of effects as the core knows it."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from .. import _core
+from .._core import UsageError
+from ..errors import did_you_mean, refuse
+
+
+def effects() -> list[dict[str, Any]]:
+    """The catalogue: per effect id, title, sentence, equation, acts_in, source, parameters, derived,
+    look_alikes, fingerprint. `derived` are results that an answer gives beside or in place of parameters:
+    name, unit, meaning.
+    """
+    catalogue: list[dict[str, Any]] = json.loads(_core.effects())
+    return catalogue
+
+
+def effect(name: str) -> dict[str, Any]:
+    """One entry of the catalogue by its id. Raises UsageError naming the nearest ids."""
+    known = {entry["id"]: entry for entry in effects()}
+    if name not in known:
+        raise refuse(UsageError, f"there is no effect '{name}'", fix=did_you_mean(name, known))
+    return known[name]

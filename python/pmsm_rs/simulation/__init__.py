@@ -1,0 +1,1 @@
+"""A closed-loop drive that makes recordings."""

@@ -1,0 +1,133 @@
+"""A closed-loop drive that makes recordings whose truth is known."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import _core, atomic
+from .._core import Machine, MachineError, NotIdentifiableError, UsageError
+from ..config.nameplate import machine_text
+from ..io.recording import Recording
+from ..progress import Progress
+from ..quantities.canonical import ordered
+from ..results import tabular
+from . import settings as simulation_config
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What a simulated recording is the recording of.
+
+    `base` maps the base parameters to their values at the start (SI). `effects` maps each effect to its
+    parameters by name and, where they differ, to what an identification reports of it. `scales` are those at
+    which the effects' parameters are meant. `traces` maps names to arrays of shape (samples,): `i_d`, `i_q`
+    (A), `theta_m` (rad), `omega_m` (rad/s), `tau_e`, `tau_load` (N·m), and each base parameter that drifts.
+    `tau_load_disturbed` (N·m) is eq. (4) of Liu, Liu & Cartes (2008).
+    """
+
+    base: dict[str, float]
+    effects: dict[str, dict[str, float]]
+    scales: dict[str, Any]
+    traces: dict[str, NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A simulated run: the recording as a bench would have it, the nameplate, and the truth."""
+
+    recording: Recording
+    machine: Machine
+    truth: Truth
+    settings: dict[str, Any]
+    seed: int
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Writes the recording as Parquet (or CSV, by its name). Raises UsageError where it cannot be."""
+        columns = {name: self.recording.column(name) for name in ordered(self.recording.names)}
+        tabular.write(path, columns)
+
+    def write_truth(self, path: str | os.PathLike[str]) -> None:
+        """Writes the truth beside the recording `path`: parameters and settings to NAME.truth.json, true
+        signals to NAME.truth.parquet. Raises UsageError where they cannot be.
+        """
+        stem = Path(path).with_suffix("")
+        text = {
+            "schema": "pmsm-rs.truth/1",
+            "base": self.truth.base,
+            "effects": self.truth.effects,
+            "scales": self.truth.scales,
+            "settings": self.settings,
+            "seed": self.seed,
+            "version": _core.__version__,
+        }
+        t = self.recording.column("t")
+        atomic.write_text(f"{stem}.truth.json", json.dumps(text, indent=2) + "\n")
+        tabular.write(f"{stem}.truth.parquet", {"t": t, **self.truth.traces})
+
+    def write_machine(self, path: str | os.PathLike[str]) -> None:
+        """Writes the machine file with which the recording is read: the nameplate and what is known of the
+        load. Raises UsageError where it cannot be.
+        """
+        text = machine_text(self.machine, self.recording.load, self.recording.load_value)
+        atomic.write_text(path, text)
+
+    def __repr__(self) -> str:
+        effects = ", ".join(self.truth.effects) or "no effects"
+        return f"<Simulation of {len(self.recording)} samples, {self.recording.duration:.6g} s, {effects}>"
+
+
+def simulate(
+    config: str | os.PathLike[str] | Mapping[str, Any] | None = None,
+    /,
+    *,
+    progress: Progress | None = None,
+    **tables: Any,
+) -> Simulation:
+    """Simulates a closed-loop drive, Fig. 4 of Liu, Liu & Cartes (2008).
+
+    `config` is a TOML file or a mapping; tables and keys by keyword come on top of it,
+    `simulate(reference={"omega_m": 100.0}, effects={"dead_time": {"v_err": 2.0}})`. Without a machine it is
+    that of the paper's Table 1. What can be said is described in `pmsm_rs.simulation_config`.
+    `progress(stage, fraction)` is called from time to time.
+
+    Raises UsageError naming every wrong entry with the nearest right one, and where the simulation diverges;
+    KeyboardInterrupt on Ctrl-C.
+    """
+    wanted = simulation_config.read(config, tables)
+    try:
+        core, truth, traces = _core.simulate(
+            wanted.machine, wanted.nameplate, json.dumps(wanted.settings), seed=wanted.seed, progress=progress
+        )
+    except (MachineError, NotIdentifiableError) as error:
+        where = f"{config}: " if isinstance(config, str | os.PathLike) else ""
+        raise UsageError(f"{where}{error}") from error
+    found = json.loads(truth)
+    recording = Recording(
+        {name: core.column(name) for name in core.names}, load=core.load, load_value=core.load_value
+    )
+    return Simulation(
+        recording,
+        wanted.nameplate,
+        Truth(
+            {name: entry["value"] for name, entry in found["base"].items()},
+            {
+                entry["effect"]: {
+                    name: value["value"]
+                    for name, value in {**entry["outputs"], **entry["parameters"]}.items()
+                }
+                for entry in found["effects"]
+            },
+            found["scales"],
+            traces,
+        ),
+        wanted.settings,
+        wanted.seed,
+    )

@@ -1,0 +1,1 @@
+"""The demo, the state of an installation, and bundles for bug reports."""

@@ -1,0 +1,1 @@
+"""What is shown of an answer: text, tables, pictures and the report."""

@@ -1,0 +1,223 @@
+"""Answers in a few plain lines, for terminals."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from pathlib import PurePath
+from typing import Any
+
+from ..results.budget import judged, sentence
+from ..results.findings import DiagnosisValues, Estimate, IdentificationValues, Location, json_text
+from ..results.words import channel, estimate, listed, lower_first, number, percent
+from .headline import headline
+from .readout import converted, extent, ignored, origins, reasons
+
+WIDTH = 100
+"""Columns of a line on a terminal."""
+
+
+def hung(head: str, text: str) -> str:
+    """`text` behind `head`, wrapped to the width of a terminal with the later lines below the first."""
+    # textwrap breaks no line at a no-break space: a number stays with its sign of percent.
+    kept = text.replace(" %", "\u00a0%")
+    filled = textwrap.fill(kept, WIDTH, initial_indent=head, subsequent_indent=" " * len(head))
+    return filled.replace("\u00a0%", " %")
+
+
+def diagnosis(answer: DiagnosisValues) -> str:
+    """A diagnosis as text: the finding, what was read, where it sits, candidates, parameters, fit, what is
+    left, what is not seen, what next.
+    """
+    lines = [hung("", headline(answer))]
+    if answer.interrupted:
+        lines.append("Interrupted: this is the best so far.")
+    for item in answer.data_quality:
+        consequence = lower_first(item["consequence"]).rstrip(".")
+        text = f"{item['finding'].rstrip('.')}: {consequence}; {lower_first(item['fix'])}"
+        lines.append(hung("  ! ", text))
+    lines += _read(answer)
+    if answer.located:
+        lines += ["", "Where it sits"]
+        places = told_once(answer.located)[:4]
+        lines += [hung(f"  {share_of(place):>6}  ", place.sentence) for place in places]
+    if answer.ranking:
+        lines += ["", "Candidates"]
+        for candidate in answer.ranking[:5]:
+            twins = (
+                f"   cannot be told from {', '.join(candidate.equivalent_to)}"
+                if candidate.equivalent_to
+                else ""
+            )
+            lines.append(f"  {percent(candidate.probability):>6}  {candidate.effect}{twins}")
+    if answer.unmodelled is not None:
+        lines += ["", "Unmodelled", hung("  ", answer.unmodelled.sentence)]
+    lines += formulas(answer)
+    chosen = [c for c in answer.ranking if c.effect in answer.effects]
+    found = [(f"{c.effect}.{name}", entry) for c in chosen for name, entry in c.parameters.items()]
+    lines += _parameters([*found, *answer.base.items()])
+    run = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
+    lines += _fit(answer, run)
+    lines += _each(answer)
+    budgets = judged(answer.budget)
+    if budgets:
+        lines += [
+            "",
+            "Budget of the mismatch" + (", validation run" if budgets[0].run == "validation" else ""),
+        ]
+        lines += [hung("  ", sentence(budget)) for budget in budgets]
+    if answer.remaining:
+        lines += ["", "What remains"]
+        lines += [hung("  ", at.sentence) for at in answer.remaining]
+    if answer.cannot_see:
+        what = "these recordings" if answer.recordings else "this recording"
+        lines += ["", f"What {what} cannot see"]
+        lines += [hung("  ", text) for text in _unseen(answer)]
+    if answer.next_experiment:
+        lines += ["", "Next", hung("  ", answer.next_experiment)]
+    return "\n".join(lines)
+
+
+def formulas(answer: DiagnosisValues) -> list[str]:
+    """Formulas for a torque that has no name; nothing where that was not asked."""
+    if answer.formulas is None:
+        return []
+    if not answer.formulas:
+        return ["", "Formula", "  No simple formula describes the torque that remains."]
+    lines = ["", "Formulas for the torque that remains: a hypothesis, no cause"]
+    for entry in answer.formulas:
+        share = min(entry["explains"].values())
+        twin = "   cannot be told from the first" if entry["equivalent"] else ""
+        lines.append(f"  {percent(share):>6}  {entry['formula']}{twin}")
+        values = (f"{name} = {number(x['value'])} {x['unit']}" for name, x in entry["parameters"].items())
+        lines.append(hung(" " * 10, ", ".join(values).replace(" 1,", ",").removesuffix(" 1")))
+    return lines
+
+
+def told_once(located: Sequence[Location]) -> list[Location]:
+    """The places without those whose sentence another one repeats word by word."""
+    return [
+        at
+        for count, at in enumerate(located)
+        if not any(
+            at.sentence in other.sentence and (at.sentence != other.sentence or number < count)
+            for number, other in enumerate(located)
+            if number != count
+        )
+    ]
+
+
+def share_of(at: Location) -> str:
+    """The share of the mismatch at a place, a dash where it is none of its own."""
+    return percent(at.share) if at.share > 0.0 else "–"
+
+
+def _read(answer: DiagnosisValues) -> list[str]:
+    """Which column became what, and which were not used; once for recordings that were read alike."""
+    lines = []
+    alike = len({json_text([read["columns"], read["ignored"]]) for read in answer.read}) == 1
+    for count, read in enumerate(answer.read[:1] if alike else answer.read, 1):
+        of = "" if alike else f"{count}  "
+        lines.append(hung(f"  {of}", f"{listed(origins(read))}; {extent(read)}"))
+        if read["ignored"]:
+            lines.append(hung("  ", f"ignored: {ignored(read)}"))
+            lines += [hung("    ", reason) for reason in reasons(read)]
+    lines += _converted(answer)
+    return ["", "Read", *lines] if lines else []
+
+
+def _converted(answer: DiagnosisValues | IdentificationValues) -> list[str]:
+    """What was converted of the nameplate, one line."""
+    clauses = converted(answer.nameplate)
+    return [hung("  ", f"nameplate: {'; '.join(clauses)}")] if clauses else []
+
+
+def _unseen(answer: DiagnosisValues) -> list[str]:
+    """What cannot be seen, one sentence per reason. That of the verdict stands in the first sentence."""
+    grouped: dict[str, list[str]] = {}
+    for item in answer.cannot_see:
+        grouped.setdefault(item["why"], []).append(item["effect"])
+    told = answer.reason or ""
+    return [
+        "All effects of the catalogue, for the reason above."
+        if len(grouped) == 1 and told.startswith(why)
+        else f"{listed(effects)}: {why}"
+        for why, effects in grouped.items()
+    ]
+
+
+def _parameters(entries: Sequence[tuple[str, Estimate]]) -> list[str]:
+    rows = [(name, estimate(entry), entry.why_none) for name, entry in entries]
+    if not rows:
+        return []
+    wide = max(len(row[0]) for row in rows)
+    lines = ["", "Parameters"]
+    reasons: dict[str, list[str]] = {}
+    for name, written, why in rows:
+        lines.append(f"  {name:<{wide}}  {written}")
+        if why and not written.spread:
+            reasons.setdefault(why, []).append(name)
+    lines += [hung("  ", f"no uncertainty for {listed(names)}: {why}") for why, names in reasons.items()]
+    return lines
+
+
+def _fit(answer: DiagnosisValues, run: str) -> list[str]:
+    before, after = answer.fit.get(run, {}).get("before", {}), answer.fit.get(run, {}).get("after", {})
+    if not before:
+        return []
+    lines = [
+        "",
+        f"Measured minus model on the {_run(answer, run)}, rms",
+        f"  {'':<8} {'before':>10} {'after':>10} {'noise':>10}",
+    ]
+    for name, value in before.items():
+        cells = [number(value), number(after.get(name)), number(answer.noise_floor.get(name))]
+        lines.append(f"  {name:<8} " + " ".join(f"{cell:>10}" for cell in cells) + f"  {channel(name)[1]}")
+    return lines
+
+
+def _run(answer: DiagnosisValues, run: str) -> str:
+    several = "recordings" if answer.recordings else "recording"
+    return "validation run" if run == "validation" else several
+
+
+def _each(answer: DiagnosisValues) -> list[str]:
+    """A line for each of several recordings: what is left in its channels, in units of its own noise."""
+    lines = []
+    for count, entry in enumerate(answer.recordings, 1):
+        noise, fit = entry["noise_floor"], entry["fit"]
+        cells = [
+            f"{name} {number(fit['before'][name] / floor)} to {number(fit['after'][name] / floor)}"
+            for name, floor in noise.items()
+            if floor and fit["before"].get(name) is not None and fit["after"].get(name) is not None
+        ]
+        lines.append(hung("  ", f"{recording_name(entry, count)}: {', '.join(cells)}"))
+    return ["", "Each recording, rms in units of its noise", *lines] if lines else []
+
+
+def recording_name(entry: Mapping[str, Any], count: int) -> str:
+    """Number and file of one of several recordings."""
+    return f"{count}  {PurePath(entry['file']).name}" if entry.get("file") else f"{count}"
+
+
+def identification(answer: IdentificationValues) -> str:
+    """An identification as text."""
+    state = (
+        "interrupted, best so far"
+        if answer.interrupted
+        else "converged"
+        if answer.converged
+        else "not converged"
+    )
+    lines = [f"{answer.method}: {state} after {answer.evaluations} evaluations, cost {answer.cost:.6g}"]
+    lines += _converted(answer)
+    lines += _parameters(list(answer.parameters.items()))
+    if answer.rms:
+        lines += ["", "Measured minus model, rms"]
+        lines += [
+            f"  {name:<8} {number(value):>10}  {channel(name)[1]}" for name, value in answer.rms.items()
+        ]
+    if answer.cannot_show:
+        lines += ["", "What this recording cannot show"]
+        lines += [hung("  ", f"{listed(item['parameters'])}: {item['why']}") for item in answer.cannot_show]
+    return "\n".join(lines)
