@@ -172,9 +172,7 @@ pub fn conclude(
     let best = &outcome.best;
     // What stays unknown is at least described, so that the model predicts.
     let described = match verdict {
-        Verdict::Unknown | Verdict::Partial => {
-            Some(unmodelled::explain(data, judge, &best.fitted, monitor)?)
-        }
+        Verdict::Unknown | Verdict::Partial => Some(unmodelled::explain(data, judge, &best.fitted, monitor)?),
         _ => None,
     };
     if let Some((fitted, _)) = &described {

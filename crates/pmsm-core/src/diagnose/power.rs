@@ -244,8 +244,7 @@ impl Survey<'_> {
             monitor.go_on()?;
             Ok(self.look(effect, &strengths, shapes))
         };
-        let looks: Vec<Option<Look>> =
-            together.into_par_iter().map(look).collect::<Result<_>>()?;
+        let looks: Vec<Option<Look>> = together.into_par_iter().map(look).collect::<Result<_>>()?;
         let nothing = Look::nothing(self.found.len());
         let look = looks.into_iter().try_fold(nothing, |all, next| next.map(|next| all.and(next)));
         let Some(look) = look else { return Ok(None) };
@@ -383,8 +382,9 @@ mod tests {
     #[test]
     fn what_absorbs_a_hidden_effect_is_named() {
         let (poor, base) = data(&setup(narrow(), Vec::new()));
-        let hidden =
-            Traces::new(&poor, &base).survey(&[EffectId::CoulombFriction], &worth(&base), false, &Silent).unwrap();
+        let hidden = Traces::new(&poor, &base)
+            .survey(&[EffectId::CoulombFriction], &worth(&base), false, &Silent)
+            .unwrap();
         assert!(hidden[0].size.1 < 0.5 * hidden[0].size.0);
         assert!(hidden[0].absorbed_by.contains(&"b".to_string()), "{hidden:?}");
         assert!(hidden[0].why(&[]).contains("the fitted b"), "{}", hidden[0].why(&[]));
@@ -411,8 +411,9 @@ mod tests {
         let effects = vec![choice("coulomb_friction", "tau_c", 1.0)];
         let (data, base) = data(&setup(narrow(), effects));
         let best = fitted(&data, &base, EffectId::CoulombFriction);
-        let shown =
-            Traces::new(&data, &best).survey(&[EffectId::StribeckFriction], &worth(&best), false, &Silent).unwrap();
+        let shown = Traces::new(&data, &best)
+            .survey(&[EffectId::StribeckFriction], &worth(&best), false, &Silent)
+            .unwrap();
         assert!(shown[0].power < 0.5, "{shown:?}");
         let why = shown[0].why(&[EffectId::CoulombFriction]);
         assert!(why.contains("special case") && why.contains("cannot be excluded"), "{why}");
@@ -424,7 +425,9 @@ mod tests {
             let rich = speeds(1.0, &[(0.1, 100.0), (0.4, -100.0), (0.6, -100.0), (0.9, 100.0)]);
             let (data, base) = data(&setup(rich, vec![choice("coulomb_friction", "tau_c", tau_c)]));
             let best = fitted(&data, &base, EffectId::CoulombFriction);
-            Traces::new(&data, &best).survey(&[EffectId::StribeckFriction], &worth(&best), false, &Silent).unwrap()[0]
+            Traces::new(&data, &best)
+                .survey(&[EffectId::StribeckFriction], &worth(&best), false, &Silent)
+                .unwrap()[0]
                 .power
         };
         let (large, small) = (power(3.0), power(0.02));

@@ -38,7 +38,8 @@ pub fn search(
     // What a poor recording leaves open a second one must not be held against it, unless it makes nonsense of that one.
     let bare = |data| Ok((data, transfer(data, base, monitor)?));
     let refuting = others.iter().map(bare).collect::<Result<Vec<_>>>()?;
-    Search { data: whole, held_out: Vec::new(), refuting, most: 1, from: None, monitor, found }.run(base.clone())
+    Search { data: whole, held_out: Vec::new(), refuting, most: 1, from: None, monitor, found }
+        .run(base.clone())
 }
 
 /// The search at a slower pace, if the recordings allow for one, and what it finds fitted to every sample.
@@ -198,7 +199,8 @@ mod tests {
         setup.drive.sensors.noise_i = 0.3;
         let ((data, base), (other, _)) = (testing::data(&setup), testing::data(&setup));
         assert!(data.wanders_unfiltered(), "{:?}", base.squares);
-        let mut outcome = search(&data, std::slice::from_ref(&other), &base, None, (&Silent, &SoFar::default())).unwrap();
+        let mut outcome =
+            search(&data, std::slice::from_ref(&other), &base, None, (&Silent, &SoFar::default())).unwrap();
         let others = [other];
         let mut finer = |found: &[effects::EffectId]| {
             let model = Model::new(data.signals.context, found);

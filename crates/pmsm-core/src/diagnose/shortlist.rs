@@ -100,12 +100,7 @@ impl<'a> Scorer<'a> {
     ///
     /// # Errors
     /// [`Error::Interrupted`](crate::error::Error::Interrupted).
-    pub fn leading(
-        &self,
-        effect: EffectId,
-        count: usize,
-        monitor: &dyn Monitor,
-    ) -> Result<Vec<Prospect>> {
+    pub fn leading(&self, effect: EffectId, count: usize, monitor: &dyn Monitor) -> Result<Vec<Prospect>> {
         let context = self.hypothesis.model.context();
         let (amplitudes, nothing) = (self.amplitudes(effect), Prospect::nothing(effect, context));
         let numbers = |shape: &[f64]| -> Vec<f64> {
