@@ -1,4 +1,4 @@
-"""What the package is made of: licences that are allowed, requirements that are audited, targets of fuzzing."""
+"""What the package is made of: licences that are allowed, requirements that are audited, fuzz targets."""
 
 from __future__ import annotations
 

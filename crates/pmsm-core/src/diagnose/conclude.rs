@@ -93,6 +93,7 @@ pub fn conclude(
         // The motion is explained; of the voltages, which were left out, no all-clear is given.
         (verdict, reason) = (Verdict::Undetermined, Some(why.reason()));
     }
+    monitor.go_on()?;
     let own = Outputs::new(data, &outcome.best.fitted);
     if verdict == Verdict::Named && moves_nothing(&outcome.best.fitted, &own) {
         verdict = Verdict::Unknown;
@@ -157,6 +158,7 @@ pub fn conclude(
             (after, remaining) = left_by(&outcome.best.fitted)?;
         }
     }
+    monitor.go_on()?;
     let located = fault::located(data, judge, &outcome, verdict);
     if verdict == Verdict::Unknown {
         // No effect earns a name: what was found stays a candidate, and is no part of the model.
@@ -179,6 +181,7 @@ pub fn conclude(
         after = on_judge(fitted)?;
     }
     let settled = described.as_ref().map_or(&best.fitted, |(fitted, _)| fitted);
+    monitor.go_on()?;
     let told = Outputs::new(data, settled);
     let model_outputs = &told;
     let specification = specified(data, settled);
@@ -186,6 +189,7 @@ pub fn conclude(
     let (bare, left) = validation.as_ref().map(|(_, before, after)| (before, after)).unzip();
     let ends = Ends { base: (&outcome.base.fitted, bare), set: &best.fitted, told: (settled, left) };
     let budget = budget::budgets(data, judge, &ends, monitor)?;
+    monitor.go_on()?;
     let mut traces = Traces { recording: traces(data, &outcome.base.fitted, settled), ..Traces::default() };
     let mut fit = FitTable { recording: table(&traces.recording, data), ..FitTable::default() };
     if let Some((judge, before, after)) = &validation {
@@ -202,7 +206,11 @@ pub fn conclude(
         decide::doubt(&mut ranked, data.options.ceiling_doubtful);
     }
     let gains = (searched, predicted);
-    let ranking = ranked.par_iter().map(|r| candidate(data, &outcome, r, model_outputs, gains)).collect();
+    let candidate = |r: &Ranked| {
+        monitor.go_on()?;
+        Ok(candidate(data, &outcome, r, model_outputs, gains))
+    };
+    let ranking = ranked.par_iter().map(candidate).collect::<Result<_>>()?;
     let next_experiment =
         prescribe::next_experiment(data, &ranked, &outcome, (verdict, &remaining), weak, monitor)?;
     let mut data_quality = quality(data, weak, &ties, refuted);
@@ -215,6 +223,11 @@ pub fn conclude(
     data_quality.splice(0..0, ran_away);
     data_quality.extend(judge.and_then(|judge| reach::judges_the_motion_alone(data, judge)));
     data_quality.extend(unforeseen);
+    let step = |judged: &verdict::Judged| {
+        monitor.go_on()?;
+        Ok(step(data, &judged.fitted))
+    };
+    let path = outcome.path.par_iter().map(step).collect::<Result<_>>()?;
     // What a model of the rest leaves on the validation run may be its own extrapolation, and so may what kept one from being believed.
     let extrapolated = validation.iter().filter(|(_, _, after)| {
         let more = verdict == Verdict::Unknown || !settled.effects().is_empty();
@@ -238,7 +251,7 @@ pub fn conclude(
             covariance: Some(model_outputs.covariance()),
             unmodelled: described.map(|(_, unmodelled)| unmodelled),
         },
-        path: outcome.path.par_iter().map(|judged| step(data, &judged.fitted)).collect(),
+        path,
         cannot_see: power::cannot_see(&outcome),
         next_experiment,
         noise_floor: floors(data),

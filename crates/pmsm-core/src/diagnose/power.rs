@@ -369,7 +369,7 @@ mod tests {
         let typical = effects[1].info().parameters.iter().map(|p| (p.typical)(&data.signals.context));
         let start: Vec<f64> = dry.own().iter().copied().chain(typical).collect();
         let model = Model::new(data.signals.context, &effects);
-        let mut both = fitting::fit(&data, &model, &start, false, &Silent).unwrap().unwrap();
+        let mut both = fitting::fit(&data, &model, &start, false, &Silent).unwrap();
         // A friction that always pushes back is a load by another name.
         let place = effects[1].info().parameters.iter().position(|p| p.name == "tau_a").unwrap();
         let (tau_a, tau_load) = (both.model.slots()[1].parameters.start + place, both.own().len());

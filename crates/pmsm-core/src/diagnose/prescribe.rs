@@ -262,6 +262,7 @@ mod tests {
     use crate::diagnose::transfer::transfer;
     use crate::drive::Setup;
     use crate::effects::EffectId;
+    use crate::error::Error;
     use crate::monitor::{Silent, StopFlag};
 
     fn coulomb() -> (Setup, Data, Hypothesis, Hypothesis) {
