@@ -20,6 +20,7 @@ from .given import machine_of, recording_of
 from .io.conventions import scaled
 from .io.corrections import corrected, of_load
 from .io.reading import Account, told, warnings
+from .messages import coded
 from .progress import Progress
 from .results.provenance import dated, stated
 from .results.words import lower_first
@@ -254,13 +255,16 @@ def refused(error: NotIdentifiableError, recordings: Sequence[Recording] = (), *
     `cannot_see`, and `data_quality` holds the reason and its remedy.
     """
     data = json.loads(_core.refusal(error.problem, error.fix, seed=seed))
+    data["data_quality"] = coded(data["data_quality"])
     return Diagnosis.of(_complete(data, recordings) if recordings else data)
 
 
 def unanswered(error: NothingToAsk, *, seed: int = 1) -> Diagnosis:
     """The answer on a recording whose columns answer no question: `undetermined`, with the reason."""
     data = json.loads(_core.refusal(error.problem, error.fix, seed=seed))
-    return Diagnosis.of(_with_read(data, [error.read]))
+    data = _with_read(data, [error.read])
+    data["data_quality"] = coded(data["data_quality"])
+    return Diagnosis.of(data)
 
 
 def _in_file(
@@ -312,6 +316,7 @@ def _complete(
         other = _read(validation)
         complete["validation"] = other
         complete["data_quality"] += [_of("Validation run", finding) for finding in warnings(other)]
+    complete["data_quality"] = coded(complete["data_quality"])
     return complete
 
 

@@ -24,6 +24,7 @@ from ..io.reading import there, told, warnings, why_not
 from ..io.recording import DEFAULT_MAX_BYTES, Recording
 from ..io.sampling import Sampling
 from ..io.signals import Signal, signals
+from ..messages import coded
 from ..quantities.poles import pole_pairs
 from ..view.readout import origin
 from .starting import machine_file
@@ -126,10 +127,8 @@ def _inspected(source: Source, described: MachineFile | Machine | None, max_byte
         load,
         reasons,
         tuple(_tasks(survey, found, refusal)),
-        (
-            *findings,
-            *of_frames(frames),
-            *of_motion(described, pairs, load, still=still),
+        tuple(
+            coded([*findings, *of_frames(frames), *of_motion(described, pairs, load, still=still)]),
         ),
         machine_file(
             source.file,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .._core import DataError, Machine, MachineError
 from ..config.machine_file import MachineFile, read_machine
-from ..errors import NothingToAsk, fact, opened, refuse, shown
+from ..errors import NothingToAsk, fact, message, opened, refuse, shown
 from .captures import completed, is_capture
 from .checks import angle_against_speed, angle_in_radians, rotor_frame_against_phases
 from .columns import Columns, taken
@@ -221,7 +221,7 @@ def _with_place(error: DataError, source: Source, first: int) -> DataError:
     problem = fact(error, "problem")
     if not isinstance(problem, str) or not isinstance(fix, str):
         return refuse(
-            DataError, str(error), file=source.file, fix="see what a recording needs in the documentation"
+            DataError, message(error), file=source.file, fix="see what a recording needs in the documentation"
         )
     if row is None and "missing" in problem:
         fix += f" (the file has {', '.join(source.names[:20])}; map them in [columns])"

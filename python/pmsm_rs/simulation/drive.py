@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from .. import _core, atomic
 from .._core import Machine, MachineError, NotIdentifiableError, UsageError
 from ..config.nameplate import machine_text
+from ..errors import message
 from ..io.recording import Recording
 from ..progress import Progress
 from ..quantities.canonical import ordered
@@ -108,7 +109,7 @@ def simulate(
         )
     except (MachineError, NotIdentifiableError) as error:
         where = f"{config}: " if isinstance(config, str | os.PathLike) else ""
-        raise UsageError(f"{where}{error}") from error
+        raise UsageError(f"{where}{message(error)}") from error
     found = json.loads(truth)
     recording = Recording(
         {name: core.column(name) for name in core.names}, load=core.load, load_value=core.load_value

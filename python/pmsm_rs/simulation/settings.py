@@ -39,7 +39,7 @@ from typing import Any, TypeVar
 from .._core import Machine, MachineError, UsageError
 from ..config.machine_file import Plate, Ratings, read_machine, read_toml
 from ..config.schema import Table, validated
-from ..errors import clauses, did_you_mean, refuse
+from ..errors import clauses, did_you_mean, message, refuse
 from ..results.registry import effects
 from . import setting_tables as tables
 
@@ -206,7 +206,7 @@ def _machine(
     try:
         return Machine(**values)
     except MachineError as error:
-        errors.append(f"{name}: {error}")
+        errors.append(f"{name}: {message(error)}")
         return None
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from .. import atomic
+from ..messages import behind
 from ..plot import palette
 from ..results import words
 from . import figures, report, tables
@@ -64,7 +65,7 @@ def diagnosis(answer: DiagnosisValues) -> str:
         )
         for name, value in part.get("before", {}).items()
     ]
-    notes = [f"{item['finding']} {item['fix']}" for item in answer.data_quality]
+    notes = [f"{item['finding']} {item['fix']}{behind(item)}" for item in answer.data_quality]
     if answer.interrupted:
         notes.insert(0, "Interrupted: this is the best so far.")
     if answer.unmodelled is not None:
