@@ -108,6 +108,10 @@ def words(sentence: str) -> int:
     return sum("_" not in word and any(c.isalnum() for c in word) for word in sentence.split())
 
 
+ENTRY: Final = re.compile(r"[*]{0,2}\w[\w, *]* : \S")
+"""The line of a docstring that names a parameter and its type."""
+
+
 def blocks(text: str, file: str, first: int = 1) -> Iterator[Passage]:
     """Paragraphs, headings, list items and table cells of a text that begins at line `first`."""
     gathered: list[str] = []
@@ -137,6 +141,9 @@ def blocks(text: str, file: str, first: int = 1) -> Iterator[Passage]:
             continue
         code = line.startswith("    ") and blank and not listed and not gathered
         if code or bare.startswith((">>> ", "... ")):
+            continue
+        if ENTRY.match(bare):
+            yield from flush()
             continue
         if bare.startswith("|") or set(bare) <= set("=-~^+| :"):
             yield from flush()

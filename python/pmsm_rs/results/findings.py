@@ -85,7 +85,13 @@ class Fit:
         )
 
     def to_json(self) -> str:
-        """The whole answer as JSON text."""
+        """Gives the whole answer as JSON text.
+
+        Returns
+        -------
+        str
+            The text of its file.
+        """
         return json_text(self.data)
 
 
@@ -99,12 +105,34 @@ class IdentificationValues(Fit):
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """From what `to_json` writes."""
+        """Reads what `to_json` writes.
+
+        Parameters
+        ----------
+        text : str
+            The JSON text.
+
+        Returns
+        -------
+        Identification
+            The answer.
+        """
         return cls.of(json.loads(text))
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Self:
-        """From the JSON object of an answer."""
+        """Reads the JSON object of an answer.
+
+        Parameters
+        ----------
+        data : mapping
+            The object.
+
+        Returns
+        -------
+        Identification
+            The answer.
+        """
         return cls._of(data, seed=data["seed"], version=data["version"])
 
     @property
@@ -238,12 +266,38 @@ class DiagnosisValues:
 
     @classmethod
     def from_json(cls, text: str, traces: Traces | None = None) -> Self:
-        """From what `to_json` writes, with the traces where they are at hand."""
+        """Reads what `to_json` writes.
+
+        Parameters
+        ----------
+        text : str
+            The JSON text.
+        traces : mapping or None, default None
+            Traces, where they are at hand.
+
+        Returns
+        -------
+        Diagnosis
+            The answer.
+        """
         return cls.of(json.loads(text), traces)
 
     @classmethod
     def of(cls, data: Mapping[str, Any], traces: Traces | None = None) -> Self:
-        """From the JSON object of an answer, with the traces where they are at hand."""
+        """Reads the JSON object of an answer.
+
+        Parameters
+        ----------
+        data : mapping
+            The object.
+        traces : mapping or None, default None
+            Traces, where they are at hand.
+
+        Returns
+        -------
+        Diagnosis
+            The answer.
+        """
         read = data.get("read")
         return cls(
             verdict=data["verdict"],
@@ -272,8 +326,9 @@ class DiagnosisValues:
 
     @property
     def model(self) -> Mapping[str, Any]:
-        """The model that was settled on: `effects` and `base`, and `unmodelled` where the verdict is
-        unknown or partial, as in the JSON answer.
+        """The object `model` of the JSON answer.
+
+        It has `effects` and `base`, and `unmodelled` where the verdict is unknown or partial.
         """
         model: Mapping[str, Any] = self.data["model"]
         return model
@@ -286,9 +341,10 @@ class DiagnosisValues:
 
     @property
     def formulas(self) -> Sequence[Mapping[str, Any]] | None:
-        """Formulas for a torque that has no name, one JSON object for each, the most credible first: formula,
-        parameters, explains, evidence, equivalent. Empty where no simple formula describes it; None where
-        that was not asked.
+        """Formulas for a torque that has no name, the most credible first.
+
+        One JSON object for each: formula, parameters, explains, evidence, equivalent. Empty where no simple
+        formula describes it; None where that was not asked.
         """
         entries: Sequence[Mapping[str, Any]] | None = self.data.get("formulas")
         return entries
@@ -301,13 +357,20 @@ class DiagnosisValues:
 
     @property
     def shown(self) -> str | None:
-        """Which traces are compared and drawn: "validation" where there is one, else "recording", None
-        without traces.
+        """Which traces are compared and drawn.
+
+        "validation" where there is one, else "recording", None without traces.
         """
         return next((name for name in ("validation", "recording") if name in self.traces), None)
 
     def to_json(self) -> str:
-        """The whole answer as JSON text, schema pmsm-rs.diagnosis/2."""
+        """Gives the whole answer as JSON text, schema pmsm-rs.diagnosis/2.
+
+        Returns
+        -------
+        str
+            The text of its file.
+        """
         return json_text(self.data)
 
 
