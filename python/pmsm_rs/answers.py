@@ -212,10 +212,28 @@ class Diagnosis(DiagnosisValues):
         *,
         command: str | None = None,
     ) -> Page | None:
-        """One self-contained HTML page: written to `path`, or returned for a notebook to show.
+        """Renders one self-contained HTML page.
 
-        `command` is the command line that made the answer, where there is one; the page shows it. The same
-        answer, title and command give the same bytes. Raises UsageError if it cannot be written.
+        The same answer, title and command give the same bytes.
+
+        Parameters
+        ----------
+        path : path or None, default None
+            Where it is written; None returns it for a notebook to show.
+        title : str or None, default None
+            Its heading.
+        command : str or None, default None
+            The command line that made the answer, which the page shows.
+
+        Returns
+        -------
+        Page or None
+            The page where `path` is None.
+
+        Raises
+        ------
+        UsageError
+            If it cannot be written.
         """
         from .view.notebook import Page
         from .view.report import render

@@ -126,8 +126,8 @@ def identify_system(
     Parameters
     ----------
     rhs : callable
-        rhs(t, x, u, p) returns dx/dt, one entry per state. `x` are the states, `p` the parameters by name,
-        `u` the inputs at time `t`, by position, or by name where `inputs` is a mapping.
+        Called as rhs(t, x, u, p), it returns dx/dt, one entry per state. `x` are the states, `p` the
+        parameters by name, `u` the inputs at time `t`, by position, or by name where `inputs` is a mapping.
     t : array_like of shape (samples,)
         Times, increasing.
     inputs : array_like, mapping of array_like, or None

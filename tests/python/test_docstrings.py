@@ -1,4 +1,4 @@
-"""Every public docstring says parameters, results and errors in the form of numpydoc, and its examples run."""
+"""Public docstrings say parameters, results and errors in the form of numpydoc, and their examples run."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ def load(
     >>> from pmsm_rs.support.demo import recording_files
     >>> run, other, machine = recording_files()
     >>> recording = pm.load(run, machine)
-    >>> recording.column("i_q").shape == (len(recording),)
+    >>> recording.column("i_a").shape == (len(recording),)
     True
     """
     described = described_by(machine, allow_outside=allow_outside)

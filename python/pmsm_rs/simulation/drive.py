@@ -27,11 +27,17 @@ from . import settings as simulation_config
 class Truth:
     """What a simulated recording is the recording of.
 
-    `base` maps the base parameters to their values at the start (SI). `effects` maps each effect to its
-    parameters by name and, where they differ, to what an identification reports of it. `scales` are those at
-    which the effects' parameters are meant. `traces` maps names to arrays of shape (samples,): `i_d`, `i_q`
-    (A), `theta_m` (rad), `omega_m` (rad/s), `tau_e`, `tau_load` (N·m), and each base parameter that drifts.
-    `tau_load_disturbed` (N·m) is eq. (4) of Liu, Liu & Cartes (2008).
+    Attributes
+    ----------
+    base : dict of str to float
+        Base parameters at the start, in SI units.
+    effects : dict of str to dict
+        Parameters of each effect by name and, where they differ, what an identification reports of it.
+    scales : dict
+        Scales at which the effects' parameters are meant.
+    traces : dict of str to ndarray of shape (samples,)
+        `i_d`, `i_q` (A), `theta_m` (rad), `omega_m` (rad/s), `tau_e`, `tau_load` (N·m), and each base
+        parameter that drifts. `tau_load_disturbed` (N·m) is eq. (4) of Liu, Liu & Cartes (2008).
     """
 
     base: dict[str, float]
@@ -60,7 +66,7 @@ class Simulation:
     Examples
     --------
     >>> import pmsm_rs as pm
-    >>> made = pm.simulate(effects={"dead_time": {"v_err": 2.0}}, duration=0.2)
+    >>> made = pm.simulate(reference={"omega_m": 50.0}, effects={"dead_time": {"v_err": 2.0}}, duration=0.2)
     >>> made.truth.effects["dead_time"]["v_err"]
     2.0
     """

@@ -29,12 +29,29 @@ _CELL: Final = "padding:3px 14px 3px 0;text-align:left;vertical-align:top;backgr
 
 @dataclass(frozen=True)
 class Page:
-    """A report that a notebook shows and that can be saved; `str` of it is the HTML text."""
+    """A report that a notebook shows and that can be saved; `str` of it is the HTML text.
+
+    Attributes
+    ----------
+    text : str
+        The HTML text.
+    """
 
     text: str
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the page, whole or not at all. Raises UsageError if it cannot."""
+        """Writes the page, whole or not at all.
+
+        Parameters
+        ----------
+        path : path
+            Where it goes.
+
+        Raises
+        ------
+        UsageError
+            If it cannot be written.
+        """
         atomic.write_text(path, self.text)
 
     def __str__(self) -> str:
