@@ -129,6 +129,8 @@ def __getattr__(name: str) -> Any:
     home = _HOME.get(name)
     if home is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    # It gives errors of the core their codes.
+    import_module(".errors", __name__)
     value = getattr(import_module(f".{home}", __name__), name)
     globals()[name] = value
     return value

@@ -12,7 +12,7 @@ from .help import Group, codes
 from .identifying import identify, track
 from .inspecting import inspect
 from .reporting import bundle, doctor
-from .simulating import effects, reproduce, simulate
+from .simulating import effects, explain, reproduce, simulate
 
 
 def _version(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
@@ -32,7 +32,7 @@ def _version(context: click.Context, _parameter: click.Parameter, wanted: bool) 
         "Many recordings": ("fleet",),
         "The model": ("export", "design"),
         "Simulation": ("simulate", "reproduce"),
-        "Questions and faults": ("doctor", "bundle"),
+        "Questions and faults": ("explain", "doctor", "bundle"),
         "Reference": ("effects", "completion", "man"),
     },
     examples=(
@@ -58,6 +58,6 @@ def cli() -> None:
 
 for _command in (
     *(demo, inspect, diagnose, identify, track, fleet, export, design, simulate, reproduce),
-    *(doctor, bundle, effects, completion, man),
+    *(explain, doctor, bundle, effects, completion, man),
 ):
     cli.add_command(_command)
