@@ -16,7 +16,7 @@ from . import certainty, formula_rivals, limits, rivals
 from .bench import Bench, Trial, sampled, thinned
 from .comparison import Comparison, Known, Separation
 from .outcome import Certainty, Design, Outcome, columns_of
-from .questions import PinDown, TellFormulas, TellModels
+from .questions import UNEXPLAINED, PinDown, TellFormulas, TellModels
 from .references import Scales
 from .search import Tried, search
 
@@ -113,7 +113,8 @@ def _design(
         tried = search(between, bench.limits, scales, **how)
         closer = [(between.closely(x.trials), x) for x in tried[:_FINALISTS]]
         best = max((replace(x, worth=y[0], found=y[1]) for y, x in closer), key=lambda x: x.worth)
-        return _apart(best, tuple(x.name for x in models), bench, decisive, seed)
+        made = _apart(best, tuple(x.name for x in models), bench, decisive, seed)
+        return replace(made, explained=tried[0].worth > UNEXPLAINED)
     return _pinned(models[0], bench, scales, comparison, found, how, decisive)
 
 

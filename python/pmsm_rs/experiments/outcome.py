@@ -79,7 +79,8 @@ class Design:
     the manoeuvre does. `rivals` are the models or formulas in question. `outcomes` hold the expected
     separation of each ordered pair, `certainties` the open parameters of a task "pin down". `nats` is the
     worth of the manoeuvre, of its worst pair, and `decisive` what a verdict asks. `reached` holds the peaks
-    in simulation as shares of the `limits`, the largest of all rivals.
+    in simulation as shares of the `limits`, the largest of all rivals. `explained` is False where friction or
+    the like rules every manoeuvre: the dq-model then explains next to nothing, and a diagnosis may not begin.
     """
 
     task: str
@@ -93,11 +94,12 @@ class Design:
     reached: Mapping[str, float]
     limits: Mapping[str, Any]
     seed: int
+    explained: bool = True
 
     @property
     def settles(self) -> bool:
         """Whether the manoeuvre is expected to decide between all rivals."""
-        return self.task == "tell apart" and self.nats >= self.decisive
+        return self.task == "tell apart" and self.nats >= self.decisive and self.explained
 
     @property
     def tables(self) -> dict[str, Any]:
@@ -122,6 +124,7 @@ class Design:
             "nats": self.nats,
             "decisive": self.decisive,
             "settles": self.settles,
+            "explained": self.explained,
             "outcomes": [
                 {
                     "truth": x.truth,
@@ -178,7 +181,13 @@ class Design:
         shares = ", ".join(f"{name} {100.0 * x:.0f} %" for name, x in self.reached.items())
         lines += [f"Of the limits it takes in simulation, at most: {shares}.", ""]
         lines += [str(x) for x in (*self.outcomes, *self.certainties)]
-        if self.task == "tell apart" and not self.settles:
+        if not self.explained:
+            lines += [
+                "",
+                "The dq-model explains next to nothing of any manoeuvre within these limits, so that a "
+                "diagnosis may say nothing of it. Allow more speed, current or time where it is safe.",
+            ]
+        elif self.task == "tell apart" and not self.settles:
             lines += [
                 "",
                 f"This does not decide: the worst pair is {self.nats:.1f} nats apart, and a verdict takes "

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 Separations = tuple[Separation, ...]
+# What a manoeuvre is worth of which the dq-model explains next to nothing.
+UNEXPLAINED = 0.0
 
 
 class TellModels:
@@ -52,7 +54,7 @@ class TellModels:
         worst, found = self._compared(trials, 1)
         for rival, dq, trial in zip(self._rivals, self._plain, trials, strict=True):
             if not self._comparison.explains(rival, dq, trial):
-                return 0.0, found
+                return UNEXPLAINED, found
         return min(worst, self._enough) + min(s.gained for s in found), found
 
     def closely(self, trials: Sequence[Trial]) -> tuple[float, Separations]:
