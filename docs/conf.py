@@ -54,7 +54,7 @@ autodoc_default_options = {"members": True}
 sphinx_gallery_conf = {
     "examples_dirs": ["examples"],
     "gallery_dirs": ["gallery"],
-    "filename_pattern": r"/\d_",
+    "filename_pattern": r"/\d+_",
     "within_subsection_order": "FileNameSortKey",
     "abort_on_example_error": True,
     "download_all_examples": False,

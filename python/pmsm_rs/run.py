@@ -101,6 +101,21 @@ class Swarm:
                 fix="give it with a schedule that is not constant, and only then",
             )
 
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """Gives all settings by name, as estimators of scikit-learn do.
+
+        Parameters
+        ----------
+        deep : bool, default True
+            Has no effect: no setting has settings of its own.
+
+        Returns
+        -------
+        dict of str to object
+            From which the same object can be made.
+        """
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
     @cached_property
     def settings(self) -> str:
         """As the core reads it: JSON text."""

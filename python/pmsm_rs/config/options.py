@@ -113,6 +113,21 @@ class DiagnosisOptions:
     worse_than_constant: float = _CORE["worse_than_constant"]
     still: float = _CORE["still"]
 
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """Gives all settings by name, as estimators of scikit-learn do.
+
+        Parameters
+        ----------
+        deep : bool, default True
+            Has no effect: no setting has settings of its own.
+
+        Returns
+        -------
+        dict of str to object
+            From which the same object can be made.
+        """
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
     @property
     def settings(self) -> str:
         """As the core reads it: JSON text."""

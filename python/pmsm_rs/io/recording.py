@@ -148,6 +148,35 @@ class Recording(_core.Recording):
         row = namedtuple("Row", names)  # type: ignore[misc]
         return map(row._make, zip(*(self.column(name).tolist() for name in names), strict=True))
 
+    def to_xarray(self) -> Any:
+        """Gives the recording as an xarray Dataset over the coordinate `t`.
+
+        Each variable has its SI unit in `attrs["units"]`; what is known of the load stands in the attributes
+        of the Dataset. `pmsm_rs.load` takes it back.
+
+        Returns
+        -------
+        xarray.Dataset
+            Variables of shape (samples,) over `t` in s.
+
+        Raises
+        ------
+        UsageError
+            Without xarray.
+        """
+        try:
+            import xarray
+        except ImportError as error:
+            raise refuse(
+                UsageError, "xarray is not installed", fix="install it: pip install xarray"
+            ) from error
+        columns = {
+            name: ("t", self.column(name), {"units": CANONICAL[name].unit}) for name in ordered(self.names)
+        }
+        t = columns.pop("t")
+        known = {"load": self.load} | ({} if self.load_value is None else {"load_value": self.load_value})
+        return xarray.Dataset(columns, coords={"t": t}, attrs=known)
+
     def plot(self) -> Figure:
         """Draws what was measured over time, with axes for each quantity.
 
