@@ -66,7 +66,11 @@ KNOWN: dict[str, tuple[dict[str, float], dict[str, Any], tuple[str, ...]]] = {
         {"k": 0.4, "s": 2.0},
         {
             "energy": "c/l_q*lambda_q**2*abs(lambda_q/unit)**s/(s+2)",
-            "parameters": {"c": ("1", 0, 20, 0.3), "s": ("1", 0.5, 6), "unit": {"unit": "V s", "values": [0.5]}},
+            "parameters": {
+                "c": ("1", 0, 20, 0.3),
+                "s": ("1", 0.5, 6),
+                "unit": {"unit": "V s", "values": [0.5]},
+            },
         },
         (),
     ),
