@@ -1,5 +1,5 @@
 # `make demo` and `make test` need Python >= 3.11, cargo and a C linker, and fetch the rest into .venv and target.
-# Other goals: soak, readme, pictures, words, proof, proof-docs, accuracy, miri, wheel, format, docs, doc, clean.
+# Other goals: soak, readme, pictures, words, proof, proof-docs, accuracy, miri, licences, sbom, reproducible, wheel, format, docs, doc, clean.
 
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -23,7 +23,7 @@ MINUTES ?= 10
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md \
   $(shell find crates python -type f -not -name '*.so' -not -name '*.pyc' -not -path '*/target/*')
 
-.PHONY: help need demo built unit test lint rustfmt clippy ruff mypy rust python soak readme readme-check pictures words proof proof-docs accuracy miri wheel format docs doc clean hold fuzz
+.PHONY: help need demo built unit test lint rustfmt clippy ruff mypy rust python soak readme readme-check pictures words proof proof-docs accuracy miri wheel format docs doc clean hold fuzz fuzz-core licences sbom reproducible
 
 help:
 	@echo 'make demo      install into $(VENV) and diagnose the recording that ships with the package'
@@ -33,6 +33,10 @@ help:
 	@echo 'make fuzz      damaged files to every reader, for MINUTES=10; a failing file is kept'
 	@echo 'make proof     make 600 sealed cases, diagnose and score them; CASES= SEED= OUT= FAMILIES= SPLIT=scoring JOBS=2'
 	@echo 'make accuracy  score the diagnosis on concealed cases, where CONCEALED=folder has them'
+	@echo 'make fuzz-core the core under cargo-fuzz, MINUTES=10 for each target; needs a nightly toolchain and cargo-fuzz'
+	@echo 'make licences  whether the licences of all that the wheel contains and needs are among those of deny.toml'
+	@echo 'make sbom      bills of materials of the wheel (CycloneDX), in out/sbom; WHEEL=file takes one that is there'
+	@echo 'make reproducible  build the wheel of the last commit twice and compare the files'
 	@echo 'make miri      the unsafe code under Miri; needs a nightly toolchain with miri and rust-src'
 	@echo 'make readme    put real output into README.md and the manual'
 	@echo 'make pictures  make the example and the pictures of the manual'
@@ -138,6 +142,30 @@ readme: $(VENV)/.installed
 # The example comes from the independent motor in proof/.
 pictures: $(VENV)/.test
 	$(BIN)/python docs/pictures.py
+
+# Targets with what was found before; a crash is kept in fuzz/artifacts.
+fuzz-core: | need
+	@for target in $$(cargo +nightly fuzz list); do \
+	  cargo +nightly fuzz run $$target -- -max_total_time=$$((60 * $(MINUTES))) -timeout=20 -rss_limit_mb=3000; done
+
+licences: $(VENV)/.installed
+	@$(BIN)/python .ci/licences.py
+
+# What maturin writes into the wheel of the crates, and what is installed with the wheel.
+sbom: $(if $(WHEEL),,$(VENV)/.wheel) | $(VENV)/pyvenv.cfg
+	@$(PIP) install cyclonedx-bom
+	@rm -rf out/sbom && mkdir -p out/sbom/wheel
+	@"$$(.ci/need python)" -m venv out/sbom/clean
+	@out/sbom/clean/bin/python -m pip --disable-pip-version-check --quiet install $(or $(WHEEL),$(WHEELS)/pmsm_rs-*.whl)
+	@$(BIN)/python -m zipfile -e $(or $(WHEEL),$(WHEELS)/pmsm_rs-*.whl) out/sbom/wheel
+	@cp out/sbom/wheel/*.dist-info/sboms/pmsm-py.cyclonedx.json out/sbom/pmsm-rs-rust.cdx.json
+	@$(BIN)/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible \
+	  --of JSON -o out/sbom/pmsm-rs-python.cdx.json out/sbom/clean/bin/python
+	@rm -rf out/sbom/wheel out/sbom/clean
+	@ls out/sbom/*.json
+
+reproducible: | need $(VENV)/pyvenv.cfg
+	@.ci/reproducible $(CURDIR)/$(BIN)/pip
 
 words: | need
 	"$$(.ci/need python)" docs/words.py

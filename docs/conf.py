@@ -18,9 +18,23 @@ author = "the pmsm-rs developers"
 copyright = author
 release = version = __version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.viewcode", "sphinx_gallery.gen_gallery"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+    "sphinx_gallery.gen_gallery",
+]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-exclude_patterns = ["_build", "examples", "gallery/*.ipynb", "gallery/*.py", "proof/*"]
+exclude_patterns = [
+    "_build",
+    "examples",
+    "gallery/*.ipynb",
+    "gallery/*.py",
+    "proof/*",
+    "generated/errors.md",
+    "generated/findings.md",
+]
 default_role = "code"
 nitpicky = False
 
@@ -40,7 +54,7 @@ autodoc_default_options = {"members": True}
 sphinx_gallery_conf = {
     "examples_dirs": ["examples"],
     "gallery_dirs": ["gallery"],
-    "filename_pattern": r"/\d_",
+    "filename_pattern": r"/\d+_",
     "within_subsection_order": "FileNameSortKey",
     "abort_on_example_error": True,
     "download_all_examples": False,

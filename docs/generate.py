@@ -12,7 +12,9 @@ import click
 import pmsm_rs
 from pmsm_rs import DiagnosisOptions, effects, plot
 from pmsm_rs.cli import cli
+from pmsm_rs.experiments.outcome import Certainty, Outcome
 from pmsm_rs.live.tracker import Drift
+from pmsm_rs.messages import entries
 from pmsm_rs.quantities.canonical import CANONICAL, LOGS
 from pmsm_rs.quantities.units import UNITS
 from pmsm_rs.results.findings import Candidate, Estimate, Location
@@ -32,6 +34,8 @@ def write_pages(docs: Path) -> None:
     pages["api.rst"] = interface()
     pages["columns.md"] = columns()
     pages["thresholds.md"] = thresholds()
+    pages["errors.md"] = messages("error")
+    pages["findings.md"] = messages("finding")
     root = docs / "generated"
     for old in [path for path in root.rglob("*") if path.is_file()]:
         if old.relative_to(root).as_posix() not in pages:
@@ -155,7 +159,7 @@ def interface() -> str:
     # They are met in answers and never made by hand: their names are those of their modules.
     kinds["Parts of answers"] = [
         f".. autoclass:: {part.__module__}.{part.__qualname__}\n   :members:\n   :undoc-members:\n"
-        for part in (Estimate, Location, Candidate, Unmodelled, Term, Drift, Page)
+        for part in (Estimate, Location, Candidate, Unmodelled, Term, Drift, Page, Outcome, Certainty)
     ]
     for heading, lines in kinds.items():
         parts.append(f"{heading}\n{'-' * len(heading)}\n\n" + "\n".join(lines))
@@ -170,6 +174,18 @@ def interface() -> str:
         f".. currentmodule:: pmsm_rs.plot\n\n{lines}"
     )
     return "\n".join(parts)
+
+
+def messages(kind: str) -> str:
+    """The errors or the findings by group; each code is an anchor of the page that includes this."""
+    groups: dict[str, list[list[str]]] = {}
+    for entry in entries().values():
+        if entry.kind == kind:
+            says = "<br>".join(entry.says or (entry.title,))
+            anchor = f'<a id="{entry.code}" href="#{entry.code}">{entry.code}</a>'
+            groups.setdefault(entry.group, []).append([anchor, says, entry.cause, entry.cure])
+    head = ["code", kind, "cause", "cure"]
+    return "\n".join(f"### {title}\n\n{table(head, rows)}\n" for title, rows in groups.items())
 
 
 def columns() -> str:

@@ -2,9 +2,9 @@
 
     make words
 
-It reads Markdown pages, Python docstrings and string literals, and Rust string literals. Code blocks, inline
-code, link targets and formulas do not count. It prints each finding with file and line, and exits with 1 if
-there is any. `docs/glossary.md` says which words to use instead.
+It reads Markdown pages, Python docstrings and string literals, the table of messages, and Rust string
+literals. Code blocks, inline code, link targets and formulas do not count. It prints each finding with file
+and line, and exits with 1 if there is any. `docs/glossary.md` says which words to use instead.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import argparse
 import ast
 import re
 import sys
+import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,8 @@ PAGES: Final = ("README.md", "SECURITY.md", "docs/*.md", "proof/README.md", "ben
 PYTHON: Final = ("python/pmsm_rs/**/*.py", "docs/*.py", "docs/examples/*.py")
 NO_PROSE: Final = ("vocabulary.py",)
 """Python files whose strings are lists of words."""
+MESSAGES: Final = ("python/pmsm_rs/messages.toml",)
+"""Tables whose texts are messages."""
 RUST: Final = ("crates/*/src/**/*.rs",)
 DOCUMENTED: Final = ("options.rs",)
 """Rust files whose documentation becomes a page of the manual."""
@@ -105,6 +108,10 @@ def words(sentence: str) -> int:
     return sum("_" not in word and any(c.isalnum() for c in word) for word in sentence.split())
 
 
+ENTRY: Final = re.compile(r"[*]{0,2}\w[\w, *]* : \S")
+"""The line of a docstring that names a parameter and its type."""
+
+
 def blocks(text: str, file: str, first: int = 1) -> Iterator[Passage]:
     """Paragraphs, headings, list items and table cells of a text that begins at line `first`."""
     gathered: list[str] = []
@@ -134,6 +141,9 @@ def blocks(text: str, file: str, first: int = 1) -> Iterator[Passage]:
             continue
         code = line.startswith("    ") and blank and not listed and not gathered
         if code or bare.startswith((">>> ", "... ")):
+            continue
+        if ENTRY.match(bare):
+            yield from flush()
             continue
         if bare.startswith("|") or set(bare) <= set("=-~^+| :"):
             yield from flush()
@@ -252,9 +262,18 @@ def rust(path: Path) -> Iterator[Passage]:
         yield from blocks("\n".join(docs), name(path), begin)
 
 
+def messages(path: Path) -> Iterator[Passage]:
+    """Causes and cures of a table of messages."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    for code, entry in tomllib.loads("\n".join(lines)).items():
+        for text in (entry.get("cause"), entry.get("cure")) if isinstance(entry, dict) else ():
+            if text is not None:
+                yield from blocks(text, name(path), lines.index(f"[{code}]") + 1)
+
+
 def passages() -> Iterator[Passage]:
     """All prose of the repository that a user may read."""
-    for patterns, read in ((PAGES, page), (PYTHON, python), (RUST, rust)):
+    for patterns, read in ((PAGES, page), (PYTHON, python), (MESSAGES, messages), (RUST, rust)):
         for path in sorted({path for pattern in patterns for path in ROOT.glob(pattern)}):
             yield from read(path)
 

@@ -28,7 +28,8 @@ class Manoeuvre:
 
     w_ref mechanical rad/s; i_d_ref A; i_q_add A, added to the speed controller's wish (the whole reference
     when the rotor is locked); tau_load N·m, opposing positive speed; load one of LOADS; w_start rad/s; settle
-    rows at the front are run but not recorded; log_v_dc records the DC link where it is not constant.
+    rows at the front are run but not recorded; log_v_dc records the DC link where it is not constant;
+    currents_alone leaves the speed uncontrolled, i_q_add being the whole reference.
     """
 
     kind: str
@@ -40,6 +41,7 @@ class Manoeuvre:
     w_start: float = 0.0
     settle: int = 0
     log_v_dc: bool = False
+    currents_alone: bool = False
 
     @property
     def known_load(self) -> KnownLoad:

@@ -81,7 +81,8 @@ def simulate(
     noise_w = on * machine.noise_w * streams[1].standard_normal(n)
     start = np.array([streams[2].uniform(-np.pi, np.pi), manoeuvre.w_start])
     log, truth, done = run(
-        p.packed(), start, manoeuvre.w_ref, manoeuvre.i_d_ref, manoeuvre.i_q_add, manoeuvre.locked,
+        p.packed(), start, manoeuvre.w_ref, manoeuvre.i_d_ref, manoeuvre.i_q_add,
+        manoeuvre.locked or manoeuvre.currents_alone,
         manoeuvre.tau_load, noise_i, noise_w, on * machine.lsb_i, on * machine.lsb_theta_e,
         controller_gains(machine, nameplate or machine), stator_hold, log_command,
     )  # fmt: skip

@@ -9,6 +9,7 @@ where one was killed, ended with a code that is not documented, or printed a tra
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import resource
 import signal
@@ -112,19 +113,39 @@ def hostile_runs(folder: Path) -> Iterator[tuple[str, int, Ran]]:
         yield f"stream: {name}", len(data), run(["track", "-", "--machine", str(machine)], folder, data)
 
 
-def interrupt(arguments: list[str], folder: Path, delay: float, number: signal.Signals) -> tuple[float, Ran]:
-    """s from the signal to the end, and the outcome."""
+def used(process: int) -> float:
+    """s of processor time that a process and those that it waited for have had so far."""
+    numbers = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return sum(int(ticks) for ticks in numbers[11:15]) / os.sysconf("SC_CLK_TCK")
+
+
+class Latency(NamedTuple):
+    """s from a signal to the end of a command: of processor time, and by the clock."""
+
+    processor: float
+    clock: float
+
+
+def interrupt(
+    arguments: list[str], folder: Path, delay: float, number: signal.Signals
+) -> tuple[Latency, Ran]:
+    """How long a command goes on after a signal, and the outcome."""
     process, logs = start(arguments, folder, subprocess.DEVNULL)
     time.sleep(delay)
-    sent = time.monotonic()
+    sent, before = time.monotonic(), used(process.pid)
     # One that has ended is a zombie until it is waited for, and takes the signal.
     os.kill(process.pid, number)
     ran = finish(process, logs)
-    return time.monotonic() - sent, ran
+    return Latency(max(ran.seconds - before, 0.0), time.monotonic() - sent), ran
 
 
-def interrupts(folder: Path, count: int, random: Random) -> Iterator[tuple[str, list[float], list[str]]]:
-    """Per command and signal the s to its end, and what went wrong."""
+def percentile(values: list[float], share: float) -> float:
+    """The smallest of the values that so large a share does not exceed."""
+    return sorted(values)[max(math.ceil(share * len(values)), 1) - 1]
+
+
+def interrupts(folder: Path, count: int, random: Random) -> Iterator[tuple[str, list[Latency], list[str]]]:
+    """Per command and signal how long each went on, and what went wrong."""
     demo = ROOT / "python" / "pmsm_rs" / "demo_data"
     recording, machine = str(demo / "recording.parquet"), str(demo / "machine.toml")
     given = ["--machine", machine]
@@ -151,15 +172,22 @@ def interrupts(folder: Path, count: int, random: Random) -> Iterator[tuple[str, 
         whole = max(time.monotonic() - began, least)
         for number in (signal.SIGINT, signal.SIGTERM):
             Path(ledger).unlink(missing_ok=True)
-            took, faults = [], []
+            took: list[Latency] = []
+            faults = []
             for _ in range(count):
                 delay = random.uniform(least, whole)
-                seconds, ran = interrupt(arguments, folder, delay, number)
+                latency, ran = interrupt(arguments, folder, delay, number)
                 if fault := ran.fault(CODES | {130}):
                     faults.append(f"{fault} after {delay:.3f} s: {ran.err.decode(errors='replace')[-400:]}")
                 if ran.code == 130:
-                    took.append(seconds)
+                    took.append(latency)
             yield f"{name}, {number.name}", took, faults
+
+
+def told(took: list[float]) -> str:
+    """Median, 95th percentile and the most, s."""
+    figures = [statistics.median(took), percentile(took, 0.95), max(took)] if took else []
+    return " ".join(f"{x:7.2f}" for x in figures) or " ".join([f"{'-':>7}"] * 3)
 
 
 def main() -> int:
@@ -180,16 +208,22 @@ def main() -> int:
                 figures = f"{ran.code:>4} {ran.seconds:6.1f} {ran.resident >> 20:6} {size >> 10:8}"
                 print(f"{figures}  {kind}{f'  FAILED: {fault}' if fault else ''}", flush=True)
         if given.only in ("", "interrupts"):
-            print(f"{'cut':>4} {'median':>7} {'most s':>7}  interrupted at random")
+            print(
+                f"{'cut':>4} {'median':>7} {'95 %':>7} {'most':>7} {'clock':>7}  s after a signal at random"
+            )
+            cut: list[float] = []
             for kind, took, faults in interrupts(folder, given.interrupts, Random(1)):
                 failed += len(faults)
-                figures = f"{statistics.median(took):7.2f} {max(took):7.2f}" if took else f"{'-':>7} {'-':>7}"
+                cut += [latency.processor for latency in took]
+                figures = told([latency.processor for latency in took])
+                clock = f"{max(latency.clock for latency in took):7.2f}" if took else f"{'-':>7}"
                 print(
-                    f"{len(took):>4} {figures}  {kind}",
+                    f"{len(took):>4} {figures} {clock}  {kind}",
                     *(f"FAILED: {f}" for f in faults),
                     sep="\n     ",
                     flush=True,
                 )
+            print(f"{len(cut):>4} {told(cut)} {'':7}  all of them")
     print("hold: nothing failed" if not failed else f"hold: {failed} failed")
     return bool(failed)
 

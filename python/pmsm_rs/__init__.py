@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from .answers import Diagnosis, Identification
     from .config.effect_text import Effect, effect
     from .config.options import DiagnosisOptions
+    from .experiments.design import design
+    from .experiments.outcome import Design
     from .fleet.recordings import Failure, Fleet, diagnose_many
     from .inspection.inspect import Inspection, inspect
     from .io.loader import load
@@ -46,6 +48,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "DataError": "_core",
+    "Design": "experiments.outcome",
     "Diagnosis": "answers",
     "DiagnosisOptions": "config.options",
     "Effect": "config.effect_text",
@@ -68,6 +71,7 @@ _HOME = {
     "UsageError": "_core",
     "WindowEstimate": "live.tracker",
     "__version__": "_core",
+    "design": "experiments.design",
     "diagnose": "run",
     "diagnose_many": "fleet.recordings",
     "effect": "config.effect_text",
@@ -82,6 +86,7 @@ _HOME = {
 
 __all__ = [
     "DataError",
+    "Design",
     "Diagnosis",
     "DiagnosisOptions",
     "Effect",
@@ -104,6 +109,7 @@ __all__ = [
     "UsageError",
     "WindowEstimate",
     "__version__",
+    "design",
     "diagnose",
     "diagnose_many",
     "effect",
@@ -123,6 +129,8 @@ def __getattr__(name: str) -> Any:
     home = _HOME.get(name)
     if home is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    # It gives errors of the core their codes.
+    import_module(".errors", __name__)
     value = getattr(import_module(f".{home}", __name__), name)
     globals()[name] = value
     return value

@@ -11,6 +11,9 @@ __version__: str
 class PmsmError(Exception):
     """Whatever this package refuses or fails at."""
 
+    @property
+    def code(self) -> str | None: ...
+
 class DataError(PmsmError):
     """A recording that cannot be used; attributes row, column, problem and fix where they apply."""
 

@@ -18,15 +18,64 @@ if TYPE_CHECKING:
 
 
 class Identification(IdentificationValues):
-    """Estimated parameters of the dq-model.
+    """Estimated parameters of the dq-model, as `identify` returns them.
 
-    `history` holds the best cost of each generation, and `rms` measured minus model per channel in its SI
-    unit. `cannot_show` lists the parameters that this recording does not determine, with the reason.
+    Attributes
+    ----------
+    parameters : mapping of str to Estimate
+        Value, standard error, 95 % interval and unit by name.
+    cost : float
+        Sum of squared errors, each over the noise of its channel.
+    history : tuple of float
+        Best cost of each generation.
+    method : str
+        How it was searched: "pso", "lm" or "pso+lm".
+    evaluations : int
+        Number of simulations.
+    converged : bool
+        Whether the search came to rest.
+    interrupted : bool
+        Whether Ctrl-C ended it.
+    rms : mapping of str to float
+        Measured minus model per channel, in its SI unit.
+    cannot_show : tuple of mapping
+        Parameters that this recording does not determine, each with the reason.
+    seed : int
+        Seed of the search.
+    version : str
+        Version of the package.
+    data : mapping
+        The JSON object.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> from pmsm_rs.support.demo import recording_files
+    >>> run, other, machine = recording_files()
+    >>> found = pm.identify(run, machine, method="lm")
+    >>> pm.Identification.from_json(found.to_json()) == found
+    True
     """
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """From what `to_json` writes. Raises DataError for anything else."""
+        """Reads what `to_json` writes.
+
+        Parameters
+        ----------
+        text : str
+            The JSON text.
+
+        Returns
+        -------
+        Identification
+            The answer.
+
+        Raises
+        ------
+        DataError
+            For anything else.
+        """
         with written_by("to_json"):
             return super().from_json(text)
 
@@ -46,41 +95,106 @@ class Identification(IdentificationValues):
 
 
 class Diagnosis(DiagnosisValues):
-    """What the dq-model leaves out; fields are those of the JSON answer, of which `effects` and `base` stand
-    under `model` there.
+    """What the dq-model leaves out, as `diagnose` returns it.
 
-    `read` says for each recording which of its columns became what, which were not used and why, and which
-    questions could be asked. In the JSON answer it is an object for one recording and a list for several. The
-    verdict is `no_mismatch`, `named`, `partial` (the named effects are missing, and something else beside
-    them that is not in the catalogue), `ambiguous`, `unknown` or `undetermined`. Channels are i_d, i_q (A),
-    omega_e (rad/s, electrical), of operating points v_d, v_q (V). `noise_floor` is the residual of a perfect
-    model in each, `fit["recording" or "validation"]["before" or "after"]` the residual, both as root mean
-    square in the channel's unit. `data_quality` has finding, consequence and fix; `cannot_see` effect, why,
-    and power, the probability that it would have been found. `remaining` says what exceeds the noise beside
-    the effects that were found, named or not, and is empty where nothing does. `budget` says which share of
-    the mismatch each effect takes away, by channel and run. `options` are the constants on which the verdict
-    rests, see `DiagnosisOptions`. `reason` says why a verdict is `undetermined`, and is None otherwise.
-    `data["machine"]` is what was stated of machine, drive and load. `data["path"]` is the way to the model,
-    one effect more at each step.
+    Fields are those of the JSON answer, of which `effects` and `base` stand under `model` there. Channels are
+    i_d, i_q (A), omega_e (rad/s, electrical), and of operating points v_d, v_q (V).
 
-    `traces["recording"]` and, where a validation run was given, `traces["validation"]` hold arrays of shape
-    (samples,). They are `t` in s and, per channel, `NAME_measured`, `NAME_before` and `NAME_after`. The
-    operating point is `op_omega_e` (rad/s), `op_i_d`, `op_i_q` (A), `op_theta_e` and `op_theta_m` (rad), as
-    far as known. Several recordings lie end to end there, numbered by `recording`. `recordings` says of each
-    its file, samples, duration in s, kind, load, noise_floor and fit; it is empty for a single one.
+    Attributes
+    ----------
+    verdict : str
+        `no_mismatch`, `named`, `partial` (the named effects are missing, and something else beside them),
+        `ambiguous`, `unknown` or `undetermined`.
+    read : tuple of mapping
+        For each recording: which columns became what, which were not used and why, and which questions could
+        be asked. In the JSON answer it is an object for one recording and a list for several.
+    data_quality : tuple of mapping
+        Findings, each with finding, consequence, fix and code.
+    located : tuple of Location
+        Where the mismatch sits, the largest share first.
+    remaining : tuple of Remaining
+        What exceeds the noise beside the effects that were found; empty where nothing does.
+    budget : tuple of Budget
+        Share of the mismatch that each effect takes away, by channel and run.
+    options : mapping of str to float
+        The constants on which the verdict rests, see `DiagnosisOptions`.
+    reason : str or None
+        Why a verdict is `undetermined`; None otherwise.
+    ranking : tuple of Candidate
+        Candidates with their probabilities, the most probable first.
+    effects : tuple of str
+        Ids of the effects of the model.
+    base : mapping of str to Estimate
+        The base parameters r_s, l_d, l_q, psi_m, j, b and an unknown load.
+    cannot_see : tuple of mapping
+        Effects that this recording cannot show: effect, why, and power, the probability that it would have
+        been found.
+    next_experiment : str or None
+        What recording would decide more.
+    noise_floor : mapping of str to float
+        Residual of a perfect model per channel, root mean square in its unit.
+    fit : mapping
+        fit["recording" or "validation"]["before" or "after"][channel] is the residual, root mean square in
+        the channel's unit. `before` is the dq-model with all its parameters estimated.
+    recording_kind : str or None
+        full, electrical, mechanical, operating_points or open_circuit.
+    recordings : tuple of mapping
+        Of several recordings each one's file, samples, duration in s, kind, load, noise_floor and fit.
+    interrupted : bool
+        Whether Ctrl-C ended it.
+    seed : int
+        Seed of the searches.
+    version : str
+        Version of the package.
+    data : mapping
+        The JSON object. data["machine"] is what was stated of machine, drive and load; data["path"] is the
+        way to the model, one effect more at each step.
+    traces : mapping
+        traces["recording"] and, with a validation run, traces["validation"] hold arrays of shape (samples,):
+        `t` in s and, per channel, `NAME_measured`, `NAME_before` and `NAME_after`. The operating point is
+        `op_omega_e` (rad/s), `op_i_d`, `op_i_q` (A), `op_theta_e` and `op_theta_m` (rad), as far as known.
+        Several recordings lie end to end, numbered by `recording`.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> from pmsm_rs.support.demo import recording_files
+    >>> run, other, machine = recording_files()
+    >>> answer = pm.diagnose(run, machine, validation=other)
+    >>> answer.ranking[0].effect
+    'dead_time'
+    >>> pm.Diagnosis.from_json(answer.to_json()).verdict
+    'named'
     """
 
     @property
     def model(self) -> Model:
-        """The model that was settled on, to predict, simulate and export with; it reads like `model` of the
-        JSON answer.
+        """The model that was settled on, to predict, simulate and export with.
+
+        It reads like `model` of the JSON answer.
         """
         return Model(self.data["model"])
 
     @classmethod
     def from_json(cls, text: str, traces: Traces | None = None) -> Self:
-        """From what `to_json` writes, with the traces where they are at hand. Raises DataError for anything
-        else.
+        """Reads what `to_json` writes.
+
+        Parameters
+        ----------
+        text : str
+            The JSON text.
+        traces : mapping or None, default None
+            Traces, where they are at hand; without them nothing can be drawn.
+
+        Returns
+        -------
+        Diagnosis
+            The answer.
+
+        Raises
+        ------
+        DataError
+            For anything else.
         """
         with written_by("to_json"):
             return super().from_json(text, traces)
@@ -98,10 +212,28 @@ class Diagnosis(DiagnosisValues):
         *,
         command: str | None = None,
     ) -> Page | None:
-        """One self-contained HTML page: written to `path`, or returned for a notebook to show.
+        """Renders one self-contained HTML page.
 
-        `command` is the command line that made the answer, where there is one; the page shows it. The same
-        answer, title and command give the same bytes. Raises UsageError if it cannot be written.
+        The same answer, title and command give the same bytes.
+
+        Parameters
+        ----------
+        path : path or None, default None
+            Where it is written; None returns it for a notebook to show.
+        title : str or None, default None
+            Its heading.
+        command : str or None, default None
+            The command line that made the answer, which the page shows.
+
+        Returns
+        -------
+        Page or None
+            The page where `path` is None.
+
+        Raises
+        ------
+        UsageError
+            If it cannot be written.
         """
         from .view.notebook import Page
         from .view.report import render
@@ -113,11 +245,27 @@ class Diagnosis(DiagnosisValues):
         return None
 
     def export(self, to: str, path: str | os.PathLike[str], **options: Any) -> list[str]:
-        """Writes the model for another tool, one of `pmsm_rs.export.KINDS`: machine, python, rust, fmu,
-        modelica, motulator, gem, mujoco, c-header.
+        """Writes the model for another tool.
 
-        Returns sentences that say what the tool cannot express and the file does not hold. Raises UsageError
-        as `pmsm_rs.export.export` does.
+        Parameters
+        ----------
+        to : str
+            One of `pmsm_rs.export.KINDS`: machine, python, rust, fmu, modelica, motulator, gem, mujoco,
+            c-header.
+        path : path
+            Where it goes.
+        **options : object
+            Options of that kind, see `pmsm-rs export --help`.
+
+        Returns
+        -------
+        list of str
+            Sentences on what the tool cannot express and the file does not hold.
+
+        Raises
+        ------
+        UsageError
+            As `pmsm_rs.export.export` does.
         """
         from .export import export
 
@@ -126,15 +274,32 @@ class Diagnosis(DiagnosisValues):
     def trajectories(self, path: str | os.PathLike[str]) -> None:
         """Writes t and the measured, before and after values per channel as Parquet.
 
-        Raises UsageError if it cannot.
+        Parameters
+        ----------
+        path : path
+            Where it goes; its name ends with .parquet.
+
+        Raises
+        ------
+        UsageError
+            Where it cannot be written.
         """
         from .results.trajectories import write
 
         write(self, path)
 
     def plot(self) -> Figure:
-        """A matplotlib figure: measured minus model before and after over time, and over the operating
-        points.
+        """Draws measured minus model, before and after, over time and over the operating points.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure.
+
+        Raises
+        ------
+        UsageError
+            Without traces.
         """
         from .plot import overview
 

@@ -1,11 +1,14 @@
-"""The catalogue of effects as text."""
+"""The catalogue of effects, and that of messages, as text."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import Any
 
+from ._core import UsageError
 from .config.effect_text import Effect
+from .errors import did_you_mean, refuse
+from .messages import entries
 from .results.registry import effect, effects
 from .results.words import EQUATIONS, number, unit
 
@@ -54,3 +57,23 @@ def _parameter(item: dict[str, Any]) -> str:
 def _derived(item: dict[str, Any]) -> str:
     sign = unit(item["unit"])
     return f"  {item['name']}: {item['meaning']}" + (f", in {sign}" if sign else "")
+
+
+def messages(code: str | None) -> str:
+    """The entry of the error or finding `code`, or a line for each where it is None.
+
+    Raises UsageError naming the nearest codes.
+    """
+    known = entries()
+    if code is not None:
+        if code.upper() not in known:
+            raise refuse(UsageError, f"there is no code '{code}'", fix=did_you_mean(code, known))
+        return str(known[code.upper()])
+    lines: list[str] = []
+    group = None
+    for item in known.values():
+        if item.group != group:
+            group = item.group
+            lines += ["", f"{group} ({item.kind}s)"]
+        lines.append(f"  {item.code}  {item.title}")
+    return "\n".join([*lines[1:], "", "pmsm-rs explain CODE shows one of them."])

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from ._core import DataError, PmsmError, UsageError
+from .messages import of_error
 
 # Characters of a name in a message, about a line of a terminal.
 _LONGEST_SHOWN = 80
@@ -232,3 +233,24 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
         return "none is known"
     more = f" and {len(choices) - _MOST_LISTED} more" if len(choices) > _MOST_LISTED else ""
     return "known: " + ", ".join(shown(choice) for choice in choices[:_MOST_LISTED]) + more
+
+
+def message(error: BaseException) -> str:
+    """What an error says, without its code."""
+    return str(error.args[0]) if isinstance(error, PmsmError) and error.args else str(error)
+
+
+def _code(error: PmsmError) -> str | None:
+    """The code by which `pmsm-rs explain` tells cause and cure."""
+    problem = fact(error, "problem")
+    kinds = tuple(kind.__name__ for kind in type(error).__mro__)
+    return of_error(problem if isinstance(problem, str) else message(error), kinds)
+
+
+def _with_code(error: PmsmError) -> str:
+    return f"{message(error)} [{error.code}]" if error.code else message(error)
+
+
+# The core, where the classes are made, knows neither the table of messages nor its codes.
+PmsmError.code = property(_code)  # type: ignore[assignment]
+PmsmError.__str__ = _with_code  # type: ignore[assignment, method-assign]

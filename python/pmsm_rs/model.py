@@ -32,13 +32,31 @@ class Model(Mapping[str, Any]):
 
     It reads like the object `model` of the JSON answer (`model["effects"]`, `model["base"]`), and does what a
     model does. `to_dict()` and `Model(mapping)` carry it through JSON without the loss of a bit.
+
+    Parameters
+    ----------
+    data : mapping
+        The object `model` of an answer, or what `to_dict` gives.
+
+    Raises
+    ------
+    UsageError
+        For what is neither.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> from pmsm_rs.support.demo import recording_files
+    >>> run, other, machine = recording_files()
+    >>> model = pm.diagnose(run, machine).model
+    >>> model.effects
+    ('dead_time',)
+    >>> pm.Model(model.to_dict()) == model
+    True
     """
 
     def __init__(self, data: Mapping[str, Any]) -> None:
-        """From the object `model` of an answer, or from what `to_dict` gives.
-
-        Raises UsageError for what is neither.
-        """
+        """Takes the object `model` of an answer, or what `to_dict` gives."""
         if not isinstance(data, Mapping) or "base" not in data or "effects" not in data:
             raise refuse(
                 UsageError, "this is no model of an answer", fix="give the object `model` of a JSON answer"
@@ -47,7 +65,23 @@ class Model(Mapping[str, Any]):
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Self:
-        """The model of the JSON answer in the file `path`. Raises UsageError where there is none."""
+        """Reads the model of a JSON answer.
+
+        Parameters
+        ----------
+        path : path
+            The file, as `diagnose --json` writes it.
+
+        Returns
+        -------
+        Model
+            The model.
+
+        Raises
+        ------
+        UsageError
+            Where there is none.
+        """
         from .errors import opened
 
         with opened(str(path), "answer") as file:
@@ -93,7 +127,10 @@ class Model(Mapping[str, Any]):
     def specification(self) -> Mapping[str, Any]:
         """Values of all parameters as the equations have them, with the scales at which they are meant.
 
-        Raises UsageError where the answer has none, as nothing was fitted.
+        Raises
+        ------
+        UsageError
+            Where the answer has none, as nothing was fitted.
         """
         found = self._data.get("specification")
         if not isinstance(found, Mapping):
@@ -110,8 +147,10 @@ class Model(Mapping[str, Any]):
 
     @property
     def parameters(self) -> dict[str, Estimate]:
-        """Estimates by name: those of the base under their own names, and each effect's parameters in the
-        equations as `EFFECT.PARAMETER`, with the standard error where the recording shows one.
+        """Estimates by name.
+
+        Those of the base have their own names; each effect's parameters in the equations are
+        `EFFECT.PARAMETER`, with the standard error where the recording shows one.
         """
         own = estimates(self._data["base"])
         errors = self._errors
@@ -141,8 +180,9 @@ class Model(Mapping[str, Any]):
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """Covariance of the parameters `names`, shape (n, n), in products of their SI units; NaN where the
-        recording does not show one.
+        """Covariance of the parameters `names`, shape (n, n), in products of their SI units.
+
+        NaN where the recording does not show one.
         """
         import numpy as np
 
@@ -175,13 +215,27 @@ class Model(Mapping[str, Any]):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """The object `model` of the JSON answer."""
+        """Gives the object `model` of the JSON answer.
+
+        Returns
+        -------
+        dict
+            The object.
+        """
         return dict(self._data)
 
     def to_frame(self) -> Any:
-        """The parameters as a pandas DataFrame: value, stderr, low, high, unit; the index is the name.
+        """Gives the parameters as a pandas DataFrame.
 
-        Raises UsageError without pandas.
+        Returns
+        -------
+        pandas.DataFrame
+            Columns value, stderr, low, high and unit; the index is the name.
+
+        Raises
+        ------
+        UsageError
+            Without pandas.
         """
         try:
             import pandas as pd  # type: ignore[import-untyped]
@@ -210,15 +264,45 @@ class Model(Mapping[str, Any]):
         threads: int | None = None,
         progress: Progress | None = None,
     ) -> Columns:
-        """What the model says of a recording: `t`, and `NAME_measured`, `NAME_model` for each channel, arrays
-        of shape (samples,). Channels are i_d, i_q in A, omega_e in rad/s; of operating points v_d, v_q in V.
+        """Predicts a recording.
 
         In free run, currents run over the whole recording, driven by the logged voltage and the measured
-        speed; the speed runs over windows of 0.25 s. `one_step` predicts each sample from the one before.
-        Nothing is estimated but initial values and an unknown load. `machine` is the nameplate by which the
-        recording is read, by default the model's own.
+        speed; the speed runs over windows of 0.25 s. Nothing is estimated but initial values and an unknown
+        load.
 
-        Raises UsageError where the recording shows nothing that the model holds for.
+        Parameters
+        ----------
+        recording : Recording
+            The run.
+        machine : Machine or None, default None
+            The nameplate by which the recording is read; None takes the model's own.
+        one_step : bool, default False
+            Predict each sample from the one before.
+        threads : int or None, default None
+            None uses every processor.
+        progress : callable or None, default None
+            Is called as progress(stage, fraction) from time to time.
+
+        Returns
+        -------
+        dict of str to ndarray
+            `t` in s, and `NAME_measured`, `NAME_model` for each channel, of shape (samples,). Channels are
+            i_d, i_q in A, omega_e in rad/s; of operating points v_d, v_q in V.
+
+        Raises
+        ------
+        UsageError
+            Where the recording shows nothing that the model holds for.
+
+        Examples
+        --------
+        >>> import pmsm_rs as pm
+        >>> from pmsm_rs.support.demo import recording_files
+        >>> run, other, machine = recording_files()
+        >>> model = pm.diagnose(run, machine).model
+        >>> predicted = model.predict(pm.load(other, machine))
+        >>> predicted["i_q_model"].shape == predicted["t"].shape
+        True
         """
         self._expect(recording)
         return _core.predict(
@@ -231,12 +315,27 @@ class Model(Mapping[str, Any]):
         )
 
     def explain(self, recording: Recording, machine: Machine | None = None) -> dict[str, Columns]:
-        """What each effect does to a recording over time.
+        """Shows what each effect does to a recording over time.
 
-        Per effect these are `t`, and for each channel the prediction with the effect minus that without it:
-        arrays of shape (samples,) in the channel's unit.
+        The other effects and the base parameters keep their values.
 
-        The other effects and the base parameters keep their values. Raises UsageError as `predict` does.
+        Parameters
+        ----------
+        recording : Recording
+            The run.
+        machine : Machine or None, default None
+            The nameplate by which the recording is read; None takes the model's own.
+
+        Returns
+        -------
+        dict of str to dict of str to ndarray
+            Per effect `t` in s, and for each channel the prediction with the effect minus that without it.
+            Arrays of shape (samples,), in the channel's unit.
+
+        Raises
+        ------
+        UsageError
+            As `predict` does.
         """
         whole = self.predict(recording, machine)
         told: dict[str, Columns] = {}
@@ -250,8 +349,22 @@ class Model(Mapping[str, Any]):
         return told
 
     def without(self, effect: str) -> Model:
-        """The same model with one effect taken out; all else keeps its value. Raises UsageError naming the
-        effects that it has.
+        """Gives the same model with one effect taken out; all else keeps its value.
+
+        Parameters
+        ----------
+        effect : str
+            Id of the effect.
+
+        Returns
+        -------
+        Model
+            The model without it.
+
+        Raises
+        ------
+        UsageError
+            Naming the effects that it has.
         """
         if effect not in self.effects:
             raise refuse(
@@ -277,16 +390,36 @@ class Model(Mapping[str, Any]):
         temperature_magnet: float = REFERENCE_TEMPERATURE,
         steps: int | None = None,
     ) -> Columns:
-        """The open-loop response of the motor: `t`, `i_d`, `i_q` (A), `tau_e` (N·m), `omega_m` (rad/s) and
-        `theta_m` (rad), arrays of shape (instants,).
+        """Computes the open-loop response of the motor.
 
-        `v_d`, `v_q` (V, rotor frame) and `tau_load` (N·m, against positive rotation) hold from each instant
-        of `t` (s) to the next; a number holds throughout. The motor begins at the given currents (A), speed
-        and angle. `steps` Runge-Kutta steps are made in each interval, by default as many as the fastest
-        time constant needs. Temperatures are in degC.
+        Parameters
+        ----------
+        t : array_like of shape (instants,)
+            Instants in s, increasing.
+        v_d, v_q : array_like
+            Voltage in the rotor frame, V, from each instant to the next; a number holds throughout.
+        tau_load : array_like, default 0.0
+            Load torque against positive rotation, N·m, likewise.
+        i_d, i_q : float, default 0.0
+            Currents at the start, A.
+        omega_m : float, default 0.0
+            Mechanical speed at the start, rad/s.
+        theta_m : float, default 0.0
+            Mechanical angle at the start, rad.
+        temperature, temperature_magnet : float, default 20.0
+            Of winding and magnet, degC.
+        steps : int or None, default None
+            Runge-Kutta steps in each interval; None makes as many as the fastest time constant needs.
 
-        Raises UsageError for unequal lengths, times that do not increase, and a motion that does not stay
-        finite.
+        Returns
+        -------
+        dict of str to ndarray
+            `t`, `i_d`, `i_q` (A), `tau_e` (N·m), `omega_m` (rad/s) and `theta_m` (rad), of shape (instants,).
+
+        Raises
+        ------
+        UsageError
+            For unequal lengths, times that do not increase, and a motion that does not stay finite.
         """
         import numpy as np
 
@@ -313,7 +446,20 @@ class Model(Mapping[str, Any]):
         return {"t": instants, **out}
 
     def simulate(self, config: Any = None, /, **tables: Any) -> Simulation:
-        """This motor in a closed-loop drive: `pmsm_rs.simulate` with this model as machine and effects."""
+        """Simulates this motor in a closed-loop drive, by `pmsm_rs.simulate`.
+
+        Parameters
+        ----------
+        config : path, mapping or None, default None
+            The configuration, as for `pmsm_rs.simulate`.
+        **tables : object
+            Tables and keys on top of it.
+
+        Returns
+        -------
+        Simulation
+            The run.
+        """
         from .simulation.drive import simulate
 
         return simulate(config, **({"effects": self} | tables))
@@ -324,10 +470,18 @@ class Model(Mapping[str, Any]):
         temperature: float = REFERENCE_TEMPERATURE,
         temperature_magnet: float = REFERENCE_TEMPERATURE,
     ) -> dict[str, Any]:
-        """The equations as lists of elementary operations, from which exports are written.
+        """Gives the equations as lists of elementary operations, from which exports are written.
 
-        `states` are the names of the states; `start`, `derivative`, `output`, `command`, `torque` and `flux`
-        have `inputs`, `operations` and `outputs`. Temperatures in degC replace measured ones.
+        Parameters
+        ----------
+        temperature, temperature_magnet : float, default 20.0
+            Of winding and magnet in degC; they replace measured ones.
+
+        Returns
+        -------
+        dict
+            `states` are the names of the states; `start`, `derivative`, `output`, `command`, `torque` and
+            `flux` have `inputs`, `operations` and `outputs`.
         """
         heating = [temperature - REFERENCE_TEMPERATURE, temperature_magnet - REFERENCE_TEMPERATURE]
         told: dict[str, Any] = json.loads(_core.equations(self._text, heating=heating))

@@ -21,6 +21,7 @@ from .given import machine_of, recording_of
 from .io.conventions import scaled
 from .io.corrections import corrected, of_load
 from .io.reading import Account, told, warnings
+from .messages import coded
 from .progress import Progress
 from .results.provenance import dated, stated
 from .results.words import lower_first
@@ -37,15 +38,41 @@ PARAMETERS = ("r_s", "l_d", "l_q", "psi_m", "j", "b", "tau_load")
 class Swarm:
     """Settings of the particle swarm, eq. (5) of Liu, Liu & Cartes (2008), and of its variants.
 
-    `inertia` weighs a particle's own velocity, `cognitive` the way back to its own best, `social` the way to
-    the best it hears of; all three are pure numbers. `velocity_limit` is the largest move as a share of each
-    parameter's range. With an `inertia_schedule` the inertia goes to `inertia_last`: "linear" over the
-    iterations, "random" anywhere between, "adaptive" by the share of particles that last got better. `update`
-    is "inertia" (the paper), "constriction" (Clerc & Kennedy 2002) or "fully_informed" (Mendes, Kennedy &
-    Neves 2004); the last two need cognitive + social > 4 and leave the inertia out. A particle listens to a
-    `neighbourhood`: "all", "ring" or "von_neumann".
+    Parameters
+    ----------
+    particles : int, default 30
+        Number of particles.
+    iterations : int, default 100
+        Number of generations.
+    inertia : float, default 0.72
+        Weight of a particle's own velocity, a pure number.
+    cognitive : float, default 1.49
+        Weight of the way back to its own best.
+    social : float, default 1.49
+        Weight of the way to the best it hears of.
+    velocity_limit : float, default 0.2
+        Largest move, as a share of each parameter's range.
+    inertia_schedule : str, default "constant"
+        How the inertia goes to `inertia_last`: "constant", "linear" over the iterations, "random" anywhere
+        between, or "adaptive" by the share of particles that last got better.
+    inertia_last : float or None, default None
+        Its last value, with a schedule that is not constant.
+    update : str, default "inertia"
+        "inertia" (the paper), "constriction" (Clerc & Kennedy 2002) or "fully_informed" (Mendes, Kennedy &
+        Neves 2004). The last two need cognitive + social > 4 and have no inertia.
+    neighbourhood : str, default "all"
+        To whom a particle listens: "all", "ring" or "von_neumann".
 
-    Raises UsageError for a name that does not exist.
+    Raises
+    ------
+    UsageError
+        For a name that does not exist.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> pm.Swarm(particles=10, iterations=30, inertia=0.8, cognitive=2.0, social=2.0).particles
+    10
     """
 
     particles: int = 30
@@ -74,6 +101,21 @@ class Swarm:
                 fix="give it with a schedule that is not constant, and only then",
             )
 
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """Gives all settings by name, as estimators of scikit-learn do.
+
+        Parameters
+        ----------
+        deep : bool, default True
+            Has no effect: no setting has settings of its own.
+
+        Returns
+        -------
+        dict of str to object
+            From which the same object can be made.
+        """
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
     @cached_property
     def settings(self) -> str:
         """As the core reads it: JSON text."""
@@ -88,7 +130,23 @@ class Swarm:
 
     @classmethod
     def parse(cls, text: str) -> Swarm:
-        """From `name=value,name=value`, as on the command line. Raises UsageError naming what is wrong."""
+        """Reads settings as on the command line.
+
+        Parameters
+        ----------
+        text : str
+            `name=value,name=value`.
+
+        Returns
+        -------
+        Swarm
+            With the default of what is not named.
+
+        Raises
+        ------
+        UsageError
+            Naming what is wrong.
+        """
         kinds = {field.name: field.type for field in fields(cls)}
         given: dict[str, Any] = {}
         for part in filter(None, (part.strip() for part in text.split(","))):
@@ -135,19 +193,56 @@ def identify(
 ) -> Identification:
     """Estimates parameters of the dq-model from a recording.
 
-    `recording` is a Recording or the name of a file, which is read as `machine` says. `machine` is the
-    nameplate, or a machine file that holds it. `fit` names the parameters, with bounds in SI units or None
-    for a wide range around the nameplate; left out, every parameter that the recording can show is fitted.
-    `method` is "pso" (particle swarm), "lm" (Levenberg-Marquardt from a regression) or "pso+lm". `threads`
-    None uses every processor; the answer does not depend on it. `progress(stage, fraction)` is called from
-    time to time. On Ctrl-C the best so far is returned, marked `interrupted`.
+    On Ctrl-C the best so far is returned, marked `interrupted`.
 
-    With `uncertainties` False the answer holds values and cost alone, for a search that is repeated many
-    times. It has no `stderr`, no `ci95` and an empty `rms`, and `cannot_show` only lists what cannot be
-    fitted at all.
+    Parameters
+    ----------
+    recording : Recording or path
+        The run. A file is read as `machine` says.
+    machine : Machine, MachineFile or path
+        The nameplate, or a machine file that holds it.
+    fit : mapping, iterable of str or None, default None
+        Names of parameters, of r_s, l_d, l_q, psi_m, j, b and tau_load. A mapping gives each its bounds (low,
+        high) in SI units, or None for a wide range around the nameplate. None fits all that the recording can
+        show.
+    method : str, default "pso+lm"
+        "pso" (particle swarm), "lm" (Levenberg-Marquardt from a regression), or both in turn.
+    swarm : Swarm or None, default None
+        Settings of the swarm.
+    seed : int, default 1
+        From 0 on. The same seed gives the same answer.
+    uncertainties : bool, default True
+        False gives values and cost alone, for a search that is repeated many times. The answer has no
+        `stderr`, no `ci95` and an empty `rms`, and `cannot_show` only lists what cannot be fitted at all.
+    threads : int or None, default None
+        None uses every processor; the answer does not depend on it.
+    progress : callable or None, default None
+        Is called as progress(stage, fraction) from time to time.
 
-    Raises UsageError for what is no recording and for unknown names or bounds, and MachineError for a wrong
-    machine file. Raises DataError or NotIdentifiableError where the recording cannot give what is asked for.
+    Returns
+    -------
+    Identification
+        Values with standard errors in SI units, cost, and the rms of measured minus model.
+
+    Raises
+    ------
+    UsageError
+        For what is no recording and for unknown names or bounds.
+    MachineError
+        For a wrong machine file.
+    DataError
+        Where the recording cannot be read or used.
+    NotIdentifiableError
+        Where the recording does not show what is asked for.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> from pmsm_rs.support.demo import recording_files
+    >>> run, other, machine = recording_files()
+    >>> found = pm.identify(run, machine, fit={"r_s": (0.2, 4.0)}, method="lm")
+    >>> found.parameters["r_s"].unit
+    'ohm'
     """
     expect_method(method)
     expect_whole(seed=seed, threads=threads)
@@ -179,20 +274,61 @@ def diagnose(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Diagnosis:
-    """Finds out which physics the dq-model leaves out, from one recording or several of the same machine.
+    """Finds out which physics the dq-model leaves out.
 
-    A recording is a Recording or the name of a file, which is read as `machine` says. Everything is estimated
-    on `recording`: several are fitted together by one machine with the same effects, each with its own clock,
-    noise, load and initial values. `machine` is the nameplate, or a machine file that holds it. `validation`
-    is another run of the same machine, to check the prediction. `options` are the constants on which the
-    verdict rests. `effects` are effects given as text, see `effect`, which are asked about besides the
-    catalogue and those of the machine file. `progress(stage, fraction)` is called from time to time.
-    `threads` None uses every processor; the answer does not depend on it. On Ctrl-C the best so far is
-    returned, marked `interrupted`.
+    Everything is estimated on `recording`. Several are fitted together by one machine with the same effects,
+    each with its own clock, noise, load and initial values. On Ctrl-C the best so far is returned, marked
+    `interrupted`.
 
-    Raises UsageError without a recording, for what is none and for an option out of range, and MachineError
-    for a wrong machine file. Raises DataError or NotIdentifiableError where the recordings cannot be used. Of
-    several the message names the one, and so do the attributes `recording`, counted from 1, and `file`.
+    Parameters
+    ----------
+    recording : Recording, path, or sequence of them
+        One run of the machine, or several. A file is read as `machine` says.
+    machine : Machine, MachineFile or path
+        The nameplate, or a machine file that holds it.
+    validation : Recording, path or None, default None
+        Another run of the same machine, to check the prediction. Nothing is fitted to it but initial values
+        and an unknown load.
+    options : DiagnosisOptions or None, default None
+        The constants on which the verdict rests.
+    effects : sequence of Effect, default ()
+        Effects given as text, see `effect`, which are asked about besides the catalogue and those of the
+        machine file.
+    seed : int, default 1
+        From 0 on. The same seed gives the same answer.
+    threads : int or None, default None
+        None uses every processor; the answer does not depend on it.
+    progress : callable or None, default None
+        Is called as progress(stage, fraction) from time to time.
+
+    Returns
+    -------
+    Diagnosis
+        Verdict, effects with parameters and standard errors in SI units, budget of the mismatch, and what the
+        recording does not show.
+
+    Raises
+    ------
+    UsageError
+        Without a recording, for what is none, and for an option out of range.
+    MachineError
+        For a wrong machine file.
+    DataError
+        Where a recording cannot be read or used. Of several the message names the one, and so do the
+        attributes `recording`, counted from 1, and `file`.
+    NotIdentifiableError
+        Where the recordings do not determine the dq-model.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> from pmsm_rs.support.demo import recording_files
+    >>> run, other, machine = recording_files()
+    >>> answer = pm.diagnose(run, machine, validation=other)
+    >>> answer.verdict
+    'named'
+    >>> answer.effects
+    ('dead_time',)
     """
     several = isinstance(recording, Sequence) and not isinstance(recording, str)
     runs: list[Any] = list(recording) if several else [recording]  # type: ignore[arg-type]
@@ -259,13 +395,16 @@ def refused(error: NotIdentifiableError, recordings: Sequence[Recording] = (), *
     `cannot_see`, and `data_quality` holds the reason and its remedy.
     """
     data = json.loads(_core.refusal(error.problem, error.fix, seed=seed))
+    data["data_quality"] = coded(data["data_quality"])
     return Diagnosis.of(_complete(data, recordings) if recordings else data)
 
 
 def unanswered(error: NothingToAsk, *, seed: int = 1) -> Diagnosis:
     """The answer on a recording whose columns answer no question: `undetermined`, with the reason."""
     data = json.loads(_core.refusal(error.problem, error.fix, seed=seed))
-    return Diagnosis.of(_with_read(data, [error.read]))
+    data = _with_read(data, [error.read])
+    data["data_quality"] = coded(data["data_quality"])
+    return Diagnosis.of(data)
 
 
 def _in_file(
@@ -317,6 +456,7 @@ def _complete(
         other = _read(validation)
         complete["validation"] = other
         complete["data_quality"] += [_of("Validation run", finding) for finding in warnings(other)]
+    complete["data_quality"] = coded(complete["data_quality"])
     return complete
 
 

@@ -25,14 +25,58 @@ Rhs = Callable[[float, Array, Any, dict[str, Any]], Sequence[Any]]
 class SystemFit(Fit):
     """Estimated parameters of a system of one's own; units are those of its equations.
 
-    `cost` is the weighted sum of squares, `history` its best value after each generation of the swarm and
-    each step of least squares. `rms` is the weighted error of each output (None if interrupted), and
-    `cannot_show` the parameters that the recording does not determine, with the reason.
+    Attributes
+    ----------
+    parameters : mapping of str to Estimate
+        Value, standard error and 95 % interval by name.
+    cost : float
+        Weighted sum of squares.
+    history : tuple of float
+        Its best value after each generation of the swarm and each step of least squares.
+    method : str
+        How it was searched.
+    evaluations : int
+        Number of simulations.
+    converged : bool
+        Whether the search came to rest.
+    interrupted : bool
+        Whether Ctrl-C ended it.
+    rms : mapping of str to float or None
+        Weighted error of each output; None if interrupted.
+    cannot_show : tuple of mapping
+        Parameters that the recording does not determine, each with the reason.
+    data : mapping
+        The JSON object.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pmsm_rs as pm
+    >>> t = np.linspace(0.0, 1.0, 100)
+    >>> found = pm.identify_system(
+    ...     lambda t, x, u, p: [-p["rate"] * x[0]],
+    ...     t, None, np.exp(-3.0 * t), parameters={"rate": (0.1, 10.0)}, x0=[1.0],
+    ... )
+    >>> round(found.parameters["rate"].value, 3)
+    3.0
     """
 
     @classmethod
     def of(cls, text: str, outputs: Sequence[str]) -> Self:
-        """From the core's answer and the outputs' names."""
+        """Reads the core's answer.
+
+        Parameters
+        ----------
+        text : str
+            The JSON text.
+        outputs : sequence of str
+            Names of the outputs.
+
+        Returns
+        -------
+        SystemFit
+            The answer.
+        """
         data = json.loads(text)
         return cls._of({**data, "rms": dict(zip(outputs, data["rms"], strict=True))})
 
@@ -73,22 +117,71 @@ def identify_system(
 ) -> SystemFit:
     """Finds the parameters with which a system of one's own reproduces a recording.
 
-    `rhs(t, x, u, p)` returns dx/dt, one entry per state. `x` are the states, `p` the parameters by name, and
-    `u` the inputs at time `t`, by position, or by name where `inputs` is a mapping. `output` with the same
-    arguments returns what is measured; left out, it is the first states. `measured` holds the outputs, an
-    array of shape (samples,) or (samples, outputs) or a mapping of arrays, NaN where there is no value; `t`
-    has shape (samples,). `parameters` maps names to their bounds, `x0` is the first state, each entry a
-    number or the name of a parameter. Inputs keep the value of the sample before, or go in straight lines
-    with `linear_inputs`. `weights` of the outputs' errors are the reciprocals of their standard deviations if
-    left out.
-
     The same swarm and least squares as for a motor do the search, with derivatives by differences. The
     function is called for many candidates at once: `x[0]` and `p["r"]` are arrays, so write it with numpy
     (`np.where`, not `if`), or pass `vectorised=False`, which is slower still. The same system in Rust
-    (`pmsm_core::system`) is faster by orders of magnitude.
+    (`pmsm_core::system`) is faster by orders of magnitude. On Ctrl-C the best so far is returned, marked
+    `interrupted`.
 
-    On Ctrl-C the best so far is returned, marked `interrupted`. Raises UsageError for names, bounds and
-    shapes that do not go together, DataError for a recording that cannot be used, and what `rhs` raises.
+    Parameters
+    ----------
+    rhs : callable
+        Called as rhs(t, x, u, p), it returns dx/dt, one entry per state. `x` are the states, `p` the
+        parameters by name, `u` the inputs at time `t`, by position, or by name where `inputs` is a mapping.
+    t : array_like of shape (samples,)
+        Times, increasing.
+    inputs : array_like, mapping of array_like, or None
+        Inputs of shape (samples,) or (samples, inputs), finite.
+    measured : array_like or mapping of array_like
+        Outputs of shape (samples,) or (samples, outputs), NaN where there is no value.
+    parameters : mapping of str to (float, float)
+        Bounds by name.
+    x0 : sequence of float or str
+        The first state, each entry a number or the name of a parameter.
+    output : callable or None, default None
+        Returns with the same arguments what is measured; None takes the first states.
+    method : str, default "pso+lm"
+        "pso", "lm" or "pso+lm".
+    swarm : Swarm or None, default None
+        Settings of the swarm.
+    seed : int, default 1
+        From 0 on.
+    start : mapping of str to float or None, default None
+        Where the search starts, a value for every parameter.
+    weights : sequence of float or None, default None
+        Of the outputs' errors, above zero; None takes the reciprocals of the outputs' standard deviations.
+    substeps : int, default 1
+        Runge-Kutta steps between two samples.
+    linear_inputs : bool, default False
+        Whether inputs go in straight lines, not in steps.
+    vectorised : bool, default True
+        Whether `rhs` takes many candidates at once.
+    progress : callable or None, default None
+        Is called as progress(stage, fraction) from time to time.
+
+    Returns
+    -------
+    SystemFit
+        Parameters with standard errors, in the units of the equations.
+
+    Raises
+    ------
+    UsageError
+        For names, bounds and shapes that do not go together.
+    DataError
+        For a recording that cannot be used. What `rhs` raises is raised, too.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pmsm_rs as pm
+    >>> t = np.linspace(0.0, 1.0, 100)
+    >>> found = pm.identify_system(
+    ...     lambda t, x, u, p: [-p["rate"] * x[0]],
+    ...     t, None, np.exp(-3.0 * t), parameters={"rate": (0.1, 10.0)}, x0=[1.0],
+    ... )
+    >>> round(found.parameters["rate"].value, 3)
+    3.0
     """
     if method not in METHODS:
         raise refuse(UsageError, f"there is no method '{method}'", fix=did_you_mean(method, METHODS))

@@ -27,7 +27,7 @@ def recording(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    "command", [[], ["demo"], ["inspect"], ["identify"], ["diagnose"], ["simulate"], ["effects"]]
+    "command", [[], ["demo"], ["inspect"], ["identify"], ["diagnose"], ["simulate"], ["design"], ["effects"]]
 )
 def test_help(command: list[str], run: Run) -> None:
     ran = run(*command, "--help")

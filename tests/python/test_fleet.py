@@ -285,3 +285,24 @@ def test_ctrl_c_leaves_a_ledger_to_go_on_from(long_files: list[Path], machine_fi
 
     with Ledger(ledger) as book:
         assert len(book.entries) == len(done)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGTERM") or os.name == "nt", reason="signals of POSIX")
+def test_an_end_in_the_middle_ends_the_processes_of_a_pool_of_its_own(long_files: list[Path]) -> None:
+    token = "run"
+    made: list[ProcessPoolExecutor] = []
+
+    def make() -> ProcessPoolExecutor:
+        made.append(ProcessPoolExecutor(2, mp_context=SPAWN))
+        return made[-1]
+
+    tasks = {str(path): Task(token, str(path), path, None, MACHINE, 1, 1, 1 << 30) for path in long_files}
+    hands = crew.Crew(make, tasks)
+    hands._submit()
+    processes = [*(made[0]._processes or {}).values()]
+    assert processes
+    hands.end()
+    for process in processes:
+        process.join()
+    assert all(process.exitcode == -signal.SIGTERM for process in processes)
+    assert token not in crew._STOPS

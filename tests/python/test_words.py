@@ -32,7 +32,7 @@ def test_all_kinds_of_prose_are_read() -> None:
         "README.md",
         "docs/glossary.md",
         "python/pmsm_rs/run.py",
-        "docs/examples/1_diagnose.py",
+        "docs/examples/01_diagnose.py",
         "crates/pmsm-core/src/diagnose/locate.rs",
     } <= files
 

@@ -39,6 +39,7 @@ mod searching;
 pub mod select;
 mod short_circuit;
 pub mod shortlist;
+mod so_far;
 mod stated_load;
 #[cfg(test)]
 mod testing;
@@ -61,6 +62,7 @@ use data::Data;
 use hold::Held;
 pub use options::DiagnosisOptions;
 pub use predict::{Horizon, predict};
+use so_far::SoFar;
 use transfer::transfer;
 use verdict::Judged;
 
@@ -72,8 +74,8 @@ const RICH: &str = "Record a rich manoeuvre: reversals, two levels of i_q, steps
 ///
 /// # Errors
 /// [`Error::Unusable`] if the validation run is one of the recordings; those of [`DiagnosisOptions::check`], [`join::prepare`] and [`crate::signals::Signals::new`],
-/// [`crate::start::values`] and the least-squares fits. An interruption through `monitor` is no error: the answer then rests on what had
-/// been tried.
+/// [`crate::start::values`] and the least-squares fits. An interruption through `monitor` is no error: the answer is then
+/// `undetermined`, and holds the best model so far.
 pub fn diagnose(
     recordings: &[&Recording],
     machine: &Machine,
@@ -98,33 +100,52 @@ pub fn diagnose(
         }
     }
     let mut whole = join::prepare(recordings, machine, options)?;
-    if let Some(finding) = bare::silent(&whole) {
-        return Ok(conclude::undetermined(&whole, finding, Some(RICH)));
+    let found = SoFar::default();
+    match in_stages(&mut whole, (recordings, machine, validation, options), (monitor, &found)) {
+        Err(Error::Interrupted) => Ok(found.answer(&whole)),
+        ended => ended,
     }
-    let mut base = bare::fit(&mut whole, monitor)?;
+}
+
+/// The diagnosis of recordings that were read, one stage after the other. What the stages learn of the `whole` stays in it.
+fn in_stages(
+    whole: &mut Data,
+    (recordings, machine, validation, options): (
+        &[&Recording],
+        &Machine,
+        Option<&Recording>,
+        &DiagnosisOptions,
+    ),
+    (monitor, so_far): (&dyn Monitor, &SoFar),
+) -> Result<Answer> {
+    if let Some(finding) = bare::silent(whole) {
+        return Ok(conclude::undetermined(whole, finding, Some(RICH)));
+    }
+    let mut base = bare::fit(whole, monitor)?;
+    so_far.note(&base);
     if let Some(finding) = bare::diverged(&base) {
-        let mut answer = conclude::undetermined(&whole, finding, None);
+        let mut answer = conclude::undetermined(whole, finding, None);
         answer.data_quality.extend(wiring::suspected(recordings, machine, &base, options, monitor)?);
         return Ok(answer);
     }
-    let counted = counts::settle(&mut whole, &mut base, monitor)?;
-    if let Some(why) = between_rows::moved(&whole, &base, monitor)? {
+    let counted = counts::settle(whole, &mut base, monitor)?;
+    if let Some(why) = between_rows::moved(whole, &base, monitor)? {
         if let Some(mistake) = wiring::suspected(recordings, machine, &base, options, monitor)? {
-            return Ok(conclude::undetermined(&whole, mistake, None));
+            return Ok(conclude::undetermined(whole, mistake, None));
         }
-        whole = join::motion_alone(recordings, machine, &why, options)?;
+        *whole = join::motion_alone(recordings, machine, &why, options)?;
         if counted {
-            counts::to_middle(&mut whole);
+            counts::to_middle(whole);
         }
-        base = bare::fit(&mut whole, monitor)?;
+        base = bare::fit(whole, monitor)?;
     }
-    if let Some(finding) = torque_sign::opposite(&whole, &base, monitor)?
+    if let Some(finding) = torque_sign::opposite(whole, &base, monitor)?
         && wiring::suspected(recordings, machine, &base, options, monitor)?.is_none()
     {
-        return Ok(conclude::undetermined(&whole, finding, None));
+        return Ok(conclude::undetermined(whole, finding, None));
     }
-    if let Some(finding) = baseline::fault(&whole, &base) {
-        let mut answer = conclude::undetermined(&whole, finding, None);
+    if let Some(finding) = baseline::fault(whole, &base) {
+        let mut answer = conclude::undetermined(whole, finding, None);
         answer.data_quality.extend(wiring::suspected(recordings, machine, &base, options, monitor)?);
         return Ok(answer);
     }
@@ -138,17 +159,17 @@ pub fn diagnose(
         others.push(data);
     }
     let mut settled = None;
-    match hold::settle(&mut whole, &mut others, &base, &[], monitor)? {
+    match hold::settle(whole, &mut others, &base, &[], monitor)? {
         Held::InStator(held) => base = *held,
         Held::InRotor(theirs) => settled = Some(theirs),
         Held::Unasked => {}
     }
-    if turns::settle(&mut whole, &base, monitor) {
-        base = fitting::refit(&whole, &base, monitor)?;
+    if turns::settle(whole, &base, monitor)? {
+        base = fitting::refit(whole, &base, monitor)?;
         settled = None;
     }
-    let weak = bare::weak_parameters(&whole, &base);
-    whole.poor = bare::is_poor(&whole, &weak);
+    let weak = bare::weak_parameters(whole, &base);
+    whole.poor = bare::is_poor(whole, &weak);
     if let Some(settled) = settled {
         others = settled;
     } else {
@@ -158,24 +179,27 @@ pub fn diagnose(
         }
     }
     if whole.poor && verdict::largest_excess(&base) > options.mismatch {
-        base = fitting::refit(&whole, &base, monitor)?;
+        base = fitting::refit(whole, &base, monitor)?;
     }
     monitor.report("dq-model", 0.1);
-    let mut outcome = searching::search(&whole, &others, &base, None, monitor)?;
+    let watch = (monitor, so_far);
+    let mut outcome = searching::search(whole, &others, &base, None, watch)?;
     let (bare, best) = outcome.ends();
     let Judged { fitted: found, held_out, .. } = best;
     let known = if held_out.len() == others.len() { &held_out[..] } else { &[] };
-    let again = anew::settled_anew(&mut whole, &mut others, bare, best)
+    let again = anew::settled_anew(whole, &mut others, bare, best)
         || !found.effects().is_empty()
-            && matches!(hold::settle(&mut whole, &mut others, found, known, monitor)?, Held::InStator(_))
-        || hold::in_place_of_one(&mut whole, &mut others, &outcome, monitor)?;
-    if again && !monitor.cancelled() {
-        base = fitting::refit(&whole, &base, monitor)?;
+            && matches!(hold::settle(whole, &mut others, found, known, monitor)?, Held::InStator(_))
+        || hold::in_place_of_one(whole, &mut others, &outcome, monitor)?;
+    so_far.note(found);
+    if again {
+        base = fitting::refit(whole, &base, monitor)?;
         let found = outcome.best.fitted;
-        outcome = searching::search(&whole, &others, &base, Some(&found), monitor)?;
-    } else if let Some(finer) = searching::judged_finer(&whole, &others, &outcome, monitor)? {
-        (whole, others, outcome) = finer;
+        outcome = searching::search(whole, &others, &base, Some(&found), watch)?;
+    } else if let Some(finer) = searching::judged_finer(whole, &others, &outcome, watch)? {
+        (*whole, others, outcome) = finer;
     }
+    so_far.note(&outcome.ends().1.fitted);
     monitor.report("answer", 0.97);
     let judge = others.last().filter(|_| validation.is_some());
     // A log that was wired or written wrong has no names of what the model leaves out.
@@ -186,7 +210,7 @@ pub fn diagnose(
     if mistake.is_some() {
         outcome.names_nothing();
     }
-    let mut answer = conclude::conclude(&whole, judge, outcome, &weak, monitor)?;
+    let mut answer = conclude::conclude(whole, judge, outcome, &weak, monitor)?;
     answer.data_quality.splice(0..0, mistake);
     Ok(answer)
 }

@@ -24,7 +24,7 @@ mod variation;
 pub use course::Course;
 pub use fitting::Fitted;
 pub use joint::{Block, Channels, Joint, split};
-pub use lost::{Answering, LAGS};
+pub use lost::{Answering, LAGS, LATE, TURNED};
 pub use prior::Prior;
 
 use crate::base::BASE;
@@ -41,6 +41,24 @@ use crate::simulate::mechanical::Nuisance;
 use nalgebra::{DMatrix, DVector};
 use std::borrow::Cow;
 use std::ops::Range;
+
+/// Passes of models through recordings on this thread, for tests of what is left undone after a stop.
+#[cfg(test)]
+pub(crate) mod passes {
+    use std::cell::Cell;
+
+    thread_local! {
+        static COUNT: Cell<usize> = const { Cell::new(0) };
+    }
+
+    pub fn count() -> usize {
+        COUNT.get()
+    }
+
+    pub(super) fn add() {
+        COUNT.set(COUNT.get() + 1);
+    }
+}
 
 /// A measured quantity that a model predicts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
@@ -171,6 +189,8 @@ impl<'a> Experiment<'a> {
     /// # Panics
     /// If the speed is not the last of the channels.
     pub fn residual(&self, p: &[f64]) -> DVector<f64> {
+        #[cfg(test)]
+        passes::add();
         let mut linear = Linearisation::zeros(self.channels.len() * self.samples(), 0);
         let (mut electrical, speed) = linear.split_rows(self.electrical_rows());
         let currents = || {
@@ -205,6 +225,8 @@ impl<'a> Experiment<'a> {
     /// # Panics
     /// As [`Self::linearise`].
     pub fn linearise_along(&self, p: &[f64], free: &[usize], course: Option<&Course>) -> Linearisation {
+        #[cfg(test)]
+        passes::add();
         let mut linear = Linearisation::zeros(self.channels.len() * self.samples(), free.len());
         let (electrical, speed) = linear.split_rows(self.electrical_rows());
         let wanted = course.is_none() || free.iter().any(|k| self.is_electrical(*k));
@@ -240,6 +262,8 @@ impl<'a> Experiment<'a> {
     /// # Panics
     /// As [`Self::residual`].
     pub fn predict(&self, p: &[f64]) -> Prediction {
+        #[cfg(test)]
+        passes::add();
         let n = self.samples();
         let electrical = || -> Prediction {
             let mut residual = vec![0.0; self.electrical_rows()];

@@ -1,13 +1,21 @@
 //! How a long computation tells of its progress and learns that it should stop.
 
+use crate::error::{Error, Result};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Watches a computation. Shared between threads; every long loop of the core asks [`Monitor::cancelled`]
-/// at least every few milliseconds of work.
+/// Watches a computation. Shared between threads; whatever takes longer than some milliseconds asks before it begins, and in each
+/// round of a loop. No work begins once the answer was yes.
 pub trait Monitor: Sync {
     /// True once the caller wants the best result so far.
     fn cancelled(&self) -> bool {
         false
+    }
+    /// The same question where a stop ends the computation as an error.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] once the caller wants it to stop.
+    fn go_on(&self) -> Result<()> {
+        if self.cancelled() { Err(Error::Interrupted) } else { Ok(()) }
     }
     /// `fraction` (0 to 1) of the whole is done; `stage` says in a few words what is being done.
     fn report(&self, stage: &str, fraction: f64) {
@@ -48,5 +56,6 @@ mod tests {
         assert!(!flag.cancelled() && !Silent.cancelled());
         flag.stop();
         assert!(flag.cancelled() && flag.cancelled());
+        assert_eq!((Silent.go_on(), flag.go_on()), (Ok(()), Err(Error::Interrupted)));
     }
 }

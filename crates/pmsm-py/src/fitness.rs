@@ -8,12 +8,39 @@ use numpy::{PyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pmsm_core::identify::{Fitness, Target};
 use pyo3::prelude::*;
 
-/// Fitness (9) of Liu, Liu & Cartes (2008) as a function of the parameters named in `fit`, for optimisers of one's own;
-/// the other parameters stay at the nameplate.
+/// Fitness (9) of Liu, Liu & Cartes (2008), for optimisers of one's own.
 ///
 /// Calling it with points of shape (points, parameters), SI units, gives costs of shape (points,): the sum of squared errors
-/// of the phase currents and of the weighted speed, infinite where the model cannot be evaluated. `threads` None uses every
-/// processor. Raises NotIdentifiableError where the recording does not show a parameter, UsageError for unknown names.
+/// of the phase currents and of the weighted speed, infinite where the model cannot be evaluated.
+///
+/// Parameters
+/// ----------
+/// recording : Recording
+///     The run.
+/// machine : Machine
+///     The nameplate; parameters that are not in `fit` stay there.
+/// fit : list of str
+///     Names of the parameters of a point, in order.
+/// threads : int or None, default None
+///     None uses every processor.
+///
+/// Raises
+/// ------
+/// NotIdentifiableError
+///     Where the recording does not show a parameter.
+/// UsageError
+///     For unknown names.
+///
+/// Examples
+/// --------
+/// >>> import numpy as np
+/// >>> import pmsm_rs as pm
+/// >>> from pmsm_rs.config.machine_file import read_machine
+/// >>> from pmsm_rs.support.demo import recording_files
+/// >>> run, other, machine = recording_files()
+/// >>> cost = pm.Fitness(pm.load(run, machine), read_machine(machine).machine, ["r_s"])
+/// >>> cost(np.array([[1.0], [2.0]])).shape
+/// (2,)
 #[pyclass(name = "Fitness", module = "pmsm_rs._core", frozen)]
 #[derive(Debug)]
 pub struct PyFitness {

@@ -7,8 +7,37 @@ use pyo3::types::{PyDict, PyTuple};
 
 /// Nameplate of a motor and its drive in SI units; what is unknown is None.
 ///
-/// r_s in ohm, l_d and l_q in H, psi_m in V s (peak per phase), j in kg m^2, b in N m s per mechanical rad/s, v_dc
-/// in V, i_rated in A (peak), f_sample in Hz; n_p is the number of pole pairs. Raises MachineError on absurd values.
+/// Parameters
+/// ----------
+/// n_p : int
+///     Number of pole pairs, 1 to 200.
+/// r_s : float or None, default None
+///     Stator resistance, ohm.
+/// l_d, l_q : float or None, default None
+///     Inductances of the d and q axes, H.
+/// psi_m : float or None, default None
+///     Flux linkage of the magnet, V s (peak per phase).
+/// j : float or None, default None
+///     Inertia of everything that turns, kg m^2.
+/// b : float or None, default None
+///     Viscous friction, N m s per mechanical rad/s.
+/// v_dc : float or None, default None
+///     Voltage of the DC link, V.
+/// i_rated : float or None, default None
+///     Rated current, A (peak).
+/// f_sample : float or None, default None
+///     Frequency of the control, Hz.
+///
+/// Raises
+/// ------
+/// MachineError
+///     On values that make no physical sense.
+///
+/// Examples
+/// --------
+/// >>> import pmsm_rs as pm
+/// >>> pm.Machine(n_p=4, r_s=0.17, l_d=1.9e-3, l_q=1.9e-3, psi_m=0.27).n_p
+/// 4
 #[pyclass(name = "Machine", module = "pmsm_rs._core", frozen, eq, from_py_object)]
 #[derive(Debug, Clone, PartialEq)]
 pub struct PyMachine(pub Machine);

@@ -17,7 +17,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// How often the calling thread looks for signals and progress.
-const LOOK: Duration = Duration::from_millis(50);
+const LOOK: Duration = Duration::from_millis(10);
 
 /// Where the last panic of this library happened; panics are reported as exceptions, not on standard error.
 static LAST_PANIC: Mutex<Option<String>> = Mutex::new(None);
@@ -31,7 +31,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Stage and share that were reported last and not yet told.
+/// Stage and share that were reported last.
 type Latest = Option<(String, f64)>;
 
 /// The monitor that a computation sees, and the calling thread's side of it.
@@ -94,6 +94,7 @@ pub fn run<T: Send>(
             watch.finished.notify_all();
         });
         while !py.detach(|| watch.wait()) {
+            let progress = progress.filter(|_| !watch.cancelled());
             let told = py.check_signals().and_then(|()| tell(&watch.latest, progress));
             if let Err(error) = told {
                 watch.stop.store(true, Ordering::Relaxed);
@@ -126,8 +127,9 @@ fn finish<T>(
     }
 }
 
+/// Tells the callback how far the computation is, again if that is where it was: whoever wants to stop it says so there.
 fn tell(latest: &Mutex<Latest>, progress: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
-    let latest = lock(latest).take();
+    let latest = progress.and_then(|_| lock(latest).clone());
     match (latest, progress) {
         (Some((stage, fraction)), Some(callback)) => callback.call1((stage, fraction)).map(drop),
         _ => Ok(()),

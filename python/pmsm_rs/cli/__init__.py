@@ -48,7 +48,7 @@ def _run(arguments: list[str] | None) -> int:
         return terminal.USAGE
     except click.ClickException as error:
         message = error.format_message().rstrip(".")
-        terminal.say(f"{message}{' See' if message.endswith('?') else '; see'} pmsm-rs --help")
+        terminal.say(f"{message}{' See' if message.endswith('?') else '; see'} pmsm-rs --help [PR001]")
         return terminal.USAGE
     except click.Abort:
         raise KeyboardInterrupt from None

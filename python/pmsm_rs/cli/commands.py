@@ -5,13 +5,14 @@ from __future__ import annotations
 import click
 
 from .completing import completion, man
+from .designing import design
 from .diagnosing import demo, diagnose, fleet
 from .exporting import export
 from .help import Group, codes
 from .identifying import identify, track
 from .inspecting import inspect
 from .reporting import bundle, doctor
-from .simulating import effects, reproduce, simulate
+from .simulating import effects, explain, reproduce, simulate
 
 
 def _version(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
@@ -29,9 +30,9 @@ def _version(context: click.Context, _parameter: click.Parameter, wanted: bool) 
         "Start here": ("demo", "inspect", "diagnose"),
         "Parameters": ("identify", "track"),
         "Many recordings": ("fleet",),
-        "The model": ("export",),
+        "The model": ("export", "design"),
         "Simulation": ("simulate", "reproduce"),
-        "Questions and faults": ("doctor", "bundle"),
+        "Questions and faults": ("explain", "doctor", "bundle"),
         "Reference": ("effects", "completion", "man"),
     },
     examples=(
@@ -56,7 +57,7 @@ def cli() -> None:
 
 
 for _command in (
-    *(demo, inspect, diagnose, identify, track, fleet, export, simulate, reproduce),
-    *(doctor, bundle, effects, completion, man),
+    *(demo, inspect, diagnose, identify, track, fleet, export, design, simulate, reproduce),
+    *(explain, doctor, bundle, effects, completion, man),
 ):
     cli.add_command(_command)

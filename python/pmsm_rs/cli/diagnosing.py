@@ -246,6 +246,7 @@ def fleet(
     """Diagnose every RECORDING by itself; one that is refused does not stop the others."""
     import os
     from concurrent.futures import ThreadPoolExecutor
+    from functools import partial
 
     from ..atomic import apart
     from ..config.machine_file import read_machine
@@ -254,15 +255,14 @@ def fleet(
 
     apart([json_file, ledger], [*recordings, machine_file])
     machine = read_machine(machine_file, allow_outside=allow_outside)
-    with ThreadPoolExecutor(jobs or os.cpu_count() or 1) as executor:
-        answers = diagnose_many(
-            recordings,
-            machine,
-            executor=executor,
-            ledger=ledger,
-            seed=seed,
-            progress=terminal.progress(),
-        )
+    answers = diagnose_many(
+        recordings,
+        machine,
+        executor=partial(ThreadPoolExecutor, jobs or os.cpu_count() or 1),
+        ledger=ledger,
+        seed=seed,
+        progress=terminal.progress(),
+    )
     failed = terminal.deliver(
         lambda: answers, terminal.as_json(json_file, lambda: json_text(answers.to_list()))
     )

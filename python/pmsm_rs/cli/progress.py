@@ -31,6 +31,7 @@ DIAGNOSIS: Final[Stages] = {
 """The core gives shares of the whole here; each fit tells of its own steps beside them."""
 
 SIMULATION: Final[Stages] = {"simulating": Stage("simulating the drive")}
+DESIGN: Final[Stages] = {"manoeuvres": Stage("comparing manoeuvres")}
 
 _SWARM: Final = 0.8
 """Share of an identification that the swarm takes where least squares follow."""
@@ -57,6 +58,7 @@ class Bar:
         self._out, self._stages, self._clock = out, stages, clock
         self._begin = clock()
         self._done = 0.0
+        self._shown = ""
         self._signs = "█░" if _shows(out, "█░") else "#."
 
     def __call__(self, stage: str, fraction: float) -> None:
@@ -71,7 +73,10 @@ class Bar:
         full = round(WIDTH * done)
         bar = self._signs[0] * full + self._signs[1] * (WIDTH - full)
         took = self._clock() - self._begin
-        wipe(self._out, f"{bar} {100 * done:3.0f} %  {known.words}, {took:.0f} s")
+        line = f"{bar} {100 * done:3.0f} %  {known.words}, {took:.0f} s"
+        if line != self._shown:
+            self._shown = line
+            wipe(self._out, line)
 
 
 def wipe(out: TextIO, line: str = "") -> None:

@@ -81,6 +81,30 @@ def reproduce(figures: tuple[str, ...], folder: str) -> int:
     return 0
 
 
+def _codes(_context: click.Context, _parameter: click.Parameter, begin: str) -> list[str]:
+    from ..messages import entries
+
+    return [code for code in entries() if code.startswith(begin.upper())]
+
+
+@click.command(
+    cls=Command,
+    short_help="Say what an error or finding means and what to do.",
+    examples=("pmsm-rs explain PR072", "pmsm-rs explain"),
+    exits=codes(without=(3, 130)),
+)
+@click.argument("code", required=False, shell_complete=_codes)
+def explain(code: str | None) -> int:
+    """Say what the error or finding CODE means: why it appears and what to do. Without CODE, list all.
+
+    The code stands behind the message, as in [PR072]. The entries are those of the manual.
+    """
+    from ..catalogue import messages
+
+    terminal.show(messages(code))
+    return 0
+
+
 def _names(_context: click.Context, _parameter: click.Parameter, begin: str) -> list[str]:
     from ..results.registry import effects
 

@@ -196,13 +196,13 @@ def said(error: Exception) -> int:
         place = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else "standard output"
         if error.filename is None:
             process.discard(sys.stdout)
-        say(f"{place}: cannot be written or read ({error.strerror}); make room or name another place")
+        say(f"{place}: cannot be written or read ({error.strerror}); make room or name another place [PR004]")
         return USAGE
     told = code(error)
     if told != INTERNAL:
         say(str(error))
         return told
-    what = str(error) if _ours(error) else f"{type(error).__name__}: {error}; please report it"
+    what = str(error) if _ours(error) else f"{type(error).__name__}: {error}; please report it [PR195]"
     say(f"internal fault: {' '.join(what.split())}")
     return told
 

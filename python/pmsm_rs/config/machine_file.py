@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from .._core import Machine, MachineError, PmsmError
-from ..errors import clauses, did_you_mean, opened, refuse, shown
+from ..errors import clauses, did_you_mean, message, opened, refuse, shown
 from ..quantities.canonical import CANONICAL
 from ..quantities.units import canonical, suggest
 from .datasheet import Converted, settled
@@ -155,7 +155,9 @@ def read_machine(path: str | os.PathLike[str], *, allow_outside: bool = False) -
     try:
         machine = Machine(**plate.model_dump(), **ratings)
     except MachineError as error:
-        raise refuse(MachineError, f"[machine] {error}", file=name, fix="correct the machine file") from error
+        raise refuse(
+            MachineError, f"[machine] {message(error)}", file=name, fix="correct the machine file"
+        ) from error
     entries = (load.kind, load.value, columns, tuple(sheet.converted), dbc, allow_outside, own)
     return MachineFile(name, machine, *entries)
 

@@ -18,30 +18,73 @@ _CORE: Final[dict[str, Any]] = json.loads(_core.diagnosis_options())
 class DiagnosisOptions:
     """The constants on which a verdict rests; every answer lists their values under `options`.
 
-    All are pure numbers but `run_up` (s) and the costs, which are in nats (1 nat is a factor e in
-    probability).
+    Their defaults are those of the core, and stand on the page of options in the manual. All are pure numbers
+    but `run_up` (s) and the costs, which are in nats (1 nat is a factor e in probability).
 
-    Samples: `rows_per_sample` rows of a waveform count as one independent sample, and a channel has at least
-    `fewest_samples`. A mean square below `floor_known_to` times that of the noise gains nothing.
+    Parameters
+    ----------
+    rows_per_sample : float
+        Rows of a waveform that count as one independent sample.
+    fewest_samples : float
+        Independent samples that a channel has at least.
+    floor_known_to : float
+        A mean square below this times that of the noise gains nothing.
+    effect_cost : float
+        Prior cost of an effect, nats.
+    coefficient_cost : float
+        Prior cost of a coefficient of a map, nats.
+    decisive : float
+        Gain in nats from which a set counts as better.
+    unknown : float
+        Prior probability of physics outside the catalogue.
+    named : float
+        Probability from which an effect is named beside something else.
+    beside_remainder : float
+        It then explains at least this times what remains.
+    most_effects : int
+        Most effects of a set.
+    mismatch : float
+        Excess mean square of a channel, in times that of the noise, from which it is mismatched.
+    mismatch_held_out : float
+        The same on another recording.
+    explained : float
+        Excess mean square below which a channel is explained.
+    refuted_times : float
+        A model is refuted where its mean square on another recording exceeds that of the dq-model this many
+        times, plus `refuted_by`.
+    refuted_by : float
+        See `refuted_times`.
+    remaining_times : float
+        Residual in times the noise from which something remains.
+    remaining_chance : float
+        It remains only where chance does that more rarely.
+    ceiling_unknown : float
+        Largest probability of a name where none is given.
+    ceiling_doubtful : float
+        Largest probability of a name where something else remains.
+    nameplate_spread : float
+        Standard deviation of the logarithm of a nameplate value.
+    friction_spread : float
+        Standard deviation of a stated friction, as a share of it.
+    run_up : float
+        Time in s in which the largest torque brings a rotor of unknown inertia to its largest speed.
+    run_up_spread : float
+        Standard deviation of the logarithm of `run_up`.
+    worse_than_constant : float
+        A fit whose residual exceeds this times a signal's own variation is no model.
+    still : float
+        Not so where the signal varies by less than this times its noise.
 
-    Priors of causes: an effect costs `effect_cost`, a coefficient of a map `coefficient_cost`. `unknown` is
-    kept for physics outside the catalogue. A set holds at most `most_effects`.
+    Raises
+    ------
+    UsageError
+        When a diagnosis is made with it, for a value that is no finite number above zero.
 
-    Decisions: a set counts as better from a gain of `decisive`. An effect is named beside something else from
-    the probability `named`, if it explains `beside_remainder` times what remains. A channel is mismatched
-    from an excess mean square of `mismatch` times the noise's, on another recording of `mismatch_held_out`,
-    and explained below `explained`. A model is refuted where its mean square on another recording exceeds
-    `refuted_times` that of the dq-model plus `refuted_by`. Something remains from `remaining_times` times the
-    noise, if chance does that more rarely than `remaining_chance`. No name is likelier than `ceiling_unknown`
-    where none is given, and than `ceiling_doubtful` where something else remains.
-
-    Priors of parameters: `nameplate_spread` and `run_up_spread` are standard deviations of a logarithm, of a
-    nameplate value and of the time `run_up`. In that time the largest torque brings a rotor of unknown
-    inertia to its largest speed. `friction_spread` is the standard deviation of a stated friction, as a share
-    of it. A fit whose residual exceeds `worse_than_constant` times a signal's own variation is no model,
-    unless the signal varies by less than `still` times its noise.
-
-    Raises UsageError, when a diagnosis is made with it, for a value that is no finite number above zero.
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> pm.DiagnosisOptions(most_effects=2).most_effects
+    2
     """
 
     rows_per_sample: float = _CORE["rows_per_sample"]
@@ -70,6 +113,21 @@ class DiagnosisOptions:
     worse_than_constant: float = _CORE["worse_than_constant"]
     still: float = _CORE["still"]
 
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """Gives all settings by name, as estimators of scikit-learn do.
+
+        Parameters
+        ----------
+        deep : bool, default True
+            Has no effect: no setting has settings of its own.
+
+        Returns
+        -------
+        dict of str to object
+            From which the same object can be made.
+        """
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
     @property
     def settings(self) -> str:
         """As the core reads it: JSON text."""
@@ -83,7 +141,23 @@ class DiagnosisOptions:
 
     @classmethod
     def parse(cls, text: str) -> DiagnosisOptions:
-        """From `name=value,name=value`, as on the command line. Raises UsageError naming what is wrong."""
+        """Reads options as on the command line.
+
+        Parameters
+        ----------
+        text : str
+            `name=value,name=value`.
+
+        Returns
+        -------
+        DiagnosisOptions
+            With the default of what is not named.
+
+        Raises
+        ------
+        UsageError
+            Naming what is wrong.
+        """
         known = [field.name for field in fields(cls)]
         given: dict[str, Any] = {}
         for part in filter(None, (part.strip() for part in text.split(","))):

@@ -18,13 +18,30 @@ __all__ = ["KINDS", "Kind", "export"]
 
 
 def export(model: Model, to: str, path: str | os.PathLike[str], **options: Any) -> list[str]:
-    """Writes the model to the file `path` for the tool `to`, one of `KINDS`, whole or not at all.
+    """Writes the model to a file for another tool, whole or not at all.
 
-    `options` are those of the kind; see `Kind.options`. Returns sentences that say what the tool cannot
-    express of this model and is therefore not in the file; empty where all is.
+    Parameters
+    ----------
+    model : Model
+        The model of an answer.
+    to : str
+        One of `KINDS`: machine, python, rust, fmu, modelica, motulator, gem, mujoco, c-header.
+    path : path
+        Where it goes.
+    **options : object
+        Those of the kind; see `Kind.options`.
 
-    Raises UsageError for an unknown kind or option, where the answer has no model, where a compiler is
-    needed and missing, and where the file cannot be written.
+    Returns
+    -------
+    list of str
+        Sentences on what the tool cannot express of this model and the file does not hold; empty where it
+        holds all.
+
+    Raises
+    ------
+    UsageError
+        For an unknown kind or option, where the answer has no model, where a compiler is needed and missing,
+        and where the file cannot be written.
     """
     if to not in KINDS:
         raise refuse(UsageError, f"there is no export '{to}'", fix=did_you_mean(to, KINDS))

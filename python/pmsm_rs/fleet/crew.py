@@ -41,7 +41,8 @@ Told = tuple[str, str, str]
 
 _MOST_LOSSES: Final = 2
 _IN_FLIGHT: Final = 64
-_GRACE: Final = 1.0
+_GRACE: Final = 0.1
+"""s that workers get to give up what they have in hand, before the answers so far are returned."""
 LOST, INTERRUPTED = "WorkerLost", "Interrupted"
 # By run: set where the recordings in this process are to be given up.
 _STOPS: dict[str, threading.Event] = {}
@@ -183,9 +184,9 @@ class Crew:
             _STOPS[token].set()
         for future in self.flying:
             future.cancel()
-        wait(self.flying, timeout=_GRACE)
         if self.executor is not None and self.own:
-            self.executor.shutdown(wait=False, cancel_futures=True)
+            _end(self.executor, at_once=any(not future.done() for future in self.flying))
+        wait(self.flying, timeout=_GRACE)
         for token in self.tokens:
             del _STOPS[token]
 
@@ -244,6 +245,16 @@ class Crew:
                 )
             self.make, self.own = partial(_like, vars(broken)), True
         self.executor = None
+
+
+def _end(executor: Executor, *, at_once: bool) -> None:
+    """Lets go of an executor. Processes that would finish their recordings first are ended `at_once`: unlike
+    threads they cannot be told to give them up.
+    """
+    processes = dict(getattr(executor, "_processes", None) or {}) if at_once else {}
+    executor.shutdown(wait=False, cancel_futures=True)
+    for process in processes.values():
+        process.terminate()
 
 
 def _like(pool: dict[str, Any]) -> ProcessPoolExecutor:

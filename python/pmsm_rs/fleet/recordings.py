@@ -33,7 +33,24 @@ Described = str | os.PathLike[str] | MachineFile | Machine
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a recording has no diagnosis; `kind` names the error's class, WorkerLost or Interrupted."""
+    """Why a recording has no diagnosis.
+
+    Attributes
+    ----------
+    name : str
+        Name of the recording.
+    kind : str
+        Class of the error, WorkerLost or Interrupted.
+    message : str
+        What it says.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> fleet = pm.diagnose_many(["there_is_none.csv"], pm.Machine(n_p=4))
+    >>> fleet.failures[0].kind
+    'UsageError'
+    """
 
     name: str
     kind: str
@@ -47,10 +64,27 @@ class Failure:
 class Fleet(Sequence["Diagnosis | Failure"]):
     """Diagnoses of many recordings in the order in which they were given, a Failure where there is none.
 
-    `names` are those of the recordings, `resumed` says how many came from the ledger, and `interrupted`
-    whether Ctrl-C cut the work short. `damaged` are the numbers (from 1) of lines of the ledger that could
-    not be used, so that their recordings were computed again. Traces are not kept: diagnose a single
-    recording again to draw it.
+    Traces are not kept: diagnose a single recording again to draw it.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the recordings.
+    results : tuple of Diagnosis or Failure
+        One for each recording.
+    resumed : int
+        How many came from the ledger.
+    interrupted : bool
+        Whether Ctrl-C cut the work short.
+    damaged : tuple of int
+        Numbers, from 1, of lines of the ledger that could not be used. Their recordings were computed again.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> fleet = pm.diagnose_many(["there_is_none.csv"], pm.Machine(n_p=4))
+    >>> len(fleet), fleet.resumed
+    (1, 0)
     """
 
     names: tuple[str, ...]
@@ -71,7 +105,13 @@ class Fleet(Sequence["Diagnosis | Failure"]):
         return {name: result for name, result in pairs if isinstance(result, Diagnosis)}
 
     def to_list(self) -> list[dict[str, Any]]:
-        """Per recording its `name` with the whole `answer`, or with `failure`, its `kind` and `message`."""
+        """Gives the answers as plain data.
+
+        Returns
+        -------
+        list of dict
+            Per recording its `name` with the whole `answer`, or with `failure`, its `kind` and `message`.
+        """
         return [_entry(name, result) for name, result in zip(self.names, self.results, strict=True)]
 
     def __len__(self) -> int:
@@ -120,20 +160,55 @@ def diagnose_many(
     max_bytes: int = DEFAULT_MAX_BYTES,
     progress: Progress | None = None,
 ) -> Fleet:
-    """Diagnoses every recording by itself and returns the answers in the order of the recordings.
-
-    `recordings` are files or recordings in memory; `machine` is one machine (file) for all or one for each;
-    `validations`, where given, has one for each or None. `executor` is any concurrent.futures.Executor, such
-    as a ProcessPoolExecutor or dask's `client.get_executor()`, or a function that makes one. The function is
-    asked again after a pool broke. By default threads of this process do the work, one per processor.
-    `threads` are those within one diagnosis.
-
-    `ledger` names a file to which every finished recording is appended. In a second run with the same ledger,
-    what it holds is not computed again unless recording, machine, seed or version of the package changed.
+    """Diagnoses every recording by itself.
 
     An error with one recording is a Failure in its place. On Ctrl-C what is finished is returned, marked
-    `interrupted`. Raises UsageError where the arguments do not fit together or the ledger cannot be written,
-    and MachineError for a bad machine file.
+    `interrupted`.
+
+    Parameters
+    ----------
+    recordings : sequence of path or Recording
+        The runs.
+    machine : Machine, MachineFile, path, or sequence of them
+        One machine for all, or one for each.
+    validations : sequence or None, default None
+        A validation run, or None, for each.
+    executor : Executor, callable or None, default None
+        Any concurrent.futures.Executor, such as a ProcessPoolExecutor or dask's `client.get_executor()`, or a
+        function that makes one. The function is asked again after a pool broke. None takes threads of this
+        process, one per processor.
+    ledger : path or None, default None
+        A file to which every finished recording is appended. In a second run with the same ledger, what it
+        holds is not computed again unless recording, machine, seed or version of the package changed.
+    seed : int, default 1
+        From 0 on. The same seed gives the same answers.
+    threads : int, default 1
+        Threads within one diagnosis.
+    max_bytes : int, default 2 GiB
+        Nothing larger is unpacked.
+    progress : callable or None, default None
+        Is called as progress(stage, fraction) after each recording.
+
+    Returns
+    -------
+    Fleet
+        The answers in the order of the recordings.
+
+    Raises
+    ------
+    UsageError
+        Where the arguments do not fit together or the ledger cannot be written.
+    MachineError
+        For a bad machine file.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> from pmsm_rs.support.demo import recording_files
+    >>> run, other, machine = recording_files()
+    >>> answers = pm.diagnose_many([run, other], machine)
+    >>> [answer.verdict for answer in answers]
+    ['named', 'named']
     """
     expect_whole(seed=seed, threads=threads)
     tasks = _tasks(recordings, machine, validations, seed, threads, max_bytes)

@@ -24,6 +24,7 @@ from ..io.reading import there, told, warnings, why_not
 from ..io.recording import DEFAULT_MAX_BYTES, Recording
 from ..io.sampling import Sampling
 from ..io.signals import Signal, signals
+from ..messages import coded
 from ..quantities.poles import pole_pairs
 from ..view.readout import origin
 from .starting import machine_file
@@ -36,8 +37,39 @@ _POINTS: Final = 0.05
 
 
 class Inspection(InspectionValues):
-    """What a file is; `print` shows it, `to_json` gives all of it, and `write_machine` starts a machine
-    file.
+    """What a file is; `print` shows it, `to_json` gives all of it.
+
+    Attributes
+    ----------
+    file : str or None
+        Name of the file, None for a recording in memory.
+    columns : tuple of Signal
+        Columns of the file in its order.
+    made : mapping of str to str
+        Canonical columns that no column of it gives, each with a clause on where it comes from.
+    sampling : tuple of Sampling
+        One entry for each time base, the first that of the recording; empty where there is no time.
+    kind : str or None
+        full, electrical, mechanical, operating_points or open_circuit, and None where the recording cannot be
+        diagnosed yet.
+    load : str or None
+        What is known of the load.
+    why_not : mapping of str to str
+        Why nothing can be asked of the voltages, the motion or the rotor angle, by these words.
+    tasks : tuple of Task
+        What to settle before a diagnosis.
+    findings : tuple of mapping
+        What was done to the data and seen in it: finding, consequence, fix and code.
+    machine_file : str
+        Text of a machine file to start from.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> from pmsm_rs.support.demo import recording_files
+    >>> run, other, machine = recording_files()
+    >>> pm.inspect(run).tasks
+    ()
     """
 
     def __repr__(self) -> str:
@@ -54,8 +86,17 @@ class Inspection(InspectionValues):
     def write_machine(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Writes the machine file to start from, whole or not at all.
 
-        Raises UsageError where there is such a file already, unless `force` is set, and where it cannot be
-        written.
+        Parameters
+        ----------
+        path : path
+            Where it goes.
+        force : bool, default False
+            Whether a file that is there is replaced.
+
+        Raises
+        ------
+        UsageError
+            Where there is such a file already, unless `force` is set, and where it cannot be written.
         """
         expect_new(path, force=force)
         atomic.write_text(path, self.machine_file)
@@ -79,12 +120,43 @@ def inspect(
     max_bytes: int = DEFAULT_MAX_BYTES,
     allow_outside: bool = False,
 ) -> Inspection:
-    """What a file or frame is: columns, sampling, questions that can be asked, and a machine file to start
-    from.
+    """Shows what a file or frame is: columns, sampling, questions, and a machine file to start from.
 
-    Takes what `load` takes. A recording that cannot be diagnosed yet is inspected as far as possible, and
-    `tasks` of the answer say what is missing. Raises UsageError where there is no such file, MachineError for
-    a bad machine file, and DataError where no table can be found in the data.
+    A recording that cannot be diagnosed yet is inspected as far as possible, and `tasks` of the answer say
+    what is missing.
+
+    Parameters
+    ----------
+    data : path, Recording, mapping of arrays, or frame
+        What `load` takes.
+    machine : path, MachineFile, Machine or None, default None
+        What is known already: nameplate, load, names of columns.
+    max_bytes : int, default 2 GiB
+        Nothing larger is unpacked.
+    allow_outside : bool, default False
+        Whether columns may come from files outside the recording's folder.
+
+    Returns
+    -------
+    Inspection
+        What it is.
+
+    Raises
+    ------
+    UsageError
+        Where there is no such file.
+    MachineError
+        For a bad machine file.
+    DataError
+        Where no table can be found in the data.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> from pmsm_rs.support.demo import recording_files
+    >>> run, other, machine = recording_files()
+    >>> pm.inspect(run, machine).is_ready
+    True
     """
     described = described_by(machine, allow_outside=allow_outside)
     with readable(data):
@@ -126,10 +198,8 @@ def _inspected(source: Source, described: MachineFile | Machine | None, max_byte
         load,
         reasons,
         tuple(_tasks(survey, found, refusal)),
-        (
-            *findings,
-            *of_frames(frames),
-            *of_motion(described, pairs, load, still=still),
+        tuple(
+            coded([*findings, *of_frames(frames), *of_motion(described, pairs, load, still=still)]),
         ),
         machine_file(
             source.file,

@@ -10,6 +10,7 @@ from typing import Final
 from ..errors import printable, shown
 from ..io.reading import there as quantities
 from ..io.signals import Signal
+from ..messages import behind
 from ..plot.sparkline import ASCII, BLOCKS, sparkline
 from ..quantities.canonical import CANONICAL
 from ..results.words import listed, lower_first
@@ -64,7 +65,7 @@ def text(found: InspectionValues, *, blocks: bool = True, machine_file: bool = T
         lines += ["", "Findings"]
         for item in found.findings:
             consequence = lower_first(item["consequence"]).rstrip(".")
-            told = f"{item['finding'].rstrip('.')}: {consequence}; {lower_first(item['fix'])}"
+            told = f"{item['finding'].rstrip('.')}: {consequence}; {lower_first(item['fix'])}{behind(item)}"
             lines.append(hung("  ! ", told))
     if machine_file:
         lines += ["", "Machine file to start from"]

@@ -54,7 +54,13 @@ class InspectionValues:
         return self.kind is not None
 
     def to_json(self) -> str:
-        """All of it as JSON text."""
+        """Gives all of it as JSON text, schema pmsm-rs.inspection/1.
+
+        Returns
+        -------
+        str
+            The text of its file.
+        """
         return json_text(
             {
                 "schema": SCHEMA,

@@ -1,5 +1,5 @@
-"""Recordings that are in memory already: Arrow streams, pandas frames, structured arrays, mappings of
-arrays.
+"""Recordings that are in memory already: Arrow streams, pandas frames, xarray Datasets, structured arrays,
+mappings of arrays.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ def frame_source(data: Any, max_bytes: int) -> Source:
     Raises UsageError where `max_bytes` is no number of bytes, DataError where `data` is no table.
     """
     max_bytes = checked_limit(max_bytes)
+    if _is_xarray(data):
+        return _arrays(_of_dataset(data), max_bytes)
     if isinstance(data, Mapping):
         return _arrays([(str(name), plain(values, str(name))) for name, values in data.items()], max_bytes)
     if isinstance(data, np.ndarray) and data.dtype.names is not None:
@@ -71,6 +73,25 @@ def plain(values: Any, name: str) -> Any:
         spelled = {"N·m": "newton * meter", "°C": "degC"}.get(unit or "", unit)
         return values.to(spelled).magnitude if spelled else values.magnitude
     return values.to_numpy() if hasattr(values, "to_numpy") else values
+
+
+def _is_xarray(data: object) -> bool:
+    return type(data).__module__.split(".")[0] == "xarray" and hasattr(data, "data_vars")
+
+
+def _of_dataset(data: Any) -> list[tuple[str, Any]]:
+    """Coordinates and variables along one dimension; a unit in `attrs` is written behind the name, unless it
+    is that of the canonical column.
+    """
+    out = []
+    for name, variable in {**data.coords, **data.data_vars}.items():
+        if variable.ndim != 1:
+            continue
+        unit = variable.attrs.get("units")
+        known = CANONICAL.get(str(name))
+        told = unit is not None and not (known is not None and known.unit == unit)
+        out.append((f"{name} [{unit}]" if told else str(name), variable.to_numpy()))
+    return out
 
 
 def _is_pandas(data: object) -> bool:

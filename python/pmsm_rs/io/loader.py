@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .._core import DataError, Machine, MachineError
 from ..config.machine_file import MachineFile, read_machine
-from ..errors import NothingToAsk, fact, opened, refuse, shown
+from ..errors import NothingToAsk, fact, message, opened, refuse, shown
 from .captures import completed, is_capture
 from .checks import angle_against_speed, angle_in_radians, rotor_frame_against_phases
 from .columns import Columns, taken
@@ -35,19 +35,46 @@ def load(
     max_bytes: int = DEFAULT_MAX_BYTES,
     allow_outside: bool = False,
 ) -> Recording:
-    """The recording in a file, in one that is being opened, or in a frame in memory; a Recording is returned
-    as it is.
+    """Reads the recording in a file or a frame; a Recording is returned as it is.
 
     Files are CSV, Parquet, Feather, .mat, .npz and JSON. With the extras of the package they are MATLAB v7.3,
     HDF5, NI TDMS, ASAM MDF, PX4 ulog, ROS bags, MCAP and logs of a CAN bus, too.
 
-    `machine` names the machine file whose [columns] and [load] tables say how to read it; with a Machine only
-    its pole pairs are used, to tell electrical from mechanical angles. Nothing larger than `max_bytes` bytes
-    is unpacked. Columns that [columns] takes from another file come from the recording's folder or below it,
-    with `allow_outside` from anywhere.
+    Parameters
+    ----------
+    data : path, Recording, mapping of arrays, or frame
+        A pandas or polars frame, an xarray Dataset, a structured array, or anything with an Arrow stream.
+    machine : path, MachineFile, Machine or None, default None
+        The machine file whose [columns] and [load] tables say how to read it. Of a Machine only the pole
+        pairs are used, to tell electrical from mechanical angles.
+    max_bytes : int, default 2 GiB
+        Nothing larger is unpacked.
+    allow_outside : bool, default False
+        Columns that [columns] takes from another file come from the recording's folder or below it; True
+        allows any.
 
-    Raises UsageError where there is no such file, MachineError for a bad machine file, and DataError, which
-    names file, row, column and fix, for data that cannot be used.
+    Returns
+    -------
+    Recording
+        Checked columns of shape (samples,) in SI units.
+
+    Raises
+    ------
+    UsageError
+        Where there is no such file.
+    MachineError
+        For a bad machine file.
+    DataError
+        For data that cannot be used; it names file, row, column and fix.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> from pmsm_rs.support.demo import recording_files
+    >>> run, other, machine = recording_files()
+    >>> recording = pm.load(run, machine)
+    >>> recording.column("i_a").shape == (len(recording),)
+    True
     """
     described = described_by(machine, allow_outside=allow_outside)
     if isinstance(data, Recording):
@@ -221,7 +248,7 @@ def _with_place(error: DataError, source: Source, first: int) -> DataError:
     problem = fact(error, "problem")
     if not isinstance(problem, str) or not isinstance(fix, str):
         return refuse(
-            DataError, str(error), file=source.file, fix="see what a recording needs in the documentation"
+            DataError, message(error), file=source.file, fix="see what a recording needs in the documentation"
         )
     if row is None and "missing" in problem:
         fix += f" (the file has {', '.join(source.names[:20])}; map them in [columns])"

@@ -30,20 +30,46 @@ _ROWS_TO_CHECK = 4
 class Recording(_core.Recording):
     """Columns of one run under their canonical names, each of shape (samples,), in SI units.
 
-    Give arrays by keyword, `Recording(t=..., v_d=..., v_q=..., i_d=..., i_q=..., omega_e=...)`, or one
-    mapping; `n` in rpm is taken as `omega_m`. `load` is what is known of the load torque: none,
-    known_constant with `load_value` in N·m, measured, unknown_constant, unknown_piecewise or locked. Left
-    out, it is measured where there is a column tau_m and unknown_constant otherwise. `angle_error` (rad,
-    electrical) says that angle and speed were not measured but taken from the voltages, and how far they may
-    be off: then nothing is asked of the motion. Raises DataError naming column and row,
-    and UsageError for what are no columns.
-
-    `file` names the file it was read from, None where there is none, and `account` says which column became
-    what.
-
     It is a table of its columns in the order of the canonical names: whatever takes an Arrow stream takes it,
     such as `polars.DataFrame(recording)` and `pyarrow.table(recording)`. Iterating gives a named tuple for
     each row, from which `pandas.DataFrame(recording)` is made; `pandas.DataFrame.from_arrow` is faster.
+
+    Parameters
+    ----------
+    columns : mapping of str to array_like of shape (samples,), optional
+        Columns by canonical names; `n` in rpm is taken as `omega_m`.
+    load : str or None, default None
+        What is known of the load torque: none, known_constant, measured, unknown_constant, unknown_piecewise
+        or locked. None means measured where there is a column tau_m, and unknown_constant otherwise.
+    load_value : float or None, default None
+        The torque of a known_constant load, N·m.
+    angle_error : float or None, default None
+        Says that angle and speed were not measured but taken from the voltages, and how far they may be off,
+        rad (electrical). Then nothing is asked of the motion.
+    **arrays : array_like of shape (samples,)
+        Columns by keyword, as in `Recording(t=..., v_d=..., v_q=..., i_d=..., i_q=..., omega_e=...)`.
+
+    Attributes
+    ----------
+    file : str or None
+        Name of the file it was read from.
+    account : Account
+        Which column became what.
+
+    Raises
+    ------
+    DataError
+        Naming column and row.
+    UsageError
+        For what are no columns.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pmsm_rs as pm
+    >>> t = np.arange(100) * 1e-3
+    >>> pm.Recording(t=t, i_d=0 * t, i_q=1 + np.sin(9 * t), omega_e=100 + 0 * t)
+    <Recording of 100 samples, 0.099 s, mechanical: t, i_d, i_q, omega_e>
     """
 
     file: str | None = None
@@ -122,8 +148,43 @@ class Recording(_core.Recording):
         row = namedtuple("Row", names)  # type: ignore[misc]
         return map(row._make, zip(*(self.column(name).tolist() for name in names), strict=True))
 
+    def to_xarray(self) -> Any:
+        """Gives the recording as an xarray Dataset over the coordinate `t`.
+
+        Each variable has its SI unit in `attrs["units"]`; what is known of the load stands in the attributes
+        of the Dataset. `pmsm_rs.load` takes it back.
+
+        Returns
+        -------
+        xarray.Dataset
+            Variables of shape (samples,) over `t` in s.
+
+        Raises
+        ------
+        UsageError
+            Without xarray.
+        """
+        try:
+            import xarray
+        except ImportError as error:
+            raise refuse(
+                UsageError, "xarray is not installed", fix="install it: pip install xarray"
+            ) from error
+        columns = {
+            name: ("t", self.column(name), {"units": CANONICAL[name].unit}) for name in ordered(self.names)
+        }
+        t = columns.pop("t")
+        known = {"load": self.load} | ({} if self.load_value is None else {"load_value": self.load_value})
+        return xarray.Dataset(columns, coords={"t": t}, attrs=known)
+
     def plot(self) -> Figure:
-        """A matplotlib figure of what was measured, over time, with axes for each quantity."""
+        """Draws what was measured over time, with axes for each quantity.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure.
+        """
         from .waveforms import waveforms
 
         return waveforms(self)

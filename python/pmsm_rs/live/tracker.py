@@ -41,10 +41,15 @@ _LOOKED_AT = 1000
 
 @dataclass(frozen=True)
 class Drift:
-    """What moved since earlier windows, in words in `sentence`.
+    """What moved since earlier windows.
 
-    `looks_like` holds any of "thermal", "load" and "mismatch". It is empty where all stayed within its
-    uncertainty, and None for a skipped window.
+    Attributes
+    ----------
+    looks_like : tuple of str or None
+        Any of "thermal", "load" and "mismatch". Empty where all stayed within its uncertainty, and None for a
+        skipped window.
+    sentence : str
+        The same in words.
     """
 
     looks_like: tuple[str, ...] | None
@@ -55,12 +60,55 @@ class Drift:
 class WindowEstimate:
     """The result of one window.
 
-    `t_start` and `t_end` are in s of the log's own time. `status` is "estimated" or "skipped", for the reason
-    `why`. `notes` tells of gaps, lost rows, restarts and short windows (finding, consequence, fix).
-    `disturbed_load_torque` is eq. (4) in N·m: what the load seems to be with the nameplate's J and B.
-    `cost_first` and `cost` are the fitness (9) at the start and at the answer, `history` the best cost per
-    generation or step. `rms` is measured minus model, `noise` the white noise of the measurement, per channel
-    in its SI unit.
+    Attributes
+    ----------
+    window : int
+        Number of the window, from 0.
+    t_start, t_end : float
+        Begin and end in s of the log's own time.
+    samples : int
+        Number of samples in it.
+    status : str
+        "estimated" or "skipped".
+    why : str or None
+        Why it was skipped.
+    notes : tuple of mapping
+        Gaps, lost rows, restarts and short windows: finding, consequence, fix.
+    parameters : mapping of str to Estimate
+        Values with standard errors in SI units.
+    disturbed_load_torque : float or None
+        Eq. (4) in N·m: what the load seems to be with the nameplate's J and B.
+    cost_first : float or None
+        Fitness (9) at the start.
+    cost : float or None
+        Fitness (9) at the answer.
+    history : tuple of float
+        Best cost per generation or step.
+    evaluations : int
+        Number of simulations.
+    converged : bool
+        Whether the search came to rest.
+    widened : bool
+        Whether the range of the search was widened.
+    cannot_show : tuple of mapping
+        Parameters that the window does not determine, each with the reason.
+    rms : mapping of str to float
+        Measured minus model per channel, in its SI unit.
+    noise : mapping of str to float
+        White noise of the measurement per channel, in its SI unit.
+    drift : Drift
+        What moved since earlier windows.
+    data : mapping
+        The JSON object.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> from pmsm_rs.support.demo import recording_files
+    >>> run, other, machine = recording_files()
+    >>> first = next(pm.track(run, machine, window=0.1))
+    >>> pm.WindowEstimate.from_json(first.to_json()) == first
+    True
     """
 
     window: int
@@ -86,7 +134,23 @@ class WindowEstimate:
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """From what `to_json` writes. Raises DataError for anything else."""
+        """Reads what `to_json` writes.
+
+        Parameters
+        ----------
+        text : str
+            The JSON text.
+
+        Returns
+        -------
+        WindowEstimate
+            The result.
+
+        Raises
+        ------
+        DataError
+            For anything else.
+        """
         with written_by("to_json"):
             return cls._of(json.loads(text))
 
@@ -111,7 +175,13 @@ class WindowEstimate:
         )
 
     def to_json(self) -> str:
-        """The whole result as JSON text on one line."""
+        """Gives the whole result as JSON text on one line.
+
+        Returns
+        -------
+        str
+            The line.
+        """
         return json.dumps(self.data, ensure_ascii=False, allow_nan=False)
 
     def __repr__(self) -> str:
@@ -142,15 +212,49 @@ class WindowEstimate:
 class Tracker:
     """Follows parameters through a stream of samples; memory does not grow with the stream.
 
-    `fit` names the parameters, with bounds in SI units or None for a wide range around the nameplate. An
-    unknown load is fitted along with anything that acts on the speed. `window` is in s. `method` is "lm"
-    (warm least squares, fast), "pso" (the paper's swarm: each window starts from the last one's result and
-    seeks within the share `search` of it) or "pso+lm". `machine` is the nameplate, or a machine file that
-    holds it. `load` and `load_value` are what is known of the load torque, as in Recording; left out, they
-    are those of the machine file. Each estimate is the same for any number of `threads` and any way of
-    cutting the stream into batches.
+    Each estimate is the same for any number of `threads` and any way of cutting the stream into batches.
 
-    Raises UsageError for settings that make no sense, and MachineError for a wrong machine file.
+    Parameters
+    ----------
+    machine : Machine, MachineFile or path
+        The nameplate, or a machine file that holds it.
+    fit : mapping or iterable of str, default ("r_s", "tau_load")
+        Names of parameters. A mapping gives each its bounds in SI units, or None for a wide range around the
+        nameplate. An unknown load is fitted along with anything that acts on the speed.
+    window : float, default 0.033
+        Length of a window, s.
+    method : str, default "lm"
+        "lm" (warm least squares, fast), "pso" (the paper's swarm: each window starts from the last one's
+        result) or "pso+lm".
+    swarm : Swarm or None, default None
+        Settings of the swarm; None takes those of the paper.
+    search : float, default 0.2
+        Share of the last result within which the swarm seeks.
+    seed : int, default 1
+        From 0 on.
+    load : str or None, default None
+        What is known of the load torque, as in Recording; None takes that of the machine file.
+    load_value : float or None, default None
+        The torque of a known_constant load, N·m.
+    threads : int or None, default None
+        None uses every processor.
+
+    Raises
+    ------
+    UsageError
+        For settings that make no sense.
+    MachineError
+        For a wrong machine file.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> from pmsm_rs.support.demo import recording_files
+    >>> run, other, machine = recording_files()
+    >>> tracker = pm.Tracker(machine, fit=["r_s"], window=0.1)
+    >>> windows = tracker.update(pm.load(run, machine))
+    >>> windows[0].status
+    'estimated'
     """
 
     def __init__(
@@ -188,13 +292,25 @@ class Tracker:
     def update(self, batch: Any) -> list[WindowEstimate]:
         """Takes in samples and returns the windows that they complete.
 
-        `batch` is a mapping of canonical names to arrays of shape (samples,) in SI units, a frame, or
-        anything else with an Arrow stream; every batch has the same columns. Rows with a value that is not
-        finite are left out and counted in the window's notes, and so are rows that repeat or come out of
-        order. Where time runs far back a new run begins.
+        Rows with a value that is not finite are left out and counted in the window's notes, and so are rows
+        that repeat or come out of order. Where time runs far back a new run begins. An exception,
+        KeyboardInterrupt included, leaves the tracker as it was: the same batch can be given again.
 
-        An exception, KeyboardInterrupt included, leaves the tracker as it was: the same batch can be given
-        again. Raises DataError for columns that cannot be used.
+        Parameters
+        ----------
+        batch : mapping of array_like, Recording, or frame
+            Canonical names with arrays of shape (samples,) in SI units, or anything with an Arrow stream.
+            Every batch has the same columns.
+
+        Returns
+        -------
+        list of WindowEstimate
+            The windows in order; empty where none is complete.
+
+        Raises
+        ------
+        DataError
+            For columns that cannot be used.
         """
         if isinstance(batch, _core.Recording):
             return self._take(batch)
@@ -210,18 +326,45 @@ class Tracker:
         return [WindowEstimate.from_json(text) for text in texts]
 
     def finish(self) -> list[WindowEstimate]:
-        """Ends the window under way, at the end of the stream, and returns it, if there is one."""
+        """Ends the window under way, at the end of the stream.
+
+        Returns
+        -------
+        list of WindowEstimate
+            That window, if there is one.
+        """
         return [WindowEstimate.from_json(text) for text in self._core.finish(threads=self._threads)]
 
     def state(self) -> bytes:
-        """Everything the tracker knows, as UTF-8 JSON of schema pmsm-rs.tracker/1."""
+        """Gives everything the tracker knows.
+
+        Returns
+        -------
+        bytes
+            UTF-8 JSON of schema pmsm-rs.tracker/1.
+        """
         return self._core.state().encode()
 
     @classmethod
     def restore(cls, state: bytes | str, *, threads: int | None = None) -> Self:
-        """The tracker whose `state()` this is; it goes on bit for bit.
+        """Makes the tracker whose `state()` this is; it goes on bit for bit.
 
-        Raises DataError for anything else: another schema, damage, values that no tracker has.
+        Parameters
+        ----------
+        state : bytes or str
+            What `state()` returned.
+        threads : int or None, default None
+            None uses every processor.
+
+        Returns
+        -------
+        Tracker
+            The tracker.
+
+        Raises
+        ------
+        DataError
+            For anything else: another schema, damage, values that no tracker has.
         """
         try:
             text = state if isinstance(state, str) else bytes(state).decode()
@@ -264,13 +407,52 @@ def track(
     seed: int = 1,
     threads: int | None = None,
 ) -> Iterator[WindowEstimate]:
-    """Estimates of one window after the other, the last and perhaps shorter one included.
+    """Estimates parameters in one window after the other.
 
-    `recording` is a Recording, a file name or a frame; in the latter two, rows with missing values are
-    allowed and counted. For the other arguments see Tracker.
+    Parameters
+    ----------
+    recording : Recording, path or frame
+        The run. In files and frames, rows with missing values are allowed and counted.
+    machine : Machine, MachineFile or path
+        The nameplate, or a machine file that holds it.
+    fit : mapping or iterable of str, default ("r_s", "tau_load")
+        Names of parameters, with bounds in SI units or None, as for `Tracker`.
+    window : float, default 0.033
+        Length of a window, s.
+    method : str, default "lm"
+        "lm", "pso" or "pso+lm", as for `Tracker`.
+    swarm : Swarm or None, default None
+        Settings of the swarm; None takes those of the paper.
+    search : float, default 0.2
+        Share of the last result within which the swarm seeks.
+    seed : int, default 1
+        From 0 on.
+    threads : int or None, default None
+        None uses every processor.
 
-    Raises UsageError for settings that make no sense, MachineError for a wrong machine file, and DataError
-    for columns that cannot be used.
+    Returns
+    -------
+    iterator of WindowEstimate
+        The windows, the last and perhaps shorter one included.
+
+    Raises
+    ------
+    UsageError
+        For settings that make no sense.
+    MachineError
+        For a wrong machine file.
+    DataError
+        For columns that cannot be used.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> from pmsm_rs.support.demo import recording_files
+    >>> run, other, machine = recording_files()
+    >>> for estimate in pm.track(run, machine, fit=["r_s"], window=1.0):
+    ...     unit = estimate.parameters["r_s"].unit
+    >>> unit
+    'ohm'
     """
     described = machine_of(machine)
     load, value = None, None

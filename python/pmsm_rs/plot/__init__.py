@@ -44,7 +44,18 @@ _OPEN, _CLOSE = "$_{\\mathrm{", "}}$"
 
 
 def symbol_of(name: str) -> tuple[str, str]:
-    """Symbol, typeset, and unit of a channel or operating-point variable."""
+    """Gives the typeset symbol and the unit of a channel or variable.
+
+    Parameters
+    ----------
+    name : str
+        Such as `i_q` or `op_omega_e`.
+
+    Returns
+    -------
+    tuple of (str, str)
+        Symbol and unit.
+    """
     symbol, unit = channel(name.removeprefix("op_"))
     return subscripted(symbol, _OPEN, _CLOSE), unit
 
@@ -52,7 +63,24 @@ def symbol_of(name: str) -> tuple[str, str]:
 def residual_over_time(
     source: Source, name: str, noise: float | None = None, *, ax: Axes | None = None
 ) -> Axes:
-    """Residual before and after over time, with a band of two noise standard deviations."""
+    """Draws the residual before and after over time, with a band of two noise standard deviations.
+
+    Parameters
+    ----------
+    source : Diagnosis or mapping
+        A diagnosis, or one of its `traces`.
+    name : str
+        The channel, such as `i_q`.
+    noise : float or None, default None
+        Standard deviation of the noise in the channel's unit; None takes that of the diagnosis.
+    ax : Axes or None, default None
+        Where to draw; None makes a figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes.
+    """
     trace, noise = _trace(source, name), _noise(source, name, noise)
     ax = _axes(ax)
     symbol, unit = symbol_of(name)
@@ -70,7 +98,24 @@ def residual_over_time(
 def trajectory(
     source: Source, name: str, window: tuple[int, int] | None = None, *, ax: Axes | None = None
 ) -> Axes:
-    """Measured, before and after over the samples in `window`, by default where before is worst."""
+    """Draws measured, before and after.
+
+    Parameters
+    ----------
+    source : Diagnosis or mapping
+        A diagnosis, or one of its `traces`.
+    name : str
+        The channel, such as `i_q`.
+    window : tuple of (int, int) or None, default None
+        First and last sample; None takes them where `before` is worst.
+    ax : Axes or None, default None
+        Where to draw; None makes a figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes.
+    """
     trace = _trace(source, name)
     ax = _axes(ax)
     start, stop = window or traces.worst_window(trace, name)
@@ -92,8 +137,27 @@ def residual_over(
     *,
     ax: Axes | None = None,
 ) -> Axes:
-    """Mean (line) and rms about it (band) of the residual, before and after, in bins of an operating-point
-    variable such as `op_i_q`.
+    """Draws mean (line) and rms about it (band) of the residual in bins of a variable, before and after.
+
+    Parameters
+    ----------
+    source : Diagnosis or mapping
+        A diagnosis, or one of its `traces`.
+    name : str
+        The channel, such as `i_q`.
+    variable : str
+        A variable of the operating point, such as `op_i_q`.
+    noise : float or None, default None
+        Standard deviation of the noise in the channel's unit; None takes that of the diagnosis.
+    bins : int, default 24
+        Number of bins.
+    ax : Axes or None, default None
+        Where to draw; None makes a figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes.
     """
     trace, noise = _trace(source, name, variable), _noise(source, name, noise)
     ax = _axes(ax)
@@ -117,9 +181,27 @@ def residual_map(
     *,
     ax: Axes | None = None,
 ) -> Axes:
-    """Mean residual over two operating-point variables; empty cells were not visited.
+    """Draws the mean residual over two operating-point variables; empty cells were not visited.
 
-    Draws its own colour bar.
+    It draws its own colour bar.
+
+    Parameters
+    ----------
+    source : Diagnosis or mapping
+        A diagnosis, or one of its `traces`.
+    name : str
+        The channel, such as `i_q`.
+    x, y : str, default "op_omega_e" and "op_i_q"
+        The variables.
+    when : str, default "before"
+        "before" or "after".
+    ax : Axes or None, default None
+        Where to draw; None makes a figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes.
     """
     trace = _trace(source, name, x, y)
     ax = _axes(ax)
@@ -137,8 +219,23 @@ def residual_map(
 
 
 def order_spectrum(source: Source, name: str, angle: str = "op_theta_e", *, ax: Axes | None = None) -> Axes:
-    """Amplitude of the residual, before and after, at whole orders of the electrical (or mechanical)
-    angle.
+    """Draws the amplitude of the residual at whole orders of an angle, before and after.
+
+    Parameters
+    ----------
+    source : Diagnosis or mapping
+        A diagnosis, or one of its `traces`.
+    name : str
+        The channel, such as `i_q`.
+    angle : str, default "op_theta_e"
+        `op_theta_e` (electrical) or `op_theta_m` (mechanical).
+    ax : Axes or None, default None
+        Where to draw; None makes a figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes.
     """
     trace = _trace(source, name, angle)
     ax = _axes(ax)
@@ -158,10 +255,22 @@ def order_spectrum(source: Source, name: str, angle: str = "op_theta_e", *, ax: 
 
 
 def unmodelled(term: Term, *, ax: Axes | None = None) -> Axes:
-    """A term of a map of what no candidate explains.
+    """Draws a term of a map of what no candidate explains.
 
     A term of one variable is drawn as lines, one for either direction of rotation where it depends on that. A
     term of two is drawn in colours with their own colour bar.
+
+    Parameters
+    ----------
+    term : Term
+        One of `answer.unmodelled.terms`.
+    ax : Axes or None, default None
+        Where to draw; None makes a figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes.
     """
     ax = _axes(ax)
     first, *rest = term.variables
@@ -189,14 +298,43 @@ def unmodelled(term: Term, *, ax: Axes | None = None) -> Axes:
 
 
 def history(answer: IdentificationValues, *, ax: Axes | None = None) -> Axes:
-    """The best cost of each generation of an identification's swarm."""
+    """Draws the best cost of each generation of an identification's swarm.
+
+    Parameters
+    ----------
+    answer : Identification
+        What `identify` returned.
+    ax : Axes or None, default None
+        Where to draw; None makes a figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes.
+    """
     ax = _axes(ax)
     ax.semilogy(np.arange(1, len(answer.history) + 1), answer.history, color=AFTER, lw=1.4)
     return _label(ax, "generation", "best cost")
 
 
 def overview(answer: DiagnosisValues) -> Figure:
-    """Per channel the residual over time and over the operating point. Raises UsageError without traces."""
+    """Draws per channel the residual over time and over the operating point.
+
+    Parameters
+    ----------
+    answer : Diagnosis
+        What `diagnose` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure.
+
+    Raises
+    ------
+    UsageError
+        Without traces.
+    """
     trace = _trace(answer)
     names = traces.channels(trace)
     figure = _shown_in_notebooks()(figsize=(10, 2.6 * len(names)), layout="constrained")

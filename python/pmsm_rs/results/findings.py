@@ -19,8 +19,20 @@ Traces = Mapping[str, "Mapping[str, NDArray[np.float64]]"]
 
 @dataclass(frozen=True)
 class Estimate:
-    """An estimated parameter: `value` and `stderr` in `unit`, the 95 % interval, or why there is no
-    uncertainty.
+    """An estimated parameter.
+
+    Attributes
+    ----------
+    value : float or None
+        In `unit`; None where the recording does not show it.
+    stderr : float or None
+        Standard error in `unit`.
+    ci95 : tuple of (float, float) or None
+        The 95 % interval in `unit`.
+    unit : str
+        SI unit, "1" for a pure number.
+    why_none : str or None
+        Why there is no uncertainty.
     """
 
     value: float | None
@@ -31,7 +43,18 @@ class Estimate:
 
     @classmethod
     def of(cls, entry: Mapping[str, Any]) -> Self:
-        """From its JSON object."""
+        """Reads its JSON object.
+
+        Parameters
+        ----------
+        entry : mapping
+            The object.
+
+        Returns
+        -------
+        Estimate
+            The value.
+        """
         interval = entry.get("ci95")
         return cls(
             entry.get("value"),
@@ -85,7 +108,13 @@ class Fit:
         )
 
     def to_json(self) -> str:
-        """The whole answer as JSON text."""
+        """Gives the whole answer as JSON text.
+
+        Returns
+        -------
+        str
+            The text of its file.
+        """
         return json_text(self.data)
 
 
@@ -99,12 +128,34 @@ class IdentificationValues(Fit):
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """From what `to_json` writes."""
+        """Reads what `to_json` writes.
+
+        Parameters
+        ----------
+        text : str
+            The JSON text.
+
+        Returns
+        -------
+        Identification
+            The answer.
+        """
         return cls.of(json.loads(text))
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Self:
-        """From the JSON object of an answer."""
+        """Reads the JSON object of an answer.
+
+        Parameters
+        ----------
+        data : mapping
+            The object.
+
+        Returns
+        -------
+        Identification
+            The answer.
+        """
         return cls._of(data, seed=data["seed"], version=data["version"])
 
     @property
@@ -116,9 +167,30 @@ class IdentificationValues(Fit):
 
 @dataclass(frozen=True)
 class Location:
-    """Where a mismatch sits: the equation (d, q, mechanical, sensor), its share, and the operating points.
+    """Where a mismatch sits.
 
-    `recordings` are the numbers, from 1, of those that show it where not all of several do.
+    Attributes
+    ----------
+    equation : str
+        d, q, mechanical or sensor.
+    share : float
+        Its share of the whole mismatch, 0 to 1.
+    sentence : str
+        The same in words.
+    where : tuple of mapping
+        Operating points: variable, low, high and unit.
+    order_electrical : float or None
+        Order in the electrical angle.
+    order_mechanical : float or None
+        Order in the mechanical angle.
+    frequency_hz : float or None
+        Frequency, Hz.
+    trend : str or None
+        Whether it grows or falls in time.
+    p_value : float or None
+        Probability of so much by chance.
+    recordings : tuple of int
+        Numbers, from 1, of the recordings that show it where not all of several do.
     """
 
     equation: str
@@ -135,12 +207,27 @@ class Location:
 
 @dataclass(frozen=True)
 class Remaining:
-    """The residual of one equation beside the effects `beside`, where it exceeds the noise.
+    """The residual of one equation beside the effects that were found, where it exceeds the noise.
 
-    It is given in times the noise, on the recording and on the validation run (None without one). With it
-    come the variables on which it depends, and the probability of so much by chance. `nearest` is a step like
-    those of `path`: the model with that effect of the catalogue whose form comes nearest. A smooth map does
-    as well, so it is no name. None where no effect comes near.
+    Attributes
+    ----------
+    equation : str
+        d, q or mechanical.
+    beside : tuple of str
+        The effects that were found.
+    times_recording : float
+        Residual on the recording, in times the noise.
+    times_validation : float or None
+        The same on the validation run; None without one.
+    over : tuple of str
+        Variables on which it depends.
+    p_value : float
+        Probability of so much by chance.
+    sentence : str
+        The same in words.
+    nearest : mapping or None
+        A step like those of `path`: the model with that effect of the catalogue whose form comes nearest. A
+        smooth map does as well, so it is no name. None where no effect comes near.
     """
 
     equation: str
@@ -160,8 +247,16 @@ class Remaining:
 
 @dataclass(frozen=True)
 class Share:
-    """What an effect explains of the excess mean square of the dq-model: by itself, and beside the others,
-    none of which takes its place.
+    """What an effect explains of the excess mean square of the dq-model.
+
+    Attributes
+    ----------
+    effect : str
+        Id of the effect.
+    alone : float
+        Share, 0 to 1, that it explains by itself.
+    beside : float
+        Share that it explains beside the others, none of which takes its place.
     """
 
     effect: str
@@ -171,12 +266,28 @@ class Share:
 
 @dataclass(frozen=True)
 class Budget:
-    """The budget of one channel on one run, "recording" or "validation".
+    """The budget of one channel on one run; the shares add up to one.
 
-    `before` and `after` are the residuals of the dq-model and of the final model, in times the noise. The
-    shares are of the excess mean square of the dq-model, and add up to one. `parts` are those of the effects,
-    largest first. `shared` is what any of several effects could explain, `unmodelled` what the map without a
-    name explains, and `rest` what remains.
+    Attributes
+    ----------
+    run : str
+        "recording" or "validation".
+    channel : str
+        Such as `i_q`.
+    equation : str
+        The equation that predicts it.
+    before : float
+        Residual of the dq-model, in times the noise.
+    after : float
+        Residual of the final model, in times the noise.
+    parts : tuple of Share
+        Shares of the effects in the excess mean square of the dq-model, the largest first.
+    shared : float
+        What any of several effects could explain.
+    unmodelled : float
+        What the map without a name explains.
+    rest : float
+        What remains.
     """
 
     run: str
@@ -191,14 +302,43 @@ class Budget:
 
     @classmethod
     def of(cls, entry: Mapping[str, Any]) -> Self:
-        """From its JSON object."""
+        """Reads its JSON object.
+
+        Parameters
+        ----------
+        entry : mapping
+            The object.
+
+        Returns
+        -------
+        Budget
+            The budget.
+        """
         parts = tuple(Share(**part) for part in entry["parts"])
         return cls(**{**entry, "parts": parts})
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """An omitted effect that would explain the mismatch, with its probability, parameters and look-alikes."""
+    """An effect that would explain the mismatch.
+
+    Attributes
+    ----------
+    effect : str
+        Id of the effect.
+    probability : float
+        Its posterior probability, 0 to 1.
+    sentence : str
+        What it explains, in words.
+    equation : str
+        Its equation.
+    parameters : mapping of str to Estimate
+        Its parameters with standard errors.
+    equivalent_to : tuple of str
+        Effects that this recording cannot tell from it.
+    gain_held_out : float or None
+        Share of the held-out excess that it explains.
+    """
 
     effect: str
     probability: float
@@ -238,12 +378,38 @@ class DiagnosisValues:
 
     @classmethod
     def from_json(cls, text: str, traces: Traces | None = None) -> Self:
-        """From what `to_json` writes, with the traces where they are at hand."""
+        """Reads what `to_json` writes.
+
+        Parameters
+        ----------
+        text : str
+            The JSON text.
+        traces : mapping or None, default None
+            Traces, where they are at hand.
+
+        Returns
+        -------
+        Diagnosis
+            The answer.
+        """
         return cls.of(json.loads(text), traces)
 
     @classmethod
     def of(cls, data: Mapping[str, Any], traces: Traces | None = None) -> Self:
-        """From the JSON object of an answer, with the traces where they are at hand."""
+        """Reads the JSON object of an answer.
+
+        Parameters
+        ----------
+        data : mapping
+            The object.
+        traces : mapping or None, default None
+            Traces, where they are at hand.
+
+        Returns
+        -------
+        Diagnosis
+            The answer.
+        """
         read = data.get("read")
         return cls(
             verdict=data["verdict"],
@@ -272,8 +438,9 @@ class DiagnosisValues:
 
     @property
     def model(self) -> Mapping[str, Any]:
-        """The model that was settled on: `effects` and `base`, and `unmodelled` where the verdict is
-        unknown or partial, as in the JSON answer.
+        """The object `model` of the JSON answer.
+
+        It has `effects` and `base`, and `unmodelled` where the verdict is unknown or partial.
         """
         model: Mapping[str, Any] = self.data["model"]
         return model
@@ -286,9 +453,10 @@ class DiagnosisValues:
 
     @property
     def formulas(self) -> Sequence[Mapping[str, Any]] | None:
-        """Formulas for a torque that has no name, one JSON object for each, the most credible first: formula,
-        parameters, explains, evidence, equivalent. Empty where no simple formula describes it; None where
-        that was not asked.
+        """Formulas for a torque that has no name, the most credible first.
+
+        One JSON object for each: formula, parameters, explains, evidence, equivalent. Empty where no simple
+        formula describes it; None where that was not asked.
         """
         entries: Sequence[Mapping[str, Any]] | None = self.data.get("formulas")
         return entries
@@ -301,13 +469,20 @@ class DiagnosisValues:
 
     @property
     def shown(self) -> str | None:
-        """Which traces are compared and drawn: "validation" where there is one, else "recording", None
-        without traces.
+        """Which traces are compared and drawn.
+
+        "validation" where there is one, else "recording", None without traces.
         """
         return next((name for name in ("validation", "recording") if name in self.traces), None)
 
     def to_json(self) -> str:
-        """The whole answer as JSON text, schema pmsm-rs.diagnosis/2."""
+        """Gives the whole answer as JSON text, schema pmsm-rs.diagnosis/2.
+
+        Returns
+        -------
+        str
+            The text of its file.
+        """
         return json_text(self.data)
 
 

@@ -12,9 +12,20 @@ from ..errors import did_you_mean, refuse
 
 
 def effects() -> list[dict[str, Any]]:
-    """The catalogue: per effect id, title, sentence, equation, acts_in, source, parameters, derived,
-    look_alikes, fingerprint. `derived` are results that an answer gives beside or in place of parameters:
-    name, unit, meaning.
+    """Gives the catalogue of effects.
+
+    Returns
+    -------
+    list of dict
+        Per effect id, title, sentence, equation, acts_in, source, parameters, derived, look_alikes and
+        fingerprint. `derived` are results that an answer gives beside or in place of parameters: name, unit,
+        meaning.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> {entry["id"]: entry for entry in pm.effects()}["dead_time"]["parameters"][0]["unit"]
+    'V'
     """
     catalogue: list[dict[str, Any]] = json.loads(_core.effects())
     return catalogue

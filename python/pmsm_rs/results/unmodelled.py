@@ -16,10 +16,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Term:
-    """What a map adds to one equation (d, q, mechanical), in `unit`; `formula` says where it enters.
+    """What a map adds to one equation.
 
-    `variables` are the factors as in the JSON answer, `coefficients` has one axis per factor, `peak` is the
-    largest absolute value over the recording.
+    Attributes
+    ----------
+    equation : str
+        d, q or mechanical.
+    sentence : str
+        The same in words.
+    formula : str
+        Where it enters.
+    variables : tuple of mapping
+        The factors, as in the JSON answer.
+    coefficients : ndarray
+        One axis per factor, in `unit`.
+    unit : str
+        SI unit of the term.
+    peak : float
+        Largest absolute value over the recording, in `unit`.
     """
 
     equation: str
@@ -32,7 +46,18 @@ class Term:
 
     @classmethod
     def of(cls, entry: Mapping[str, Any]) -> Self:
-        """From its JSON object."""
+        """Reads its JSON object.
+
+        Parameters
+        ----------
+        entry : mapping
+            The object.
+
+        Returns
+        -------
+        Term
+            The term.
+        """
         import numpy as np
 
         variables = tuple(entry["variables"])
@@ -65,10 +90,16 @@ class Term:
 
 @dataclass(frozen=True)
 class Unmodelled:
-    """A map of what no candidate explains, in words and as terms.
+    """A map of what no candidate explains.
 
-    With it comes the share of the held-out excess that it explains (None without a map). There are no terms
-    if no map improves the prediction.
+    Attributes
+    ----------
+    sentence : str
+        The same in words.
+    gain_held_out : float or None
+        Share of the held-out excess that it explains; None without a map.
+    terms : tuple of Term
+        Its terms; none if no map improves the prediction.
     """
 
     sentence: str
@@ -77,7 +108,18 @@ class Unmodelled:
 
     @classmethod
     def of(cls, entry: Mapping[str, Any]) -> Self:
-        """From its JSON object."""
+        """Reads its JSON object.
+
+        Parameters
+        ----------
+        entry : mapping
+            The object.
+
+        Returns
+        -------
+        Unmodelled
+            The map.
+        """
         return cls(entry["sentence"], entry["gain_held_out"], tuple(Term.of(t) for t in entry["terms"]))
 
 

@@ -41,7 +41,7 @@ from .._core import Machine, MachineError, UsageError
 from ..config.effect_text import Effect, is_definition, of_table
 from ..config.machine_file import Plate, Ratings, read_machine, read_toml
 from ..config.schema import Table, validated
-from ..errors import clauses, did_you_mean, refuse
+from ..errors import clauses, did_you_mean, message, refuse
 from ..results.registry import effects
 from . import setting_tables as tables
 
@@ -214,7 +214,7 @@ def _machine(
     try:
         return Machine(**values)
     except MachineError as error:
-        errors.append(f"{name}: {error}")
+        errors.append(f"{name}: {message(error)}")
         return None
 
 

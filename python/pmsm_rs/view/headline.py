@@ -68,6 +68,8 @@ def _a(quantity: str) -> str:
 
 def _first_sentence(answer: DiagnosisValues) -> str:
     """The verdict with what remains beside the effects that were found."""
+    if answer.verdict == "undetermined" and answer.reason and answer.interrupted:
+        return f"{answer.reason[0].upper()}{answer.reason[1:]}."
     if answer.verdict == "undetermined" and answer.reason and _is_of_points(answer):
         told = f"Only parameters can be told: {answer.reason}" if answer.base else answer.reason
         return f"{told[0].upper()}{told[1:]}."

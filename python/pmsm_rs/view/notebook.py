@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from .. import atomic
+from ..messages import behind
 from ..plot import palette
 from ..results import words
 from . import figures, report, tables
@@ -28,12 +29,29 @@ _CELL: Final = "padding:3px 14px 3px 0;text-align:left;vertical-align:top;backgr
 
 @dataclass(frozen=True)
 class Page:
-    """A report that a notebook shows and that can be saved; `str` of it is the HTML text."""
+    """A report that a notebook shows and that can be saved; `str` of it is the HTML text.
+
+    Attributes
+    ----------
+    text : str
+        The HTML text.
+    """
 
     text: str
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the page, whole or not at all. Raises UsageError if it cannot."""
+        """Writes the page, whole or not at all.
+
+        Parameters
+        ----------
+        path : path
+            Where it goes.
+
+        Raises
+        ------
+        UsageError
+            If it cannot be written.
+        """
         atomic.write_text(path, self.text)
 
     def __str__(self) -> str:
@@ -64,7 +82,7 @@ def diagnosis(answer: DiagnosisValues) -> str:
         )
         for name, value in part.get("before", {}).items()
     ]
-    notes = [f"{item['finding']} {item['fix']}" for item in answer.data_quality]
+    notes = [f"{item['finding']} {item['fix']}{behind(item)}" for item in answer.data_quality]
     if answer.interrupted:
         notes.insert(0, "Interrupted: this is the best so far.")
     if answer.unmodelled is not None:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
+from ..messages import behind
 from ..results.budget import judged, sentence
 from ..results.findings import DiagnosisValues, Estimate, IdentificationValues, Location, json_text
 from ..results.words import channel, estimate, listed, lower_first, number, percent
@@ -34,7 +35,7 @@ def diagnosis(answer: DiagnosisValues) -> str:
         lines.append("Interrupted: this is the best so far.")
     for item in answer.data_quality:
         consequence = lower_first(item["consequence"]).rstrip(".")
-        text = f"{item['finding'].rstrip('.')}: {consequence}; {lower_first(item['fix'])}"
+        text = f"{item['finding'].rstrip('.')}: {consequence}; {lower_first(item['fix'])}{behind(item)}"
         lines.append(hung("  ! ", text))
     lines += _read(answer)
     if answer.located:

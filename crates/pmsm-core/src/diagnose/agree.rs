@@ -44,7 +44,7 @@ impl Contradiction {
 pub fn contradiction(data: &Data, best: &Hypothesis, monitor: &dyn Monitor) -> Result<Option<Contradiction>> {
     let blocks = data.whole(best).blocks();
     let left = best.squares.iter().any(|(_, square)| *square > 1.0 + data.options.mismatch);
-    if data.number(0).is_none() || !left || monitor.cancelled() {
+    if data.number(0).is_none() || !left {
         return Ok(None);
     }
     let fit = |part: &Data| fitting::fit(part, &best.model, best.own(), false, monitor);

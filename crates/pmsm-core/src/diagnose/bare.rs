@@ -36,7 +36,7 @@ pub fn fit(data: &mut Data, monitor: &dyn Monitor) -> Result<Hypothesis> {
             let mut start = data.start;
             BaseParameter::ELECTRICAL.iter().for_each(|p| start[p.index()] *= scale);
             let away = fitting::fit(&open, &model, &start, false, monitor)?;
-            if !monitor.cancelled() && cost(data, &away) < cost(data, &found) {
+            if cost(data, &away) < cost(data, &found) {
                 found = away;
                 data.prior.clear();
                 data.parts.iter_mut().for_each(|part| part.prior.clear());
@@ -44,9 +44,10 @@ pub fn fit(data: &mut Data, monitor: &dyn Monitor) -> Result<Hypothesis> {
         }
     }
     for _ in 0..SETTLING {
+        monitor.go_on()?;
         data.settle_floors(&found);
         found = fitting::on_from(data, &found, monitor)?;
-        if data.away(&found) < AWAY || monitor.cancelled() {
+        if data.away(&found) < AWAY {
             break;
         }
     }

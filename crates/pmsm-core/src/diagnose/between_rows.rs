@@ -32,7 +32,7 @@ pub fn moved(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result<Op
         own(BaseParameter::RS) / own(BaseParameter::LD).min(own(BaseParameter::LQ))
     };
     let sampled = |run: &Data| run.has(true) && run.has(false) && run.signals.within.is_none();
-    if !data.runs().iter().any(sampled) || monitor.cancelled() {
+    if !data.runs().iter().any(sampled) {
         return Ok(None);
     }
     if let Some(run) = data.runs().iter().find(|run| sampled(run) && run.signals.is_coarse(rate)) {

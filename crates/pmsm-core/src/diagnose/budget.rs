@@ -70,7 +70,7 @@ pub struct Ends<'a> {
 pub fn budgets(data: &Data, judge: Option<&Data>, ends: &Ends, monitor: &dyn Monitor) -> Result<Vec<Budget>> {
     let effects = ends.set.effects();
     let mapped = !ends.told.0.model.map_parameters().is_empty();
-    if monitor.cancelled() || effects.is_empty() && !mapped {
+    if effects.is_empty() && !mapped {
         return Ok(Vec::new());
     }
     let rough = data.roughly();

@@ -59,13 +59,9 @@ pub fn conclude(
         let asked = able::able(data).0;
         let worth = outcome.evidence.samples();
         let traces = power::Traces::new(data, &outcome.base.fitted);
-        outcome.shown = traces.survey(&asked, worth, true, monitor);
+        outcome.shown = traces.survey(&asked, worth, true, monitor)?;
     }
     let (mut verdict, mut ranked) = decide::decide(&outcome, cannot_tell(data, &outcome.best.fitted));
-    if monitor.cancelled() && matches!(verdict, Verdict::Unknown | Verdict::NoMismatch) {
-        // What was not tried is neither missing from the catalogue nor absent.
-        verdict = Verdict::Undetermined;
-    }
     let refuted = outcome.best.refuted;
     if refuted {
         // It stays a candidate, but is no model to predict with.
@@ -74,6 +70,7 @@ pub fn conclude(
     }
     let last = outcome.path.len() - 1;
     outcome.path.par_iter_mut().try_for_each(|judged| {
+        monitor.go_on()?;
         judged.fitted = final_estimate(data, &judged.fitted, monitor)?;
         Ok(())
     })?;
@@ -96,6 +93,7 @@ pub fn conclude(
         // The motion is explained; of the voltages, which were left out, no all-clear is given.
         (verdict, reason) = (Verdict::Undetermined, Some(why.reason()));
     }
+    monitor.go_on()?;
     let own = Outputs::new(data, &outcome.best.fitted);
     if verdict == Verdict::Named && moves_nothing(&outcome.best.fitted, &own) {
         verdict = Verdict::Unknown;
@@ -130,7 +128,7 @@ pub fn conclude(
         Verdict::Named | Verdict::Ambiguous => !remaining.is_empty(),
         _ => verdict == Verdict::Unknown,
     };
-    if found && open && !monitor.cancelled() {
+    if found && open {
         let mut earned = unmodelled::earned(data, judge, &outcome.best.fitted, monitor)?;
         earned.set = final_estimate(data, &earned.set, monitor)?;
         let nearest = earned.nearest.as_ref().map(|set| step(data, set));
@@ -143,7 +141,6 @@ pub fn conclude(
         }
     }
     if matches!(verdict, Verdict::Named | Verdict::Partial)
-        && !monitor.cancelled()
         && unmodelled::rival(data, judge, &outcome.best.fitted, monitor)?.is_some()
     {
         // Of the motion nothing is named; what acts in the voltage equations stays.
@@ -161,6 +158,7 @@ pub fn conclude(
             (after, remaining) = left_by(&outcome.best.fitted)?;
         }
     }
+    monitor.go_on()?;
     let located = fault::located(data, judge, &outcome, verdict);
     if verdict == Verdict::Unknown {
         // No effect earns a name: what was found stays a candidate, and is no part of the model.
@@ -176,15 +174,14 @@ pub fn conclude(
     let best = &outcome.best;
     // What stays unknown is at least described, so that the model predicts.
     let described = match verdict {
-        Verdict::Unknown | Verdict::Partial if !monitor.cancelled() => {
-            Some(unmodelled::explain(data, judge, &best.fitted, monitor)?)
-        }
+        Verdict::Unknown | Verdict::Partial => Some(unmodelled::explain(data, judge, &best.fitted, monitor)?),
         _ => None,
     };
     if let Some((fitted, _)) = &described {
         after = on_judge(fitted)?;
     }
     let settled = described.as_ref().map_or(&best.fitted, |(fitted, _)| fitted);
+    monitor.go_on()?;
     let told = Outputs::new(data, settled);
     let model_outputs = &told;
     let specification = specified(data, settled);
@@ -192,6 +189,7 @@ pub fn conclude(
     let (bare, left) = validation.as_ref().map(|(_, before, after)| (before, after)).unzip();
     let ends = Ends { base: (&outcome.base.fitted, bare), set: &best.fitted, told: (settled, left) };
     let budget = budget::budgets(data, judge, &ends, monitor)?;
+    monitor.go_on()?;
     let mut traces = Traces { recording: traces(data, &outcome.base.fitted, settled), ..Traces::default() };
     let mut fit = FitTable { recording: table(&traces.recording, data), ..FitTable::default() };
     if let Some((judge, before, after)) = &validation {
@@ -208,7 +206,11 @@ pub fn conclude(
         decide::doubt(&mut ranked, data.options.ceiling_doubtful);
     }
     let gains = (searched, predicted);
-    let ranking = ranked.par_iter().map(|r| candidate(data, &outcome, r, model_outputs, gains)).collect();
+    let candidate = |r: &Ranked| {
+        monitor.go_on()?;
+        Ok(candidate(data, &outcome, r, model_outputs, gains))
+    };
+    let ranking = ranked.par_iter().map(candidate).collect::<Result<_>>()?;
     let next_experiment =
         prescribe::next_experiment(data, &ranked, &outcome, (verdict, &remaining), weak, monitor)?;
     let mut data_quality = quality(data, weak, &ties, refuted);
@@ -219,13 +221,13 @@ pub fn conclude(
     data_quality.extend(stated_load::may_be_off(data, &asymmetric));
     data_quality.extend(contradiction.map(|c| c.finding));
     data_quality.splice(0..0, ran_away);
-    data_quality.extend(monitor.cancelled().then(|| Finding {
-        finding: "the diagnosis was interrupted".into(),
-        consequence: "what had not been tried is neither named nor excluded".into(),
-        fix: "let it run to its end".into(),
-    }));
     data_quality.extend(judge.and_then(|judge| reach::judges_the_motion_alone(data, judge)));
     data_quality.extend(unforeseen);
+    let step = |judged: &verdict::Judged| {
+        monitor.go_on()?;
+        Ok(step(data, &judged.fitted))
+    };
+    let path = outcome.path.par_iter().map(step).collect::<Result<_>>()?;
     // What a model of the rest leaves on the validation run may be its own extrapolation, and so may what kept one from being believed.
     let extrapolated = validation.iter().filter(|(_, _, after)| {
         let more = verdict == Verdict::Unknown || !settled.effects().is_empty();
@@ -249,7 +251,7 @@ pub fn conclude(
             covariance: Some(model_outputs.covariance()),
             unmodelled: described.map(|(_, unmodelled)| unmodelled),
         },
-        path: outcome.path.par_iter().map(|judged| step(data, &judged.fitted)).collect(),
+        path,
         cannot_see: power::cannot_see(&outcome),
         next_experiment,
         noise_floor: floors(data),

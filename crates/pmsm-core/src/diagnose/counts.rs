@@ -16,7 +16,7 @@ use crate::monitor::Monitor;
 pub fn settle(data: &mut Data, base: &mut Hypothesis, monitor: &dyn Monitor) -> Result<bool> {
     let stepped =
         |run: &Data| run.has(true) && run.signals.phase_currents && run.signals.limits.angle_step > 0.0;
-    if !data.runs().iter().any(stepped) || monitor.cancelled() {
+    if !data.runs().iter().any(stepped) {
         return Ok(false);
     }
     let mut counted = data.clone();

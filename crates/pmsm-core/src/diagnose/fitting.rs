@@ -195,7 +195,7 @@ fn in_agreement(data: &Data, apart: Hypothesis, monitor: &dyn Monitor) -> Result
         let mut side = h.squares.iter().filter(|(c, _)| c.is_electrical() == electrical);
         side.all(|(_, square)| *square <= 1.0 + data.options.mismatch)
     };
-    if !explained(&apart, true) || explained(&apart, false) || monitor.cancelled() {
+    if !explained(&apart, true) || explained(&apart, false) {
         return Ok(apart);
     }
     let Hypothesis { model, parameters, free, nuisances, .. } = &apart;

@@ -44,7 +44,7 @@ pub fn settle(
     monitor: &dyn Monitor,
 ) -> Result<Held> {
     let driven = data.has(true) && data.runs().iter().all(|run| run.signals.v.is_some());
-    if data.signals.stator_held.is_some() || !driven || monitor.cancelled() {
+    if data.signals.stator_held.is_some() || !driven {
         return Ok(Held::Unasked);
     }
     let in_stator = |logged: Logged| -> Result<(Data, Hypothesis)> {
@@ -60,6 +60,7 @@ pub fn settle(
                 Some(known) => known.clone(),
                 None => transfer(other, found, monitor)?,
             };
+            monitor.go_on()?;
             other.settle_floors(&transferred);
             before.push(transferred.seen_again(other));
         }

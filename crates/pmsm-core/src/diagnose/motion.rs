@@ -84,9 +84,10 @@ fn driven(
             continue;
         }
         for _ in 0..ADDED {
-            if best.squares[run] < 1.0 + MISSING || monitor.cancelled() {
+            if best.squares[run] < 1.0 + MISSING {
                 break;
             }
+            monitor.go_on()?;
             let mut states = states_of(&best.nuisances, &best.parameters[model.parameter_count()..]);
             let own = &best.parameters[..model.parameter_count()];
             let samples = &torque[data.samples_of(run)];
@@ -155,13 +156,14 @@ pub fn whitened(
     free.extend(count..fitted.len());
     let mut best = None;
     for _ in 0..if rotor.is_empty() { 0 } else { ROUNDS } {
+        monitor.go_on()?;
         let experiment = data.motion(model, nuisances, &torque);
         let from = best.as_deref().unwrap_or(fitted);
         let residual = experiment.residual(from);
         let coloured = experiment.coloured(&residual, |run, rows| {
             Colour::of(rows, run.windows).filter(|c| c.lag_one() >= COLOURED)
         });
-        let Some(experiment) = coloured.filter(|_| !monitor.cancelled()) else { break };
+        let Some(experiment) = coloured else { break };
         best = Some(experiment.fit(from, &free, &data.settings, monitor)?.parameters);
     }
     Ok(best)

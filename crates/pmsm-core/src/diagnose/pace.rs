@@ -105,6 +105,7 @@ pub fn on_every_sample(
 mod tests {
     use super::*;
     use crate::diagnose::searching;
+    use crate::diagnose::so_far::SoFar;
     use crate::diagnose::testing::{self, choice, setup, speeds};
     use crate::drive::{Choice, Setup};
     use crate::effects::EffectId;
@@ -144,7 +145,7 @@ mod tests {
         let ((data, base), (other, _)) =
             (testing::data(&fast_clock(1.1, present())), testing::data(&fast_clock(1.05, present())));
         assert!(slower(&data, std::slice::from_ref(&other)).is_some());
-        let outcome = searching::search(&data, &[other], &base, None, &Silent).unwrap();
+        let outcome = searching::search(&data, &[other], &base, None, (&Silent, &SoFar::default())).unwrap();
         assert_eq!(outcome.best.fitted.effects(), [EffectId::DeadTime]);
         let (bare, best) = outcome.ends();
         assert_eq!(best.fitted.effects(), [EffectId::DeadTime]);

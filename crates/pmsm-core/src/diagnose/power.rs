@@ -25,6 +25,7 @@ use super::shortlist::{Scorer, batches, solve};
 use super::verdict;
 use crate::effect::Role;
 use crate::effects::EffectId;
+use crate::error::Result;
 use crate::experiment::{Block, Channel};
 use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
@@ -144,9 +145,18 @@ impl<'a> Traces<'a> {
     }
 
     /// Judges what the recording would have shown of each of `absent` beside the effects of the set. `worth` is what each channel counts,
-    /// in independent samples; a `poor` recording must show a mismatch before anything is looked for. An interruption leaves
-    /// effects out.
-    pub fn survey(self, absent: &[EffectId], worth: &[f64], poor: bool, monitor: &dyn Monitor) -> Vec<Shown> {
+    /// in independent samples; a `poor` recording must show a mismatch before anything is looked for.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`](crate::error::Error::Interrupted).
+    pub fn survey(
+        self,
+        absent: &[EffectId],
+        worth: &[f64],
+        poor: bool,
+        monitor: &dyn Monitor,
+    ) -> Result<Vec<Shown>> {
+        monitor.go_on()?;
         let Self { data, scorer, best, each } = self;
         let blocks = scorer.experiment().blocks();
         let (jacobian, basis) = scorer.fitted();
@@ -161,11 +171,9 @@ impl<'a> Traces<'a> {
         let fitted = Fitted::new(jacobian, basis);
         let known = Known::new(basis.clone(), &columns, blocks);
         let survey = Survey { scorer, best, worth, poor, options: data.options, fitted, known, found };
-        let judged: Vec<Option<Shown>> = absent
-            .par_iter()
-            .map(|effect| if monitor.cancelled() { None } else { survey.judge(*effect) })
-            .collect();
-        judged.into_iter().flatten().collect()
+        let judged: Result<Vec<Option<Shown>>> =
+            absent.par_iter().map(|effect| survey.judge(*effect, monitor)).collect();
+        Ok(judged?.into_iter().flatten().collect())
     }
 }
 
@@ -217,7 +225,7 @@ fn trace(
 }
 
 impl Survey<'_> {
-    fn judge(&self, effect: EffectId) -> Option<Shown> {
+    fn judge(&self, effect: EffectId, monitor: &dyn Monitor) -> Result<Option<Shown>> {
         let context = self.best.model.context();
         let parameters = effect.info().parameters;
         let amplitudes = self.scorer.amplitudes(effect);
@@ -232,15 +240,19 @@ impl Survey<'_> {
         let strengths = Strengths { typical, bounds: bounds.collect(), share };
         let probes = effect.probes(context);
         let together: Vec<&[Vec<f64>]> = batches(&probes, amplitudes.len()).collect();
-        let looks: Vec<Option<Look>> =
-            together.into_par_iter().map(|shapes| self.look(effect, &strengths, shapes)).collect();
+        let look = |shapes| {
+            monitor.go_on()?;
+            Ok(self.look(effect, &strengths, shapes))
+        };
+        let looks: Vec<Option<Look>> = together.into_par_iter().map(look).collect::<Result<_>>()?;
         let nothing = Look::nothing(self.found.len());
-        let look = looks.into_iter().try_fold(nothing, |all, next| next.map(|next| all.and(next)))?;
-        let Strongest { at, before, after, along } = look.strongest?;
+        let look = looks.into_iter().try_fold(nothing, |all, next| next.map(|next| all.and(next)));
+        let Some(look) = look else { return Ok(None) };
+        let Some(Strongest { at, before, after, along }) = look.strongest else { return Ok(None) };
         let power = look.powers.iter().fold(0.0, |sum, power| sum + power / probes.len() as f64);
         let found = self.found.iter().zip(look.likeness);
         let likeness = found.map(|(found, (cosine, nats))| (found.effect, cosine, nats)).collect();
-        Some(Shown {
+        Ok(Some(Shown {
             effect,
             power,
             size: (share * before.sqrt(), share * after.sqrt()),
@@ -254,7 +266,7 @@ impl Survey<'_> {
                 .map(|k| self.name(self.best.free[k]))
                 .collect(),
             likeness,
-        })
+        }))
     }
 
     fn power(&self, squares: &[f64], count: usize) -> f64 {
@@ -338,11 +350,11 @@ mod tests {
     #[test]
     fn reversals_show_what_one_speed_hides() {
         let (poor, base) = data(&setup(narrow(), Vec::new()));
-        let hidden = Traces::new(&poor, &base).survey(&ASKED, &worth(&base), false, &Silent);
+        let hidden = Traces::new(&poor, &base).survey(&ASKED, &worth(&base), false, &Silent).unwrap();
         assert!(power(&hidden, EffectId::CoulombFriction) < 0.1, "{hidden:?}");
         let rich = speeds(1.0, &[(0.1, 100.0), (0.4, -100.0), (0.6, -100.0), (0.9, 100.0)]);
         let (rich, base) = data(&setup(rich, Vec::new()));
-        let seen = Traces::new(&rich, &base).survey(&ASKED, &worth(&base), false, &Silent);
+        let seen = Traces::new(&rich, &base).survey(&ASKED, &worth(&base), false, &Silent).unwrap();
         assert!(power(&seen, EffectId::CoulombFriction) > 0.9, "{seen:?}");
     }
 
@@ -370,8 +382,9 @@ mod tests {
     #[test]
     fn what_absorbs_a_hidden_effect_is_named() {
         let (poor, base) = data(&setup(narrow(), Vec::new()));
-        let hidden =
-            Traces::new(&poor, &base).survey(&[EffectId::CoulombFriction], &worth(&base), false, &Silent);
+        let hidden = Traces::new(&poor, &base)
+            .survey(&[EffectId::CoulombFriction], &worth(&base), false, &Silent)
+            .unwrap();
         assert!(hidden[0].size.1 < 0.5 * hidden[0].size.0);
         assert!(hidden[0].absorbed_by.contains(&"b".to_string()), "{hidden:?}");
         assert!(hidden[0].why(&[]).contains("the fitted b"), "{}", hidden[0].why(&[]));
@@ -383,13 +396,13 @@ mod tests {
         let (poor, base) = data(&setup(narrow(), effects.clone()));
         let best = fitted(&poor, &base, EffectId::CoulombFriction);
         let asked = [EffectId::AsymmetricFriction, EffectId::CoggingTorque];
-        let shown = Traces::new(&poor, &best).survey(&asked, &worth(&best), false, &Silent);
+        let shown = Traces::new(&poor, &best).survey(&asked, &worth(&best), false, &Silent).unwrap();
         assert!(resembles(&shown[0], EffectId::CoulombFriction), "{shown:?}");
         assert!(!resembles(&shown[1], EffectId::CoulombFriction), "{shown:?}");
         let rich = speeds(1.0, &[(0.1, 100.0), (0.4, -100.0), (0.6, -100.0), (0.9, 100.0)]);
         let (rich, base) = data(&setup(rich, effects));
         let best = fitted(&rich, &base, EffectId::CoulombFriction);
-        let shown = Traces::new(&rich, &best).survey(&asked, &worth(&best), false, &Silent);
+        let shown = Traces::new(&rich, &best).survey(&asked, &worth(&best), false, &Silent).unwrap();
         assert!(!resembles(&shown[0], EffectId::CoulombFriction), "{shown:?}");
     }
 
@@ -398,8 +411,9 @@ mod tests {
         let effects = vec![choice("coulomb_friction", "tau_c", 1.0)];
         let (data, base) = data(&setup(narrow(), effects));
         let best = fitted(&data, &base, EffectId::CoulombFriction);
-        let shown =
-            Traces::new(&data, &best).survey(&[EffectId::StribeckFriction], &worth(&best), false, &Silent);
+        let shown = Traces::new(&data, &best)
+            .survey(&[EffectId::StribeckFriction], &worth(&best), false, &Silent)
+            .unwrap();
         assert!(shown[0].power < 0.5, "{shown:?}");
         let why = shown[0].why(&[EffectId::CoulombFriction]);
         assert!(why.contains("special case") && why.contains("cannot be excluded"), "{why}");
@@ -411,7 +425,9 @@ mod tests {
             let rich = speeds(1.0, &[(0.1, 100.0), (0.4, -100.0), (0.6, -100.0), (0.9, 100.0)]);
             let (data, base) = data(&setup(rich, vec![choice("coulomb_friction", "tau_c", tau_c)]));
             let best = fitted(&data, &base, EffectId::CoulombFriction);
-            Traces::new(&data, &best).survey(&[EffectId::StribeckFriction], &worth(&best), false, &Silent)[0]
+            Traces::new(&data, &best)
+                .survey(&[EffectId::StribeckFriction], &worth(&best), false, &Silent)
+                .unwrap()[0]
                 .power
         };
         let (large, small) = (power(3.0), power(0.02));

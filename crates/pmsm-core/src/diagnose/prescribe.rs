@@ -12,7 +12,7 @@ use super::hypothesis::Hypothesis;
 use super::power::times;
 use super::remaining::Remaining;
 use super::select::Outcome;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
 use crate::recording::Kind;
@@ -30,8 +30,7 @@ const STEPS: (usize, usize) = (1, 5);
 /// Manoeuvres looked at closely.
 const FINALISTS: usize = 2;
 
-/// One or two sentences on what to record next, if anything is open. Something that remains is asked about over its own variables. An
-/// interruption leaves the computed part out.
+/// One or two sentences on what to record next, if anything is open. Something that remains is asked about over its own variables.
 ///
 /// # Errors
 /// Those of the least-squares fits.
@@ -71,11 +70,7 @@ pub fn next_experiment(
         }
         Ok(out)
     };
-    match computed() {
-        Ok(found) => sentences.extend(found),
-        Err(Error::Interrupted) => {}
-        Err(error) => return Err(error),
-    }
+    sentences.extend(computed()?);
     if sentences.is_empty() && (verdict == Verdict::Ambiguous || !weak.is_empty()) {
         sentences.push(format!("Record {rich}."));
     }
@@ -153,9 +148,6 @@ impl Contest<'_> {
         let Some(trial) = self.bench.run(self.best, candidate, self.monitor)? else { return Ok(None) };
         let mut tried: Option<Tried> = None;
         for (worst, rival) in self.rivals.iter().enumerate() {
-            if self.monitor.cancelled() {
-                return Err(Error::Interrupted);
-            }
             let separation = rival.separation(&trial, self.best, steps, self.monitor)?;
             if tried.as_ref().is_none_or(|t| separation.nats < t.separation.nats) {
                 tried = Some(Tried { candidate, worst, separation });
@@ -235,9 +227,7 @@ fn pin_down(
         .par_iter()
         .map(|candidate| {
             let Some(trial) = bench.run(fitted, candidate, monitor)? else { return Ok(None) };
-            if monitor.cancelled() {
-                return Err(Error::Interrupted);
-            }
+            monitor.go_on()?;
             let spreads = known.spreads(&trial, &indices);
             let worst =
                 spreads.iter().map(|s| s.1).fold(0.0, |a: f64, b| if b.is_nan() { b } else { a.max(b) });
@@ -272,6 +262,7 @@ mod tests {
     use crate::diagnose::transfer::transfer;
     use crate::drive::Setup;
     use crate::effects::EffectId;
+    use crate::error::Error;
     use crate::monitor::{Silent, StopFlag};
 
     fn coulomb() -> (Setup, Data, Hypothesis, Hypothesis) {

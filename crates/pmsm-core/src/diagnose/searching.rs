@@ -7,11 +7,15 @@ use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::pace;
 use super::select::{Outcome, Search};
+use super::so_far::SoFar;
 use super::transfer::transfer;
 use super::verdict;
 use crate::effect::Site;
 use crate::error::Result;
 use crate::monitor::Monitor;
+
+/// Who is asked whether to go on, and what keeps the best set so far.
+type Watch<'a> = (&'a dyn Monitor, &'a SoFar);
 
 /// Searches for the effects, held against the other recordings or against every other window of this one, at the pace that these allow for.
 /// It begins with the set `from`, if there is one.
@@ -20,21 +24,22 @@ pub fn search(
     others: &[Data],
     base: &Hypothesis,
     from: Option<&Hypothesis>,
-    monitor: &dyn Monitor,
+    (monitor, found): Watch,
 ) -> Result<Outcome> {
-    if let Some(found) = more_slowly(whole, others, base, from, monitor)? {
+    if let Some(found) = more_slowly(whole, others, base, from, (monitor, found))? {
         return Ok(found);
     }
-    if let Some(found) = in_halves(whole, others, base, monitor)? {
+    if let Some(found) = in_halves(whole, others, base, (monitor, found))? {
         return Ok(found);
     }
     if !whole.poor {
-        return open(whole, others, from, monitor).run(base.clone());
+        return open(whole, others, from, (monitor, found)).run(base.clone());
     }
     // What a poor recording leaves open a second one must not be held against it, unless it makes nonsense of that one.
     let bare = |data| Ok((data, transfer(data, base, monitor)?));
     let refuting = others.iter().map(bare).collect::<Result<Vec<_>>>()?;
-    Search { data: whole, held_out: Vec::new(), refuting, most: 1, from: None, monitor }.run(base.clone())
+    Search { data: whole, held_out: Vec::new(), refuting, most: 1, from: None, monitor, found }
+        .run(base.clone())
 }
 
 /// The search at a slower pace, if the recordings allow for one, and what it finds fitted to every sample.
@@ -43,13 +48,13 @@ fn more_slowly(
     others: &[Data],
     base: &Hypothesis,
     from: Option<&Hypothesis>,
-    monitor: &dyn Monitor,
+    (monitor, found): Watch,
 ) -> Result<Option<Outcome>> {
     let Some((slower, theirs)) = pace::slower(whole, others) else { return Ok(None) };
     let start = fitting::carried_over(&slower, base, monitor)?;
-    let found = match in_halves(&slower, &theirs, &start, monitor)? {
+    let found = match in_halves(&slower, &theirs, &start, (monitor, found))? {
         Some(found) => found,
-        None => open(&slower, &theirs, from, monitor).run(start)?,
+        None => open(&slower, &theirs, from, (monitor, found)).run(start)?,
     };
     pace::on_every_sample(whole, others, found, base, monitor).map(Some)
 }
@@ -59,7 +64,7 @@ fn in_halves(
     whole: &Data,
     others: &[Data],
     base: &Hypothesis,
-    monitor: &dyn Monitor,
+    (monitor, found): Watch,
 ) -> Result<Option<Outcome>> {
     // Half a recording may not pin down what the whole does: where the bare machine fits the whole, nothing is wrong with it.
     let split = others.is_empty() && !whole.poor && verdict::largest_excess(base) > whole.options.mismatch;
@@ -73,6 +78,7 @@ fn in_halves(
         most: whole.options.most_effects,
         from: None,
         monitor,
+        found,
     };
     on_whole(whole, search.run(start)?, base, monitor).map(Some)
 }
@@ -82,7 +88,7 @@ fn open<'a>(
     data: &'a Data,
     others: &'a [Data],
     from: Option<&Hypothesis>,
-    monitor: &'a dyn Monitor,
+    (monitor, found): Watch<'a>,
 ) -> Search<'a> {
     let held_out = others.iter().collect();
     Search {
@@ -92,6 +98,7 @@ fn open<'a>(
         most: data.options.most_effects,
         from: from.cloned(),
         monitor,
+        found,
     }
 }
 
@@ -102,7 +109,7 @@ pub fn judged_finer(
     whole: &Data,
     others: &[Data],
     outcome: &Outcome,
-    monitor: &dyn Monitor,
+    (monitor, found): Watch,
 ) -> Result<Option<(Data, Vec<Data>, Outcome)>> {
     let best = &outcome.best;
     let effects = best.fitted.effects();
@@ -110,7 +117,7 @@ pub fn judged_finer(
     let wanders = others.iter().chain([whole]).any(|data| unfiltered(data) > 0);
     // What is left unexplained is no noise.
     let explained = best.excess() <= whole.options.mismatch;
-    if moving == 0 || moving == effects.len() || !wanders || !explained || monitor.cancelled() {
+    if moving == 0 || moving == effects.len() || !wanders || !explained {
         return Ok(None);
     }
     let again = settled(whole, &best.fitted);
@@ -119,8 +126,8 @@ pub fn judged_finer(
         return Ok(None);
     }
     let base = fitting::refit(&again, &outcome.base.fitted, monitor)?;
-    let anew = search(&again, &theirs, &base, Some(&best.fitted), monitor)?;
-    let fewer = anew.best.fitted.effects().len() < effects.len() && !monitor.cancelled();
+    let anew = search(&again, &theirs, &base, Some(&best.fitted), (monitor, found))?;
+    let fewer = anew.best.fitted.effects().len() < effects.len();
     Ok(fewer.then_some((again, theirs, anew)))
 }
 
@@ -175,7 +182,7 @@ mod tests {
         let ((mut data, base), (other, _)) = (testing::data(&setup), testing::data(&setup));
         let mut others = [other];
         assert!(data.wanders_unfiltered() && verdict::largest_excess(&base) > 30.0);
-        let outcome = search(&data, &others, &base, None, &Silent).unwrap();
+        let outcome = search(&data, &others, &base, None, (&Silent, &SoFar::default())).unwrap();
         assert_eq!(outcome.best.fitted.effects(), [effects::EffectId::CoulombFriction]);
         let (bare, best) = outcome.ends();
         assert!(anew::settled_anew(&mut data, &mut others, bare, best));
@@ -192,7 +199,8 @@ mod tests {
         setup.drive.sensors.noise_i = 0.3;
         let ((data, base), (other, _)) = (testing::data(&setup), testing::data(&setup));
         assert!(data.wanders_unfiltered(), "{:?}", base.squares);
-        let mut outcome = search(&data, std::slice::from_ref(&other), &base, None, &Silent).unwrap();
+        let mut outcome =
+            search(&data, std::slice::from_ref(&other), &base, None, (&Silent, &SoFar::default())).unwrap();
         let others = [other];
         let mut finer = |found: &[effects::EffectId]| {
             let model = Model::new(data.signals.context, found);
@@ -202,7 +210,7 @@ mod tests {
             let fitted = fitting::fit(&data, &model, &start, false, &Silent).unwrap();
             let held_out = vec![transfer(&others[0], &fitted, &Silent).unwrap()];
             outcome.best = Judged { fitted, held_out, refuted: false };
-            let finer = judged_finer(&data, &others, &outcome, &Silent).unwrap();
+            let finer = judged_finer(&data, &others, &outcome, (&Silent, &SoFar::default())).unwrap();
             finer.map(|(.., outcome)| outcome.best.fitted.effects())
         };
         assert_eq!(

@@ -16,6 +16,7 @@ use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::power::{Shown, Traces};
 use super::shortlist::Prospect;
+use super::so_far::SoFar;
 use super::transfer::transfer;
 use super::verdict::{self, Judged};
 use crate::effects::EffectId;
@@ -39,6 +40,8 @@ pub struct Search<'a> {
     pub from: Option<Hypothesis>,
     /// Asked whether to go on.
     pub monitor: &'a dyn Monitor,
+    /// Keeps the best set so far.
+    pub found: &'a SoFar,
 }
 
 /// Scored effects, each with the set that was refitted with it, if it was.
@@ -100,7 +103,7 @@ impl Search<'_> {
     /// Runs the selection from the fitted bare machine.
     ///
     /// # Errors
-    /// Those of the fits; an interruption ends it with the best so far.
+    /// Those of the fits, an interruption among them.
     pub fn run(&self, base: Hypothesis) -> Result<Outcome> {
         let base = self.judge(base)?;
         let (able, unfit) = able::able(self.data);
@@ -122,6 +125,8 @@ impl Search<'_> {
         let mut swaps = Vec::new();
         let mut shown = Vec::new();
         for _ in 0..self.data.options.most_effects {
+            self.monitor.go_on()?;
+            self.found.note(&best.fitted);
             let evidence = self.evidence().limited(std::iter::once(&best));
             let fitted = best.fitted.clone();
             let traces = Traces::new(self.data, &fitted);
@@ -131,7 +136,7 @@ impl Search<'_> {
                 continue;
             }
             let (absent, poor) = (absent(&able, &best), self.most < self.data.options.most_effects);
-            shown = traces.survey(&absent, evidence.samples(), poor, self.monitor);
+            shown = traces.survey(&absent, evidence.samples(), poor, self.monitor)?;
             swaps = self.exchange(&best, &worth, &shown, &mut seen)?;
             let better = swaps.iter().filter(|s| evidence.prefers(&s.judged, &best));
             let better = better.min_by(|a, b| evidence.cost(&a.judged).total_cmp(&evidence.cost(&b.judged)));
@@ -212,6 +217,7 @@ mod tests {
             most: data.options.most_effects,
             from: None,
             monitor: &Silent,
+            found: Box::leak(Box::default()),
         }
     }
 

@@ -13,8 +13,10 @@ use super::fitting;
 use super::hypothesis::Hypothesis;
 use crate::effect::{Context, Parameter, Role, Site};
 use crate::effects::EffectId;
+use crate::error::Result;
 use crate::experiment::{Block, Channel, Joint, split};
 use crate::model::Model;
+use crate::monitor::Monitor;
 use crate::numerics::basis::{DEPENDENT, orthonormal_beside};
 use crate::numerics::tall;
 use crate::simulate::mechanical::Nuisance;
@@ -78,21 +80,27 @@ impl<'a> Scorer<'a> {
 
     /// Scores `effect` over its grid of shapes. Amplitudes found beyond their physical bounds count as far as the
     /// bounds allow.
-    pub fn score(&self, effect: EffectId) -> Prospect {
-        let by_trials = (!effect.is_first_order()).then(|| self.score_of_trials(effect));
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`](crate::error::Error::Interrupted).
+    pub fn score(&self, effect: EffectId, monitor: &dyn Monitor) -> Result<Prospect> {
+        let by_trials =
+            (!effect.is_first_order()).then(|| self.score_of_trials(effect, monitor)).transpose()?;
         let probes = effect.probes(self.hypothesis.model.context());
         let amplitudes = self.amplitudes(effect);
         let nothing = Prospect::nothing(effect, self.hypothesis.model.context());
         let together: Vec<&[Vec<f64>]> = batches(&probes, amplitudes.len()).collect();
-        let best: Vec<Prospect> =
-            together.into_par_iter().map(|shapes| self.best_of(&nothing, shapes, &amplitudes)).collect();
-        best.into_iter()
-            .chain(by_trials)
-            .fold(nothing, |best, next| if next.score > best.score { next } else { best })
+        let best = |shapes: &[Vec<f64>]| self.best_of(&nothing, shapes, &amplitudes, monitor);
+        let best: Vec<Prospect> = together.into_par_iter().map(best).collect::<Result<_>>()?;
+        let all = best.into_iter().chain(by_trials);
+        Ok(all.fold(nothing, |best, next| if next.score > best.score { next } else { best }))
     }
 
     /// The effect with each of its whole numbers, such as an order, that explains most: no more than `count`, the best first.
-    pub fn leading(&self, effect: EffectId, count: usize) -> Vec<Prospect> {
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`](crate::error::Error::Interrupted).
+    pub fn leading(&self, effect: EffectId, count: usize, monitor: &dyn Monitor) -> Result<Vec<Prospect>> {
         let context = self.hypothesis.model.context();
         let (amplitudes, nothing) = (self.amplitudes(effect), Prospect::nothing(effect, context));
         let numbers = |shape: &[f64]| -> Vec<f64> {
@@ -101,25 +109,32 @@ impl<'a> Scorer<'a> {
         };
         let probes = effect.probes(context);
         let alike: Vec<&[Vec<f64>]> = probes.chunk_by(|a, b| numbers(a) == numbers(b)).collect();
-        let best = |shapes: &[Vec<f64>]| self.best_of(&nothing, shapes, &amplitudes);
-        let mut all: Vec<Prospect> = alike.into_par_iter().map(best).collect();
+        let best = |shapes: &[Vec<f64>]| self.best_of(&nothing, shapes, &amplitudes, monitor);
+        let mut all: Vec<Prospect> = alike.into_par_iter().map(best).collect::<Result<_>>()?;
         all.sort_by(|a, b| b.score.total_cmp(&a.score));
         all.truncate(count);
-        all
+        Ok(all)
     }
 
     /// The best of some `shapes`, or `nothing` where none explains anything.
-    fn best_of(&self, nothing: &Prospect, shapes: &[Vec<f64>], amplitudes: &[usize]) -> Prospect {
+    fn best_of(
+        &self,
+        nothing: &Prospect,
+        shapes: &[Vec<f64>],
+        amplitudes: &[usize],
+        monitor: &dyn Monitor,
+    ) -> Result<Prospect> {
+        monitor.go_on()?;
         let projector = self.projector(nothing.effect);
         let columns = self.columns(nothing.effect, shapes, amplitudes, projector, true);
         let all =
             Against { basis: &projector.basis, residual: &projector.residual, samples: self.data.counted() };
         let best = self.best_against(nothing, shapes, amplitudes, &columns, all);
-        let Some(lasting) = &projector.lasting else { return best };
+        let Some(lasting) = &projector.lasting else { return Ok(best) };
         let sums = lasting.sums(&columns);
         let slow = Against { basis: &lasting.basis, residual: &lasting.residual, samples: lasting.count };
         let slow = self.best_against(nothing, shapes, amplitudes, &sums, slow);
-        if slow.score > best.score { slow } else { best }
+        Ok(if slow.score > best.score { slow } else { best })
     }
 
     /// The same by these `columns`, shape by shape.
@@ -400,10 +415,10 @@ mod tests {
         let mut data = join::prepare(&[&recording], &machine, &Default::default()).unwrap();
         let base = bare::fit(&mut data, &Silent).unwrap();
         let mut scorer = Scorer::new(&data, &base);
-        let score = scorer.score(EffectId::DeadTime).score;
+        let score = scorer.score(EffectId::DeadTime, &Silent).unwrap().score;
         // Of each sample it explains next to nothing.
         assert!(scorer.whole.lasting.take().is_some());
-        let by_samples = scorer.score(EffectId::DeadTime).score;
+        let by_samples = scorer.score(EffectId::DeadTime, &Silent).unwrap().score;
         assert!(score > 0.1 && by_samples < 0.3 * score, "{score} {by_samples}");
     }
 
@@ -422,7 +437,7 @@ mod tests {
         let mut data =
             join::prepare(&[&Recording::new(cut, None).unwrap()], &nameplate, &Default::default()).unwrap();
         let base = bare::fit(&mut data, &Silent).unwrap();
-        let prospect = Scorer::new(&data, &base).score(EffectId::TwoMassShaft);
+        let prospect = Scorer::new(&data, &base).score(EffectId::TwoMassShaft, &Silent).unwrap();
         let off = (prospect.start[1] / 37.0).ln().abs();
         assert!(off < 0.1 && prospect.score > 0.2, "{prospect:?}");
     }

@@ -28,7 +28,7 @@ pub fn transfer(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) -> 
     let turns: Vec<Vec<f64>> = if data.signals.turn_known { Vec::new() } else { turns(data, hypothesis) };
     let mut tried = vec![0];
     let mut better = turns.len() > 1;
-    while better && !monitor.cancelled() {
+    while better {
         better = false;
         let next: Vec<usize> =
             promising(data, &best, &turns).filter(|t| !tried.contains(t)).take(TRIED).collect();

@@ -9,6 +9,7 @@ use super::hypothesis::Hypothesis;
 use super::shortlist::Scorer;
 use crate::effect::Site;
 use crate::effects::{self, EffectId};
+use crate::error::Result;
 use crate::monitor::Monitor;
 use std::f64::consts::TAU;
 
@@ -16,7 +17,10 @@ use std::f64::consts::TAU;
 const BETTER: f64 = 1.02;
 
 /// Shifts the mechanical angle of the recordings by whole electrical turns so that they agree, and says whether any was shifted.
-pub fn settle(data: &mut Data, base: &Hypothesis, monitor: &dyn Monitor) -> bool {
+///
+/// # Errors
+/// [`Error::Interrupted`](crate::error::Error::Interrupted).
+pub fn settle(data: &mut Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result<bool> {
     let turns = data.signals.n_p as usize;
     let known = data.parts.iter().position(|p| p.signals.turn_known);
     let reference = known.unwrap_or(0);
@@ -27,12 +31,12 @@ pub fn settle(data: &mut Data, base: &Hypothesis, monitor: &dyn Monitor) -> bool
             continue;
         }
         let step = TAU / data.signals.n_p;
-        let mut best = (0, score(data, base));
+        let mut best = (0, score(data, base, monitor)?);
         let mut on = 0;
-        for turn in (1..turns).take_while(|_| !monitor.cancelled()) {
+        for turn in 1..turns {
             turn_on(data, run, step);
             on = turn;
-            let score = score(data, base);
+            let score = score(data, base, monitor)?;
             if score > BETTER * best.1 {
                 best = (turn, score);
             }
@@ -40,22 +44,23 @@ pub fn settle(data: &mut Data, base: &Hypothesis, monitor: &dyn Monitor) -> bool
         turn_on(data, run, step * (best.0 as f64 - on as f64));
         shifted |= best.0 > 0;
     }
-    shifted
+    Ok(shifted)
 }
 
 /// The largest score of an effect that tells the turns of a revolution apart.
-fn score(data: &Data, base: &Hypothesis) -> f64 {
+fn score(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result<f64> {
+    monitor.go_on()?;
     let scorer = Scorer::new(data, base);
     let context = base.model.context();
     let tells = |effect: &EffectId| {
         let mut probe = effect.probes(context).into_iter().next().unwrap_or_default();
         effect.turned(&mut probe, 1.0) && data.has(effect.info().site != Site::Mechanical)
     };
-    effects::ALL
-        .iter()
-        .filter(|effect| tells(effect))
-        .map(|effect| scorer.score(*effect).score)
-        .fold(0.0, f64::max)
+    let mut most = 0.0f64;
+    for effect in effects::ALL.iter().filter(|effect| tells(effect)) {
+        most = most.max(scorer.score(*effect, monitor)?.score);
+    }
+    Ok(most)
 }
 
 /// Moves the mechanical angle of one recording by `angle`, rad.

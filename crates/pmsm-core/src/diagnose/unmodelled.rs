@@ -147,7 +147,7 @@ fn laid(
         monitor.report("map of what is left", 0.98);
         let places = places(data, best, side);
         for _ in 0..PARTS {
-            let Some(choice) = choice::choose(data, &current, side, &places, monitor) else { break };
+            let Some(choice) = choice::choose(data, &current, side, &places, monitor)? else { break };
             let richer = with_prior(&ridged, &current, &choice);
             let judged = Trial { data: &richer.roughly(), judge, monitor };
             let Some(fitted) = judged.improves(&current, &choice, side)? else { break };
@@ -316,7 +316,7 @@ mod tests {
     fn where_only_noise_is_left_no_map_is_laid() {
         let (data, base) = data(&setup(manoeuvre(), Vec::new()));
         for side in [Side::Electrical, Side::Mechanical] {
-            assert!(choice::choose(&data, &base, side, &[], &Silent).is_none(), "{side:?}");
+            assert!(choice::choose(&data, &base, side, &[], &Silent).unwrap().is_none(), "{side:?}");
         }
         let (fitted, unmodelled) = explain(&data, None, &base, &Silent).unwrap();
         assert!(unmodelled.terms.is_empty() && unmodelled.gain_held_out.is_none());

@@ -38,27 +38,26 @@ pub fn suspected(
 ) -> Result<Option<Finding>> {
     let finite = base.squares.iter().all(|(_, square)| square.is_finite());
     let before = if finite { verdict::largest_excess(base) } else { f64::INFINITY };
-    if before <= FAR || monitor.cancelled() {
+    if before <= FAR {
         return Ok(None);
     }
     let limit = misfit(recordings[0], machine).map_or(1.0, |left| BETTER * left);
     let mistakes = mistakes();
     let undone = |at: usize, recording| mistakes[at].undone(recording, f64::from(machine.n_p));
-    let promise = |at| {
-        // Reading a long log so many times takes longer than an interruption may.
-        if monitor.cancelled() {
-            return None;
-        }
-        let left = misfit(&undone(at, recordings[0])?, machine)?;
-        (left < limit).then_some((left, at))
+    let promise = |at| -> Result<Option<(f64, usize)>> {
+        monitor.go_on()?;
+        let left = undone(at, recordings[0]).and_then(|undone| misfit(&undone, machine));
+        Ok(left.filter(|left| *left < limit).map(|left| (left, at)))
     };
-    let mut likely: Vec<(f64, usize)> = (0..mistakes.len()).into_par_iter().filter_map(promise).collect();
+    let promising: Result<Vec<_>> = (0..mistakes.len()).into_par_iter().map(promise).collect();
+    let mut likely: Vec<(f64, usize)> = promising?.into_iter().flatten().collect();
     likely.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut explaining: Vec<(f64, usize)> = Vec::new();
     for (_, at) in likely.iter().take(TRIED) {
         let Some(undone) = recordings.iter().map(|r| undone(*at, r)).collect::<Option<Vec<_>>>() else {
             continue;
         };
+        monitor.go_on()?;
         let undone: Vec<&Recording> = undone.iter().collect();
         let Ok(mut data) = join::prepare(&undone, machine, options) else { continue };
         let fitted = bare::fit(&mut data, monitor)?;

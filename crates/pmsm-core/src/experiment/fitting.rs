@@ -1,10 +1,10 @@
 //! The fit of any subset of an experiment's parameters.
 
 use super::{Experiment, Joint, Prior};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::monitor::Monitor;
 use crate::numerics::tall;
-use crate::optimise::least_squares::{self, Fit, Normal, Problem, Settings};
+use crate::optimise::least_squares::{self, Fit, Normal, Problem, Settings, Status};
 use nalgebra::DVector;
 use std::borrow::Cow;
 
@@ -33,7 +33,7 @@ impl Joint<'_> {
     /// Fits the parameters `free`, starting from `start` (whole vector).
     ///
     /// # Errors
-    /// Those of [`least_squares::minimise`].
+    /// Those of [`least_squares::minimise`]; [`Error::Interrupted`] once the monitor says stop.
     pub fn fit(
         &self,
         start: &[f64],
@@ -41,6 +41,7 @@ impl Joint<'_> {
         settings: &Settings,
         monitor: &dyn Monitor,
     ) -> Result<Fitted> {
+        monitor.go_on()?;
         let bounds: Vec<(f64, f64)> = free.iter().map(|k| self.bounds(*k)).collect();
         let mut start = start.to_vec();
         let counted = self.blocks().iter().map(|block| block.counted).sum();
@@ -50,12 +51,16 @@ impl Joint<'_> {
             let problem = Fitting { experiment: &seen, start: &start, free, counted };
             let at: Vec<f64> = free.iter().map(|k| start[*k]).collect();
             let fit = least_squares::minimise(&problem, &at, &bounds, settings, monitor)?;
+            if fit.status == Status::Interrupted {
+                return Err(Error::Interrupted);
+            }
             let parameters = problem.whole(&fit.parameters);
             let free = free.to_vec();
             round += 1;
-            if !seen.has_starts() || round == STARTS || monitor.cancelled() {
+            if !seen.has_starts() || round == STARTS {
                 return Ok(Fitted { parameters, free, fit, left: None });
             }
+            monitor.go_on()?;
             // Initial speeds that were estimated at the start may be too far off for the solution.
             let again = self.with_estimated_starts(&parameters);
             let left = again.residual(&parameters);

@@ -23,6 +23,12 @@ const FOLLOWED: usize = STATES + 2;
 const SLOTS: usize = super::LANES;
 /// Ways in which current sensors lag.
 pub const LAGS: usize = 3;
+/// Functions of the speed, odd ones, by which the frame of an angle that is late may be turned.
+pub const LATE: usize = 3;
+/// Harmonics of the turn by which the frame of a flawed angle may be turned, each a cosine and a sine, beside the mean of the flaw.
+const FLAWED: usize = 8;
+/// Columns of a frame that is turned: over the speed first, then over the turn.
+pub const TURNED: usize = LATE + 1 + 2 * FLAWED;
 /// Columns side by side in the lanes of a vector.
 const WIDE: usize = 8;
 
@@ -135,9 +141,75 @@ impl Experiment<'_> {
         self.mask(&mut linear);
         linear.jacobian
     }
+
+    /// Derivatives of the weighted residuals with respect to the coefficients of an error of the rotor angle over speed and turn, all of them
+    /// zero: logged voltages and currents stand in a frame that is turned by it. Shape: as many rows as [`Self::residual`] has, [`TURNED`]
+    /// columns, the first [`LATE`] of them over the speed.
+    pub fn turned_columns(&self, p: &[f64], answering: &Answering) -> DMatrix<f64> {
+        let mut linear = super::Linearisation::zeros(self.channels.len() * self.samples(), TURNED);
+        let (mut electrical, _) = linear.split_rows(self.electrical_rows());
+        if let (Some(d), Some(q)) = (self.row_of(Channel::ID), self.row_of(Channel::IQ)) {
+            let fastest = self.signals.context.omega_e_max;
+            let values = [0, 1].map(|axis| answering.turned(axis, fastest));
+            let mut part = DMatrix::zeros(electrical.columns[0].len(), WIDE);
+            for first in (0..TURNED).step_by(WIDE) {
+                let own = first..TURNED.min(first + WIDE);
+                for (axis, values) in values.iter().enumerate() {
+                    let mut of_axis: Vec<&mut [f64]> = part
+                        .as_mut_slice()
+                        .chunks_exact_mut(electrical.columns[0].len())
+                        .take(own.len())
+                        .collect();
+                    let values = (&values[..], first, TURNED);
+                    let columns = &mut of_axis[..];
+                    let job = Response { steps: &answering.steps, axis, values, rows: [d, q], columns };
+                    lanes::reproducible(Path::best(), job);
+                    for (sum, own) in electrical.columns[own.clone()].iter_mut().zip(&of_axis) {
+                        sum.iter_mut().zip(own.iter()).for_each(|(sum, x)| *sum += x);
+                    }
+                }
+            }
+            for step in &answering.steps {
+                let turns = turns(&step.env, fastest);
+                for ((row, weight), other) in [d, q].into_iter().zip([step.i[1], -step.i[0]]) {
+                    for (column, turn) in electrical.columns.iter_mut().zip(turns) {
+                        column[row + step.sample] += turn * other * weight;
+                    }
+                }
+            }
+            let every: Vec<usize> = (0..TURNED).collect();
+            self.whiten_residual(p, || vec![[0.0; 2]; TURNED], &every, &mut electrical);
+        }
+        self.mask(&mut linear);
+        linear.jacobian
+    }
+}
+
+/// Derivatives of an error of the rotor angle by its coefficients, at one place; see [`TURNED`].
+fn turns(env: &Env<f64>, omega_e_max: f64) -> [f64; TURNED] {
+    let x = env.omega_e / omega_e_max;
+    let late = [x, x * x.abs(), x.powi(3)];
+    from_fn(|k| match k.checked_sub(LATE) {
+        None => late[k],
+        Some(n) => {
+            let (sin, cos) = (n.div_ceil(2) as f64 * env.theta_m).sin_cos();
+            if n % 2 == 0 { cos } else { sin }
+        }
+    })
 }
 
 impl Answering {
+    /// What an error of the rotor angle takes from the voltage on one axis over each step, by each of its coefficients.
+    fn turned(&self, axis: usize, omega_e_max: f64) -> Vec<f64> {
+        let of_step = |step: &Step| {
+            let v = step.held.unwrap_or_default();
+            // The logged voltage stands in the turned frame; the true one is ahead by the error.
+            let lost = [v[1], -v[0]][axis];
+            turns(&step.env, omega_e_max).map(|turn| lost * turn)
+        };
+        self.steps.iter().flat_map(of_step).collect()
+    }
+
     /// Means of a part's products over each step, step by step.
     fn values(&self, part: &Part) -> Vec<f64> {
         let size = part.size();
@@ -325,6 +397,31 @@ mod tests {
                     assert!(off < 0.01, "{effects:?} {off} of {}", exact.norm());
                 }
             }
+        }
+    }
+
+    #[test]
+    fn an_angle_error_turns_voltages_and_currents_as_a_wrong_zero_of_the_encoder_does() {
+        let signals = reversing(1e-4, &(0.31..0.32));
+        let windows = mechanical::windows(&signals);
+        let model = Model::new(signals.context, &[]);
+        let p = vec![0.5, 6e-3, 9e-3, 0.1, 2e-3, 1e-3];
+        let experiment = of_currents(&model, &signals, &windows);
+        let columns = experiment.turned_columns(&p, &experiment.answering(&p).unwrap());
+        // At a constant speed an error in proportion to the speed is a wrong zero.
+        let offset = Model::new(signals.context, &[EffectId::EncoderAngleOffset]);
+        let wrong = [&p[..], &[0.0]].concat();
+        let exact = of_currents(&offset, &signals, &windows).linearise(&wrong, &[6]).jacobian;
+        let omega = |row: usize| signals.omega_e[row % signals.len()] / signals.context.omega_e_max;
+        let steady: Vec<usize> = (100..exact.nrows())
+            .filter(|row| row % signals.len() >= 100 && (omega(*row) - omega(*row - 100)).abs() < 1e-3)
+            .filter(|row| omega(*row).abs() > 0.2)
+            .collect();
+        assert!(steady.len() >= 100, "{}", steady.len());
+        let scale = steady.iter().map(|row| exact[(*row, 0)].abs()).fold(0.0, f64::max);
+        for row in steady {
+            let off = columns[(row, 0)] / omega(row) - exact[(row, 0)];
+            assert!(off.abs() < 0.02 * scale, "row {row}: {off} of {scale}");
         }
     }
 

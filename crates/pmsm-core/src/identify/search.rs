@@ -7,7 +7,7 @@ use crate::kernels::objective::{Course, Nearby, Objective, Starts};
 use crate::monitor::Monitor;
 use crate::optimise::least_squares::{self, Fit, Normal, Problem, Settings, Status};
 use crate::optimise::swarm::{self, Swarm, SwarmResult, SwarmSettings};
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// When least squares has converged: some thousandths of a standard error or better.
@@ -213,6 +213,7 @@ impl Problem for Descending<'_> {
         kept.tried = self.on_kernels(values, &kept, false);
         match &kept.tried {
             Some(run) => run.nearby.normal.cost,
+            None if self.monitor.cancelled() => f64::INFINITY,
             None => self.objective.residual(&self.plan.point(values)).norm_squared(),
         }
     }
@@ -228,6 +229,10 @@ impl Problem for Descending<'_> {
                 let normal = run.nearby.normal.clone();
                 kept.here = Some(run);
                 normal
+            }
+            None if !first && self.monitor.cancelled() => {
+                let dim = self.dim();
+                Normal { cost: f64::NAN, jtj: DMatrix::zeros(dim, dim), jtr: DVector::zeros(dim) }
             }
             None => {
                 let linear = self.objective.linearise(&self.plan.point(values), &self.free, None);

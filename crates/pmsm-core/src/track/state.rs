@@ -85,7 +85,8 @@ pub fn read(text: &str) -> Result<Tracker> {
         Err(error) => return refuse(format!("the state of a tracker cannot be read ({error})")),
     };
     let inner = envelope.tracker;
-    if check(&inner)? != envelope.check {
+    // A fuzzer never comes past a checksum.
+    if !cfg!(fuzzing) && check(&inner)? != envelope.check {
         return refuse("the state of a tracker is damaged: its checksum does not fit".into());
     }
     let settings = Settings {

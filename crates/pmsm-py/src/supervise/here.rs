@@ -40,6 +40,7 @@ impl Lookout {
     fn look(&self) {
         Python::attach(|py| {
             let progress = self.progress.as_ref().map(|callback| callback.bind(py));
+            let progress = progress.filter(|_| !self.stop.load(Ordering::Relaxed));
             let Err(error) = py.check_signals().and_then(|()| tell(&self.latest, progress)) else { return };
             self.stop.store(true, Ordering::Relaxed);
             if error.is_instance_of::<PyKeyboardInterrupt>(py) {

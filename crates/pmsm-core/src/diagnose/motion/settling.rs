@@ -73,6 +73,7 @@ impl Settling<'_> {
 
     fn round(&self, mut parameters: Vec<f64>, states: &[State]) -> Result<Round> {
         let Self { data, model, monitor, .. } = *self;
+        monitor.go_on()?;
         let count = model.parameter_count();
         let nuisances: Vec<Nuisance> = states.iter().map(State::nuisance).collect();
         parameters.extend(states.iter().flat_map(State::values));
@@ -101,7 +102,7 @@ impl Settling<'_> {
             fitted = experiment.fit(&fitted.parameters, &free, &data.settings, monitor)?;
             keep = worthwhile(&fitted);
         }
-        if all_pay(&keep) || monitor.cancelled() {
+        if all_pay(&keep) {
             let squares = mean_squares(&experiment, &fitted.residual(&experiment));
             let parameters = fitted.parameters;
             return Ok(Round::Settled(Motion { parameters, free, nuisances, squares }));

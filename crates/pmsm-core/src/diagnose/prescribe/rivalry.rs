@@ -89,7 +89,7 @@ impl<'a> Rival<'a> {
     /// What this rival leaves of a trial on which `truth` is true.
     ///
     /// # Errors
-    /// Those of [`least_squares::minimise`].
+    /// Those of [`least_squares::minimise`]; [`Error::Interrupted`](crate::error::Error::Interrupted).
     pub fn separation(
         &self,
         trial: &Data,
@@ -97,6 +97,7 @@ impl<'a> Rival<'a> {
         iterations: usize,
         monitor: &dyn Monitor,
     ) -> Result<Separation> {
+        monitor.go_on()?;
         let exact = {
             let (nuisance, start) = on_trial(trial, truth);
             let experiment = trial.experiment(&truth.model, &[nuisance], trial.channels(true, true));
@@ -114,6 +115,7 @@ impl<'a> Rival<'a> {
         let settings =
             Settings { max_iterations: iterations, cost_tolerance: 1e-4, ..crate::diagnose::data::SETTINGS };
         let fit = least_squares::minimise(&problem, &at, &bounds, &settings, monitor)?;
+        monitor.go_on()?;
         let whole = problem.whole(&fit.parameters);
         let experiment = self.seen(trial, nuisance, false);
         let rms = experiment.relative_rms(&experiment.residual(&whole));

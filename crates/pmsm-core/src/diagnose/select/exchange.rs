@@ -60,7 +60,7 @@ impl Search<'_> {
         let tried = self.each(best, &ways, seen)?;
         let needless =
             |simpler: &Judged| !evidence.prefers(best, simpler) || !evidence.more_than_remains(best, simpler);
-        let simpler = tried.into_iter().filter(|set| needless(set) && !self.monitor.cancelled());
+        let simpler = tried.into_iter().filter(needless);
         Ok(simpler.min_by(|a, b| evidence.cost(a).total_cmp(&evidence.cost(b))))
     }
 
@@ -77,24 +77,21 @@ impl Search<'_> {
         ways: &[(EffectId, Option<EffectId>)],
         seen: &mut Vec<Judged>,
     ) -> Result<Vec<Judged>> {
-        let one = |(gone, instead): &(EffectId, Option<EffectId>)| -> Result<Option<(Judged, bool)>> {
-            if self.monitor.cancelled() {
-                return Ok(None);
-            }
+        let one = |(gone, instead): &(EffectId, Option<EffectId>)| -> Result<(Judged, bool)> {
+            self.monitor.go_on()?;
             let wanted: Vec<EffectId> =
                 best.fitted.effects().into_iter().filter(|e| e != gone).chain(*instead).collect();
             if let Some(known) = self.known(seen, &wanted) {
-                return Ok(Some((known.clone(), false)));
+                return Ok((known.clone(), false));
             }
             let (model, start) = match instead {
                 Some(narrow) => in_place(&best.fitted, *gone, *narrow),
                 None => reduced(&best.fitted, *gone),
             };
             let fitted = fitting::fit(self.data, &model, &start, false, self.monitor)?;
-            Ok(Some((self.judge(fitted)?, true)))
+            Ok((self.judge(fitted)?, true))
         };
-        let all: Result<Vec<Option<(Judged, bool)>>> = ways.par_iter().map(one).collect();
-        let all: Vec<(Judged, bool)> = all?.into_iter().flatten().collect();
+        let all: Vec<(Judged, bool)> = ways.par_iter().map(one).collect::<Result<_>>()?;
         seen.extend(all.iter().filter(|(_, new)| *new).map(|(set, _)| set.clone()));
         Ok(all.into_iter().map(|(set, _)| set).collect())
     }
@@ -132,13 +129,11 @@ impl Search<'_> {
         let refit = |(replaced, by, fewer): &(EffectId, EffectId, &Judged)| -> Result<Option<Swap>> {
             let mut wanted = fewer.fitted.effects();
             wanted.push(*by);
-            if self.monitor.cancelled() {
-                return Ok(None);
-            }
+            self.monitor.go_on()?;
             let judged = match self.known(seen, &wanted) {
                 Some(known) => Some(known.clone()),
                 None => {
-                    let prospect = Scorer::new(self.data, &fewer.fitted).score(*by);
+                    let prospect = Scorer::new(self.data, &fewer.fitted).score(*by, self.monitor)?;
                     self.refit(fewer, &prospect)?.map(|fitted| self.judge(fitted)).transpose()?
                 }
             };
@@ -191,6 +186,7 @@ mod tests {
             most: data.options.most_effects,
             from: None,
             monitor: &Silent,
+            found: Box::leak(Box::default()),
         };
         let best = set(&data, &base, of);
         let evidence = search.evidence();

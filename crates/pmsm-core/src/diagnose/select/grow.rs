@@ -41,7 +41,8 @@ impl Search<'_> {
         let noise = |set: &Judged| {
             self.data.signals.kind == Kind::OperatingPoints && set.excess() <= self.data.options.mismatch
         };
-        while best.fitted.effects().len() < self.most && !noise(&best) && !self.monitor.cancelled() {
+        while best.fitted.effects().len() < self.most && !noise(&best) {
+            self.monitor.go_on()?;
             let scorer = Scorer::new(self.data, &best.fitted);
             let larger = self.extended(&scorer, &best, &absent(able, &best))?;
             let sets = larger.iter().filter_map(|(_, set)| set.as_ref());
@@ -56,7 +57,7 @@ impl Search<'_> {
                 singles = larger;
             }
             let Some(mut next) = worth else { break };
-            if !beside.is_empty() && !self.monitor.cancelled() {
+            if !beside.is_empty() {
                 let fitted = self.with_all(&next, &beside)?;
                 let all = Judged { fitted, held_out: Vec::new(), refuted: false };
                 if cost(&all) < cost(&next) && self.explains_its_part(&all.fitted, &next.fitted) {
@@ -65,6 +66,7 @@ impl Search<'_> {
                 }
             }
             best = self.renewed(next)?;
+            self.found.note(&best.fitted);
             seen.push(best.clone());
             let share = best.fitted.effects().len() as f64 / self.data.options.most_effects as f64;
             self.monitor.report("effects", 0.2 + 0.6 * share);
@@ -101,12 +103,13 @@ impl Search<'_> {
         let chosen = |e: &EffectId| e.info().parameters.iter().any(|p| p.role == Role::Fixed);
         for effect in effects.iter().copied().filter(chosen) {
             let Some((model, parameters, free)) = left_out(&set.fitted, effect) else { continue };
-            if effects.len() == 1 || self.monitor.cancelled() {
+            if effects.len() == 1 {
                 continue;
             }
+            self.monitor.go_on()?;
             let nuisances = set.fitted.nuisances.clone();
             let without = Hypothesis::on(self.data, model, parameters, free, nuisances);
-            let prospects = Scorer::new(self.data, &without).leading(effect, REFITTED);
+            let prospects = Scorer::new(self.data, &without).leading(effect, REFITTED, self.monitor)?;
             let slot =
                 set.fitted.model.slots().iter().find(|s| s.effect == effect).expect("it is in the set");
             let own = set.fitted.parameters[slot.parameters.clone()].to_vec();
@@ -163,11 +166,8 @@ impl Search<'_> {
 
     /// Scores `candidates` beside a set and refits it with each of the best of them.
     fn extended(&self, scorer: &Scorer, parent: &Judged, candidates: &[EffectId]) -> Result<Tried> {
-        let score = |effect: &EffectId| match self.monitor.cancelled() {
-            true => Prospect::nothing(*effect, parent.fitted.model.context()),
-            false => scorer.score(*effect),
-        };
-        let mut prospects: Vec<Prospect> = candidates.par_iter().map(score).collect();
+        let score = |effect: &EffectId| scorer.score(*effect, self.monitor);
+        let mut prospects: Vec<Prospect> = candidates.par_iter().map(score).collect::<Result<_>>()?;
         prospects.sort_by(|a, b| b.score.total_cmp(&a.score));
         // Those that lead on their side, and those that may be what leads.
         let mut leading: Vec<EffectId> = Vec::new();
@@ -182,7 +182,7 @@ impl Search<'_> {
             leading.extend(candidates.iter().filter(|effect| effect.jumps()));
         }
         let refit = |prospect: Prospect| -> Result<(Prospect, Option<Judged>)> {
-            let asked = leading.contains(&prospect.effect) && !self.monitor.cancelled();
+            let asked = leading.contains(&prospect.effect);
             let set = if asked { self.refit(parent, &prospect)? } else { None };
             Ok((prospect, set.map(|fitted| Judged { fitted, held_out: Vec::new(), refuted: false })))
         };

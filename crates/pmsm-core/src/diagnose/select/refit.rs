@@ -66,7 +66,7 @@ fn beside(
     let shapes: Vec<usize> =
         (0..parameters.len()).filter(|k| parameters[*k].role == Role::Shape).map(|k| first + k).collect();
     let short = |fitted: &Hypothesis| {
-        let promised = prospect.score > LEAST_PROMISE && !shapes.is_empty() && !monitor.cancelled();
+        let promised = prospect.score > LEAST_PROMISE && !shapes.is_empty();
         promised && explained(parent, fitted) < KEPT_PROMISE * prospect.score
     };
     let better =

@@ -4,8 +4,10 @@
 use super::{Prospect, Scorer};
 use crate::effect::{Role, Site};
 use crate::effects::EffectId;
+use crate::error::Result;
 use crate::experiment::split;
 use crate::model::Model;
+use crate::monitor::Monitor;
 use crate::numerics::tall;
 use crate::simulate::mechanical::Nuisance;
 use rayon::prelude::*;
@@ -20,7 +22,7 @@ const LEAST_TRIAL: f64 = 0.01;
 impl Scorer<'_> {
     /// The score of an effect whose trace changes with its strength: of exact simulations over a grid of shapes and strengths, and of a
     /// finer one around the best.
-    pub(super) fn score_of_trials(&self, effect: EffectId) -> Prospect {
+    pub(super) fn score_of_trials(&self, effect: EffectId, monitor: &dyn Monitor) -> Result<Prospect> {
         let context = self.hypothesis.model.context();
         let parameters = effect.info().parameters;
         let nothing = Prospect::nothing(effect, context);
@@ -31,17 +33,21 @@ impl Scorer<'_> {
             });
             scaled.collect()
         };
-        let best_of = |trials: Vec<Vec<f64>>, nothing: Prospect| -> Prospect {
-            let scored: Vec<f64> = trials.par_iter().map(|own| self.trial(effect, own)).collect();
+        let score = |own: &Vec<f64>| {
+            monitor.go_on()?;
+            Ok(self.trial(effect, own))
+        };
+        let best_of = |trials: Vec<Vec<f64>>, nothing: Prospect| -> Result<Prospect> {
+            let scored: Vec<f64> = trials.par_iter().map(score).collect::<Result<_>>()?;
             let best = trials.into_iter().zip(scored).max_by(|a, b| a.1.total_cmp(&b.1));
-            match best {
+            Ok(match best {
                 Some((start, score)) if score > nothing.score => Prospect { effect, start, score },
                 _ => nothing,
-            }
+            })
         };
         let probes = effect.probes(context);
         let coarse = probes.iter().flat_map(|shape| STRENGTHS.map(|share| with(shape, share))).collect();
-        let mut best = best_of(coarse, nothing);
+        let mut best = best_of(coarse, nothing)?;
         for step in FINER {
             if best.score < LEAST_TRIAL {
                 break;
@@ -55,9 +61,9 @@ impl Scorer<'_> {
             let mut finer: Vec<Vec<f64>> =
                 open.flat_map(|k| [around(k, step), around(k, 1.0 / step)]).collect();
             finer.dedup();
-            best = best_of(finer, best);
+            best = best_of(finer, best)?;
         }
-        best
+        Ok(best)
     }
 
     /// Mean square that an effect explains at these parameters, by exact simulation, whatever was fitted giving way to first order.

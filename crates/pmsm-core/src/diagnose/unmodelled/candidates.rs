@@ -18,6 +18,9 @@ const FINE: [(usize, usize); 2] = [(3, 12), (3, 28)];
 /// Pieces of a smooth torque over the speed in each direction, the smoothest first, and the half-width about standstill within which they are
 /// narrow, share of the largest speed: forms of friction differ there.
 const SMOOTHNESS: [(usize, f64); 6] = [(3, 0.0), (3, DENSE), (9, 0.0), (9, DENSE), (28, 0.0), (28, DENSE)];
+/// Speeds at which a torque may level off, shares of the largest speed: brakes and fluids do so. Two neighbours beside the smoothest curve come
+/// within 0.2 % of any such torque, at the price of two numbers; the narrowest is still far from a jump, of which 9 % is left.
+const LEVELS_OFF: [f64; 5] = [1.0, 0.5, 0.25, 0.125, 0.0625];
 /// Half-width about standstill within which a curve over the speed may bend most, share of the largest speed: forms of friction differ there.
 const DENSE: f64 = 0.1;
 /// Splines in each direction of a map over two variables.
@@ -120,7 +123,7 @@ pub fn lost_voltages(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Par
     (smooth, over_turn)
 }
 
-/// Smooth torques over the speed, of which one may be there, the smoothest first; and the torques over the turn, which may be there together.
+/// Smooth torques over the speed, of which one may be there: curves, the smoothest first, and torques that level off; and the torques over the turn, which may be there together.
 ///
 /// Each direction of rotation has its own curve: what turns over at standstill within less than the shortest of its pieces is dry friction by
 /// any name. There is none over the motor's torque: in steady motion it is what it balances, whatever that is.
@@ -132,7 +135,7 @@ pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part
         Some((_, low, high)) => vec![(low, high)],
         None => Vec::new(),
     };
-    let curve = |(pieces, dense): (usize, f64)| {
+    let curve = |(pieces, dense): (usize, f64)| -> Vec<Part> {
         let spline = |(low, high): &(f64, f64)| {
             let (variable, low, high) = (Variable::OmegaE, *low, *high);
             let warp = dense * data.signals.context.omega_e_max;
@@ -152,7 +155,16 @@ pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part
         let second = reverses(data).then_some(direction);
         vec![Part { equations: vec![Equation::Mechanical], first: place, second }]
     };
-    (SMOOTHNESS.map(curve).to_vec(), over_turn)
+    let levelling = |share: f64| -> Vec<Part> {
+        let width = share * data.signals.context.omega_e_max;
+        let steps = [width, 0.5 * width].map(|width| part(Factor::Direction { width }));
+        [curve(SMOOTHNESS[0]), steps.to_vec()].concat()
+    };
+    let mut smooth: Vec<Vec<Part>> = SMOOTHNESS.map(curve).to_vec();
+    if !ranges.is_empty() {
+        smooth.extend(LEVELS_OFF.map(levelling));
+    }
+    (smooth, over_turn)
 }
 
 /// Harmonics of the electrical and the mechanical turn and of the located orders.

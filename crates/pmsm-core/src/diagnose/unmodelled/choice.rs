@@ -10,6 +10,7 @@ use super::{Side, candidates};
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::locate::Located;
+use crate::error::Result;
 use crate::map::{Factor, Part};
 use crate::monitor::Monitor;
 use crate::optimise::least_squares::Normal;
@@ -51,14 +52,18 @@ struct Trial {
 }
 
 /// The map of one side that predicts left-out blocks best, its coefficients paid, if any does.
+///
+/// # Errors
+/// [`Error::Interrupted`](crate::error::Error::Interrupted).
 pub fn choose(
     data: &Data,
     best: &Hypothesis,
     side: Side,
     located: &[Located],
     monitor: &dyn Monitor,
-) -> Option<Choice> {
-    let folds = folds(data, side)?;
+) -> Result<Option<Choice>> {
+    monitor.go_on()?;
+    let Some(folds) = folds(data, side) else { return Ok(None) };
     let torque = candidates::torque(data, best);
     let view = View::new(data, best, side, &torque, &folds);
     let rows = view.known.nrows();
@@ -68,14 +73,12 @@ pub fn choose(
         .collect();
     let bare = left(&view.normals(&DMatrix::zeros(rows, 0)), view.parameters(), &[], 0.0);
     let scale = Scale { channels: rows / data.signals.len(), counted: data.counted() };
-    let trials: Vec<Trial> = candidates
-        .par_iter()
-        .filter(|_| !monitor.cancelled())
-        .flat_map_iter(|part| trials(&view, part))
-        .collect();
+    let trials: Result<Vec<Vec<Trial>>> =
+        candidates.par_iter().map(|part| trials(&view, part, monitor)).collect();
     let loss = |trial: &Trial| scale.loss(trial.left, trial.part.count());
-    let chosen = trials.into_iter().min_by(|a, b| loss(a).total_cmp(&loss(b)))?;
-    (loss(&chosen) < scale.loss(bare, 0) - LEAST_GAIN).then(|| settled(&view, chosen))
+    let chosen = trials?.into_iter().flatten().min_by(|a, b| loss(a).total_cmp(&loss(b)));
+    let worth = chosen.filter(|chosen| loss(chosen) < scale.loss(bare, 0) - LEAST_GAIN);
+    Ok(worth.map(|chosen| settled(&view, chosen)))
 }
 
 /// Most independent samples that one channel is worth, price of a coefficient and least gain, nats.
@@ -98,17 +101,19 @@ impl Scale {
 }
 
 /// All sizes and ridges of one candidate.
-fn trials(view: &View, part: &Part) -> Vec<Trial> {
+fn trials(view: &View, part: &Part, monitor: &dyn Monitor) -> Result<Vec<Trial>> {
+    monitor.go_on()?;
     let normals = view.normals(&view.columns(part));
     let base = view.parameters();
     let mut out = Vec::new();
     for (part, columns) in sizes(part) {
+        monitor.go_on()?;
         for ridge in RIDGES {
             let left = left(&normals, base, &columns, ridge);
             out.push(Trial { part: part.clone(), ridge, left });
         }
     }
-    out
+    Ok(out)
 }
 
 /// First-order coefficients of a trial from all blocks, and the prior in their unit.

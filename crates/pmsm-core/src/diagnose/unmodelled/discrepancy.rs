@@ -2,7 +2,8 @@
 //!
 //! An effect that such a term replaces has no claim to its name: an eddy brake looks much like Stribeck friction, and is none. How smooth
 //! the term is, evidence decides for each set: friction that jumps at standstill beside a smooth torque is simpler than a torque that is as
-//! steep as a jump. What a smooth torque cannot do at all is a high order or a frequency. Sensors of the currents may lag behind, too.
+//! steep as a jump. What a smooth torque cannot do at all is a high order or a frequency. Sensors may err, too: those of the
+//! currents lag behind, that of the angle be late or flawed.
 //! In integral form along the measured speed all of this is linear for the motion, so that one least-squares solution per set tells; beside a
 //! shaft, and for the currents, it is so to first order. The recording and the validation run are solved for together.
 
@@ -14,7 +15,7 @@ use crate::diagnose::hypothesis::{Hypothesis, independent_samples};
 use crate::diagnose::options::DiagnosisOptions;
 use crate::effect::Role;
 use crate::effects::EffectId;
-use crate::experiment::LAGS;
+use crate::experiment::{LAGS, LATE, TURNED};
 use crate::map::Part;
 use crate::model::Slot;
 use crate::numerics::basis::orthonormal;
@@ -123,11 +124,12 @@ fn samples(normals: &[Normal]) -> Option<Vec<f64>> {
     Some(normals.iter().zip(each).map(count).collect())
 }
 
-/// The terms that may be there beside a set: any one of the smooth ones, or none; all over the turn, or none; sensors that lag, or none.
+/// The terms that may be there beside a set: any one of the smooth ones, or none; all over the turn, or none; currents that lag, or none; an
+/// angle that is late, or is flawed over the turn, or neither.
 struct Choices {
     parts: Vec<Part>,
-    /// Whether sensors may lag: their columns follow those of the parts.
-    lags: bool,
+    /// Whether sensors may err: their columns follow those of the parts.
+    sensors: bool,
     /// Columns of each choice, counted from the first one of the parts.
     columns: Vec<Vec<usize>>,
     options: DiagnosisOptions,
@@ -147,19 +149,24 @@ impl Choices {
         let count = |parts: &Vec<Part>| parts.iter().map(Part::count).sum::<usize>();
         let each: Vec<Vec<usize>> = smooth.iter().map(|parts| place(count(parts))).collect();
         let mut columns: Vec<Vec<usize>> = std::iter::once(Vec::new()).chain(each).collect();
-        let lags = side == Side::Electrical && data.has(true) && !data.is_steady();
-        let mut with = |more: Vec<usize>| {
-            let larger: Vec<Vec<usize>> = columns.iter().map(|own| [&own[..], &more].concat()).collect();
-            columns.extend(larger.into_iter().filter(|_| !more.is_empty()));
+        let sensors = side == Side::Electrical && data.has(true) && !data.is_steady();
+        let mut with = |any_of: &[Vec<usize>]| {
+            let own = columns.clone();
+            for more in any_of.iter().filter(|more| !more.is_empty()) {
+                columns.extend(own.iter().map(|own| [&own[..], more].concat()));
+            }
         };
-        with(place(count(&turn)));
-        with(place(if lags { LAGS } else { 0 }));
-        Self { parts: [smooth.concat(), turn].concat(), lags, columns, options: data.options }
+        with(&[place(count(&turn))]);
+        if sensors {
+            with(&[place(LAGS)]);
+            with(&[place(LATE), place(TURNED - LATE)]);
+        }
+        Self { parts: [smooth.concat(), turn].concat(), sensors, columns, options: data.options }
     }
 
     /// Columns of all terms together.
     fn count(&self) -> usize {
-        self.parts.iter().map(Part::count).sum::<usize>() + if self.lags { LAGS } else { 0 }
+        self.parts.iter().map(Part::count).sum::<usize>() + if self.sensors { LAGS + TURNED } else { 0 }
     }
 
     /// What a set of so many parameters leaves beside the term that suits it best, with the price of that term, nats; and which it is.
@@ -251,8 +258,8 @@ impl Normal {
             all.columns_mut(at, part.count()).copy_from(&sparse(&view.columns(part)));
             at += part.count();
         }
-        if let Some(lags) = view.lag_columns().filter(|_| choices.lags) {
-            all.columns_mut(at, LAGS).copy_from(&sparse(&lags));
+        if let Some(errs) = view.sensor_columns().filter(|_| choices.sensors) {
+            all.columns_mut(at, LAGS + TURNED).copy_from(&sparse(&errs));
         }
         let mut residual = DVector::from_fn(kept, |k, _| residual[k * stride]);
         let basis = orthonormal(&sparse(&known).columns(machine.len(), own.len()).into_owned());

@@ -137,7 +137,8 @@ fn beside_a_smooth_term<'a>(
 ) -> Result<(Hypothesis, Vec<(EffectId, f64)>)> {
     let asks =
         |set: &Hypothesis| sides(data, set).contains(&side) && set.effects().iter().any(|e| side.has(*e));
-    while asks(&set) && !monitor.cancelled() {
+    while asks(&set) {
+        monitor.go_on()?;
         let other = elsewhere(&set)?;
         let runs = seen(data, &set, other.as_ref());
         let worth = beside_discrepancy(&runs, side);

@@ -4,7 +4,7 @@ use super::Side;
 use super::integral::Integral;
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::experiment::{Answering, Joint};
+use crate::experiment::{Answering, Joint, LAGS, TURNED};
 use crate::map::Part;
 use crate::model::Model;
 use nalgebra::{DMatrix, DVector};
@@ -61,15 +61,18 @@ impl<'a> Linear<'a> {
         }
     }
 
-    /// Derivatives of what is left by how the current sensors lag; none where the currents are not compared over time.
-    pub(super) fn lag_columns(&self) -> Option<DMatrix<f64>> {
-        match self {
-            Self::Integral(_) => None,
-            Self::FreeRun(run) => {
-                let answering = run.answering.as_ref()?;
-                Some(run.experiment(&run.best.model).lag_columns(&run.best.parameters, answering))
-            }
-        }
+    /// Derivatives of what is left by how the sensors err: [`LAGS`] columns of currents that lag, then [`TURNED`] of an angle that is late or
+    /// flawed. None where the currents are not compared over time.
+    pub(super) fn sensor_columns(&self) -> Option<DMatrix<f64>> {
+        let Self::FreeRun(run) = self else { return None };
+        let answering = run.answering.as_ref()?;
+        let experiment = run.experiment(&run.best.model);
+        let lag = experiment.lag_columns(&run.best.parameters, answering);
+        let mut columns = lag.resize_horizontally(LAGS + TURNED, 0.0);
+        columns
+            .columns_mut(LAGS, TURNED)
+            .copy_from(&experiment.turned_columns(&run.best.parameters, answering));
+        Some(columns)
     }
 }
 

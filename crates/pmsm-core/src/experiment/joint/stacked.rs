@@ -1,7 +1,7 @@
 //! What each recording's own experiment computes, stacked with that of the others.
 
 use super::Joint;
-use crate::experiment::{Answering, Channel, Course, Experiment, LAGS, Linearisation, Prediction};
+use crate::experiment::{Answering, Channel, Course, Experiment, LAGS, Linearisation, Prediction, TURNED};
 use crate::map::Part;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -121,6 +121,11 @@ impl Joint<'_> {
     /// Derivatives with respect to how the current sensors lag; see [`Experiment::lag_columns`].
     pub fn lag_columns(&self, p: &[f64], answering: &[Answering]) -> DMatrix<f64> {
         self.answered(p, answering, LAGS, &|run, p, answering| run.lag_columns(p, answering))
+    }
+
+    /// Derivatives with respect to an error of the rotor angle over speed and turn; see [`Experiment::turned_columns`].
+    pub fn turned_columns(&self, p: &[f64], answering: &[Answering]) -> DMatrix<f64> {
+        self.answered(p, answering, TURNED, &|run, p, answering| run.turned_columns(p, answering))
     }
 
     /// Some `count` columns of each recording, one below the other.

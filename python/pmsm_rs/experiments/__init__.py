@@ -1,0 +1,1 @@
+"""The next recording: a manoeuvre within limits that tells rival explanations apart."""
