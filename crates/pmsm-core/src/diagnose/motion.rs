@@ -186,14 +186,6 @@ mod tests {
     /// A step of the load, N·m, that lowers the mean square of the innovations by less than its share.
     const SMALL: f64 = 0.045;
 
-    struct Stopped;
-
-    impl Monitor for Stopped {
-        fn cancelled(&self) -> bool {
-            true
-        }
-    }
-
     #[test]
     fn a_fit_begins_from_the_load_that_was_found() {
         let mut manoeuvre = speeds(0.8, &[(0.1, 80.0), (0.4, -60.0), (0.7, 90.0)]);
@@ -202,10 +194,10 @@ mod tests {
         let (data, base) = data(&setup(manoeuvre, Vec::new()));
         let count = base.model.parameter_count();
         let load = (&base.nuisances[..], &base.parameters[count..]);
-        let level =
-            |load| fit(&data, &base.model, base.own(), &[], load, &Stopped).unwrap().parameters[count];
-        assert_eq!(level(Some(load)), base.parameters[count]);
-        assert!((level(None) / base.parameters[count] - 1.0).abs() > 0.01, "{}", level(None));
+        assert_eq!(states_for(&data, &base.model, load)[0].levels, [base.parameters[count]]);
+        let torque = data.torque(&base.model, base.own());
+        let anew = State::start(&data, &base.model, base.own(), &[], &torque, &Silent).levels;
+        assert!((anew[0] / base.parameters[count] - 1.0).abs() > 0.01, "{anew:?}");
     }
 
     #[test]
