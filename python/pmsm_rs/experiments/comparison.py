@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 # Samples of a channel that count as independent at most: as in the diagnosis, on whose scale nats are.
 MOST_WORTH = 200.0
+# A prediction that runs away is this many times the noise off: far beyond any log, and finite when squared.
+_LOST = 1e9
 # Step of a difference quotient, share of the value.
 _STEP = 1e-3
 # Share of a trial over which a place is told.
@@ -86,7 +88,7 @@ class Comparison:
         """The prediction of each channel in units of its noise, arrays of shape (rows,)."""
         told = _core.predict(recording, machine, rival.text, one_step=False, threads=1, progress=None)
         return {
-            name: np.nan_to_num(told[f"{name}_model"] / sigma)
+            name: np.clip(np.nan_to_num(told[f"{name}_model"] / sigma, nan=_LOST), -_LOST, _LOST)
             for name, sigma in self._noise.items()
             if f"{name}_model" in told
         }
