@@ -32,6 +32,7 @@ exclude_patterns = [
     "gallery/*.ipynb",
     "gallery/*.py",
     "proof/*",
+    "data/*",
     "generated/errors.md",
     "generated/findings.md",
 ]
@@ -48,6 +49,9 @@ myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 4
 
 autodoc_typehints = "description"
+napoleon_google_docstring = False
+# Fields of a result as a list of its own class; as attributes they would be described twice.
+napoleon_use_ivar = True
 autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True}
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pmsm_rs as pm
 
-here = Path("data") if Path("data").is_dir() else Path("examples/data")
+here = Path("../data")
 described = Path(tempfile.mkdtemp()) / "motor.toml"
 described.write_text("""
 [machine]
@@ -31,4 +31,4 @@ print(str(answers).replace(f"{here}/", ""))
 for name, answer in answers.answers.items():
     psi_m = answer.base["psi_m"]
     spread = f"({psi_m.why_none})" if psi_m.stderr is None else f"± {psi_m.stderr:.2g} {psi_m.unit}"
-    print(f"{Path(name).stem:<18} psi_m = {psi_m.value} {spread}")
+    print(f"{Path(name).stem:<18} psi_m = {psi_m.value:.4g} {spread}")
