@@ -32,6 +32,7 @@ exclude_patterns = [
     "gallery/*.ipynb",
     "gallery/*.py",
     "proof/*",
+    "data/*",
     "generated/errors.md",
     "generated/findings.md",
 ]

@@ -13,7 +13,7 @@ import numpy as np
 import pmsm_rs as pm
 from pmsm_rs import plot
 
-here = Path("data") if Path("data").is_dir() else Path("examples/data")
+here = Path("../data")
 measured = np.load(here / "baldor_400rpm_map.npz")
 current, flux = (measured[name][::2, ::2].ravel() for name in ("i_s_dq", "psi_s_dq"))
 fig, ax = plt.subplots(layout="constrained")

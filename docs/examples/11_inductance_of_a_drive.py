@@ -12,7 +12,7 @@ from pathlib import Path
 import pmsm_rs as pm
 from pmsm_rs import plot
 
-here = Path("data") if Path("data").is_dir() else Path("examples/data")
+here = Path("../data")
 described = Path(tempfile.mkdtemp()) / "mj5208.toml"
 described.write_text("""
 [machine]

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pmsm_rs as pm
 
-here = Path("data") if Path("data").is_dir() else Path("examples/data")
+here = Path("../data")
 described = Path(tempfile.mkdtemp()) / "motor.toml"
 described.write_text("""
 [machine]
