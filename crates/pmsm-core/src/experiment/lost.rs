@@ -421,7 +421,8 @@ mod tests {
         let scale = steady.iter().map(|row| exact[(*row, 0)].abs()).fold(0.0, f64::max);
         for row in steady {
             let off = columns[(row, 0)] / omega(row) - exact[(row, 0)];
-            assert!(off.abs() < 0.02 * scale, "row {row}: {off} of {scale}");
+            // The speed changes by up to half a per cent per 100 rows, and the currents answer over several times that.
+            assert!(off.abs() < 0.05 * scale, "row {row}: {off} of {scale}");
         }
     }
 

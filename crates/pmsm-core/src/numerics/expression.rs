@@ -165,7 +165,7 @@ impl Expression {
 
     fn power<T: Real>(&self, base: T, exponent: T, node: usize) -> T {
         match self.number(node) {
-            Some(x) if x == 0.5 => base.sqrt(),
+            Some(0.5) => base.sqrt(),
             Some(x) if is_whole(x) => {
                 let mut power = T::one();
                 let (mut square, mut rest) = (base, x.abs() as u32);
