@@ -30,7 +30,18 @@ _VALUE: Final = "value"
 class Effect:
     """An effect given as text, as `pmsm_rs.effect` makes it: frozen, and equal where the text is.
 
-    `text` is its definition as JSON text, which files and answers carry.
+    Attributes
+    ----------
+    name : str
+        By which answers call it.
+    text : str
+        Its definition as JSON text, which files and answers carry.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> pm.effect("my_brake", torque="k*w", parameters={"k": ("N m s", 0, 1)}).name
+    'my_brake'
     """
 
     name: str
@@ -65,8 +76,22 @@ class Effect:
 
     @classmethod
     def of(cls, definition: Mapping[str, Any]) -> Effect:
-        """The effect of a definition, such as stands in an answer. Raises UsageError for what is wrong with
-        it.
+        """The effect of a definition.
+
+        Parameters
+        ----------
+        definition : mapping
+            As it stands in an answer, a machine file or a configuration.
+
+        Returns
+        -------
+        Effect
+            The effect.
+
+        Raises
+        ------
+        UsageError
+            For what is wrong with it.
         """
         told = json.loads(_core.effect_of_text(json.dumps(definition, allow_nan=False)))["definition"]
         return cls(str(told["name"]), json.dumps(told, sort_keys=True))
@@ -87,24 +112,56 @@ def effect(
 ) -> Effect:
     """An effect as text, for `diagnose` and `simulate`.
 
-    `effect("my_brake", torque="k*w", parameters={"k": ("N m s", 0, 1)})` is one with a single parameter.
-
-    One side is given. `torque` is taken from the rotor against positive rotation (N·m). `voltage` is the pair
-    d, q lost between command and winding (V). `flux` is the pair d, q added to the magnet's flux (V·s).
-    `energy` is added to the field energy per 3/2 (J), a function of the flux linkage above the magnet's.
-    `angle` is measured minus true electrical angle (rad), `current` that of the phases a, b, c (A).
+    One side is given.
 
     A formula has `+ - * / **`, brackets, `pi`, and sin, cos, tanh, exp, log, sqrt, abs, atan, sign and pow.
     Variables are omega_m (or w), omega_e, theta_m, theta_e, tau_e, t, i_d, i_q, i_a, i_b, i_c, v_d, v_q,
     lambda_d, lambda_q, l_d, l_q, psi_m and n_p, in SI units, each where its side knows it.
 
-    `parameters` map a name to (unit, low, high) or (unit, low, high, typical), or to a mapping with these and
-    `meaning` keys. With `values`, a list, a parameter is chosen among them and not fitted, such as an order.
     The strength is the first parameter that makes the formula zero at its own zero, or the first few that
-    do so together. `replaces` names effects of the catalogue that are not asked about beside this one.
+    do so together.
 
-    Raises UsageError with `problem` and `fix`; where a formula is wrong, `position` is the number of the
-    character, and `term` says which formula.
+    Parameters
+    ----------
+    name : str
+        By which answers call it: letters, digits and underscores.
+    torque : str or None, default None
+        What is taken from the rotor against positive rotation, N·m.
+    voltage : sequence of two str or None, default None
+        The pair d, q lost between command and winding, V.
+    flux : sequence of two str or None, default None
+        The pair d, q added to the magnet's flux, V·s.
+    energy : str or None, default None
+        What is added to the field energy per 3/2, J: a function of the flux linkage above the magnet's.
+    angle : str or None, default None
+        Measured minus true electrical angle, rad.
+    current : sequence of three str or None, default None
+        Measured minus true current of the phases a, b, c, A.
+    parameters : mapping
+        From a name to (unit, low, high) or (unit, low, high, typical), or to a mapping with these keys and
+        `meaning`. With `values`, a list, a parameter is chosen among them and not fitted, such as an order.
+    title : str or None, default None
+        What answers show; None makes it from the name.
+    replaces : sequence of str, default ()
+        Effects of the catalogue that are not asked about beside this one.
+
+    Returns
+    -------
+    Effect
+        The effect, to be given to `diagnose` or `simulate`.
+
+    Raises
+    ------
+    UsageError
+        With `problem` and `fix`. Where a formula is wrong, `position` is the number of the character, and
+        `term` says which formula.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> brake = pm.effect("my_brake", torque="k*w", parameters={"k": ("N m s", 0, 1)})
+    >>> brake.strengths
+    ('k',)
     """
     given = {
         "torque": torque,

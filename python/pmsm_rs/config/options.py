@@ -134,7 +134,18 @@ class DiagnosisOptions:
         return json.dumps(asdict(self), allow_nan=True)
 
     def with_effects(self, definitions: Sequence[Mapping[str, Any]]) -> str:
-        """The same with definitions of effects given as text: JSON text."""
+        """The same with definitions of effects given as text.
+
+        Parameters
+        ----------
+        definitions : sequence of mapping
+            Definitions, as `Effect.definition` has them.
+
+        Returns
+        -------
+        str
+            JSON text.
+        """
         if not definitions:
             return self.settings
         return json.dumps(asdict(self) | {"effects": list(definitions)}, allow_nan=True)

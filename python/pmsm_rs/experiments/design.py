@@ -51,20 +51,55 @@ def design(
 ) -> Design:
     """Designs the manoeuvre of the next recording, within limits. It moves no motor.
 
-    `answer` is a diagnosis, its JSON object or its file. Where it has rivals, the manoeuvre separates them
-    best: effects that the recording cannot tell apart, names whose probabilities overlap, and formulas of an
-    unknown torque. Where it has none, the manoeuvre makes the least certain parameters known (D-optimal).
+    Where the answer has rivals, the manoeuvre separates them best: effects that the recording cannot tell
+    apart, names whose probabilities overlap, and formulas of an unknown torque. Where it has none, the
+    manoeuvre makes the least certain parameters known (D-optimal).
 
-    `limits` is a TOML file or a mapping. It has current (A, peak), speed (rad/s, mechanical; one number, or
-    lowest and highest) and time (s). Where they apply it has acceleration (rad/s^2), position (rad from the
-    start) and voltage (V, DC link), too. Every rival keeps them in simulation, with a margin of 5 %.
+    Parameters
+    ----------
+    answer : Diagnosis, mapping or path
+        A diagnosis, its JSON object or its file.
+    limits : path or mapping
+        Current (A, peak), speed (rad/s, mechanical; one number, or lowest and highest) and time (s). Where
+        they apply also acceleration (rad/s^2), position (rad from the start) and voltage (V, DC link). Every
+        rival keeps them in simulation, with a margin of 5 %.
+    recording : Recording, path, or sequence of them, default ()
+        With it the parameters of the rivals are held by what it shows. Without, they adjust freely, so that
+        less separation is promised.
+    machine : Machine, MachineFile, path or None, default None
+        The nameplate, which `recording` needs.
+    tries : int
+        Manoeuvres that are compared.
+    seed : int, default 1
+        The same seed gives the same design for any number of threads.
+    threads : int or None, default None
+        None uses every processor.
+    progress : callable or None, default None
+        Is called as progress(stage, fraction) from time to time.
 
-    With `recording`, one or several, and its `machine`, the parameters of the rivals are held by what the
-    recording shows. Without, they adjust freely, so that less separation is promised. `tries` manoeuvres are
-    compared; the same `seed` gives the same design for any number of `threads`.
+    Returns
+    -------
+    Design
+        References over time, and the expected outcome for each rival.
 
-    Raises UsageError for what is no answer or no limits, where an answer has no model, and where it is of
-    operating points. Raises NotIdentifiableError naming the limit that no manoeuvre keeps.
+    Raises
+    ------
+    DataError
+        For what is no answer of this package.
+    UsageError
+        For what are no limits, where an answer has no model, and where it is of operating points.
+    NotIdentifiableError
+        Naming the limit that no manoeuvre keeps.
+
+    Examples
+    --------
+    >>> import pmsm_rs as pm
+    >>> from pmsm_rs.support.demo import recording_files
+    >>> run, other, machine = recording_files()
+    >>> answer = pm.diagnose(run, machine, validation=other)
+    >>> design = pm.design(answer, {"current": 10.0, "speed": 100.0, "time": 2.0}, tries=4)
+    >>> design.task, sorted(design.references)
+    ('pin down', ['i_d_ref', 'i_q_ref', 'omega_m_ref', 't'])
     """
     expect_whole(seed=seed, threads=threads)
     expect_whole(seed=tries)

@@ -73,14 +73,41 @@ class Certainty:
 class Design:
     """A manoeuvre for the next recording.
 
-    `task` is "tell apart" or "pin down". `references` are columns of shape (points,), linear between the
-    points: `t` (s), `omega_m_ref` (rad/s, mechanical) where the speed is controlled, `i_d_ref` and `i_q_ref`
-    (A). With a speed, `i_q_ref` is added to the current for which the speed controller asks. `words` say what
-    the manoeuvre does. `rivals` are the models or formulas in question. `outcomes` hold the expected
-    separation of each ordered pair, `certainties` the open parameters of a task "pin down". `nats` is the
-    worth of the manoeuvre, of its worst pair, and `decisive` what a verdict asks. `reached` holds the peaks
-    in simulation as shares of the `limits`, the largest of all rivals. `explained` is False where friction or
-    the like rules every manoeuvre: the dq-model then explains next to nothing, and a diagnosis may not begin.
+    Attributes
+    ----------
+    task : str
+        "tell apart" or "pin down".
+    words : str
+        What the manoeuvre does.
+    references : mapping of array
+        Columns of shape (points,), linear between the points: `t` (s), `omega_m_ref` (rad/s, mechanical)
+        where the speed is controlled, `i_d_ref` and `i_q_ref` (A). With a speed, `i_q_ref` is added to the
+        current for which the speed controller asks.
+    rivals : tuple of str
+        The models or formulas in question.
+    outcomes : tuple of Outcome
+        The expected separation of each ordered pair.
+    certainties : tuple of Certainty
+        The open parameters of a task "pin down".
+    nats : float
+        Worth of the manoeuvre, of its worst pair.
+    decisive : float
+        What a verdict asks, nats.
+    reached : mapping
+        Peaks in simulation as shares of the limits, the largest of all rivals.
+    limits : mapping
+        What was allowed, in SI units.
+    seed : int
+        Of the search.
+    explained : bool
+        False where friction or the like rules every manoeuvre: the dq-model then explains next to nothing,
+        and a diagnosis may not begin.
+
+    Examples
+    --------
+    >>> from pmsm_rs.experiments.outcome import Design
+    >>> Design.__name__
+    'Design'
     """
 
     task: str
@@ -114,7 +141,13 @@ class Design:
         return {"duration": t[-1], "reference": reference}
 
     def to_dict(self) -> dict[str, Any]:
-        """As its JSON object, without the references."""
+        """As its JSON object, without the references.
+
+        Returns
+        -------
+        dict
+            Plain values.
+        """
         return {
             "schema": "pmsm-rs.design/1",
             "moves_no_motor": True,
@@ -153,12 +186,32 @@ class Design:
         }
 
     def to_json(self) -> str:
-        """The same as text."""
+        """The JSON object as text.
+
+        Returns
+        -------
+        str
+            JSON text.
+        """
         return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
     def write(self, path: str | os.PathLike[str]) -> tuple[Path, Path]:
-        """Writes the references to `path` (.csv or .parquet), with units in the header, and the expected
-        outcomes to a .json beside it. Returns both names. Raises UsageError where they cannot be written.
+        """Writes the references, and the expected outcomes to a .json beside them.
+
+        Parameters
+        ----------
+        path : path
+            File of the references, .csv or .parquet; its header has units.
+
+        Returns
+        -------
+        tuple of Path
+            Both names.
+
+        Raises
+        ------
+        UsageError
+            Where they cannot be written.
         """
         units = {"t": "s", "omega_m_ref": "rad/s", "i_d_ref": "A", "i_q_ref": "A"}
         columns = {f"{name} ({units[name]})": x for name, x in self.references.items()}
