@@ -13,11 +13,12 @@ import pmsm_rs
 from pmsm_rs import DiagnosisOptions, effects, plot
 from pmsm_rs.cli import cli
 from pmsm_rs.experiments.outcome import Certainty, Outcome
-from pmsm_rs.live.tracker import Drift
+from pmsm_rs.live.window import Drift
 from pmsm_rs.messages import entries
 from pmsm_rs.quantities.canonical import CANONICAL, LOGS
 from pmsm_rs.quantities.units import UNITS
-from pmsm_rs.results.findings import Candidate, Estimate, Location
+from pmsm_rs.results.estimates import Estimate
+from pmsm_rs.results.findings import Candidate, Location
 from pmsm_rs.results.unmodelled import Term, Unmodelled
 from pmsm_rs.results.words import EQUATIONS, number, unit
 from pmsm_rs.view.notebook import Page

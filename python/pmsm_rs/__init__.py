@@ -33,16 +33,18 @@ if TYPE_CHECKING:
     from .answers import Diagnosis, Identification
     from .config.effect_text import Effect, effect
     from .config.options import DiagnosisOptions
+    from .config.swarm import Swarm
     from .experiments.design import design
     from .experiments.outcome import Design
     from .fleet.recordings import Failure, Fleet, diagnose_many
     from .inspection.inspect import Inspection, inspect
     from .io.loader import load
     from .io.recording import Recording
-    from .live.tracker import Tracker, WindowEstimate, track
+    from .live.tracker import Tracker, track
+    from .live.window import WindowEstimate
     from .model import Model
     from .results.registry import effects
-    from .run import Swarm, diagnose, identify
+    from .run import diagnose, identify
     from .simulation.drive import Simulation, simulate
     from .systems import SystemFit, identify_system
 
@@ -65,11 +67,11 @@ _HOME = {
     "PmsmError": "_core",
     "Recording": "io.recording",
     "Simulation": "simulation.drive",
-    "Swarm": "run",
+    "Swarm": "config.swarm",
     "SystemFit": "systems",
     "Tracker": "live.tracker",
     "UsageError": "_core",
-    "WindowEstimate": "live.tracker",
+    "WindowEstimate": "live.window",
     "__version__": "_core",
     "design": "experiments.design",
     "diagnose": "run",

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, Self, overload
 
 from .errors import written_by
 from .model import Model
-from .results.findings import DiagnosisValues, IdentificationValues, Traces
+from .results.estimates import IdentificationValues
+from .results.findings import DiagnosisValues, Traces
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 from . import _core
 from ._core import Machine, UsageError
 from .errors import did_you_mean, refuse
-from .results.findings import Estimate, estimates
+from .results.estimates import Estimate, estimates
 
 if TYPE_CHECKING:
     import numpy as np

@@ -4,171 +4,26 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from . import _core
 from ._core import DataError, Machine, NotIdentifiableError, Recording, UsageError
 from .answers import Diagnosis, Identification
+from .completion import completed, file_of, with_read
 from .config.effect_text import Effect, together
 from .config.options import DiagnosisOptions
-from .config.rules import Rule
+from .config.swarm import ORDINARY, Swarm, expect_method, swarm_settings
 from .errors import NothingToAsk, did_you_mean, expect, expect_whole, fact, refuse
 from .given import machine_of, recording_of
-from .io.conventions import scaled
-from .io.corrections import corrected, of_load
-from .io.reading import Account, told, warnings
 from .messages import coded
 from .progress import Progress
-from .results.provenance import dated, stated
-from .results.words import lower_first
+from .results.provenance import stated
 
 if TYPE_CHECKING:
     from .config.machine_file import MachineFile
     from .given import Described, Run
 
-METHODS = ("pso", "lm", "pso+lm")
 PARAMETERS = ("r_s", "l_d", "l_q", "psi_m", "j", "b", "tau_load")
-
-
-@dataclass(frozen=True)
-class Swarm:
-    """Settings of the particle swarm, eq. (5) of Liu, Liu & Cartes (2008), and of its variants.
-
-    Parameters
-    ----------
-    particles : int, default 30
-        Number of particles.
-    iterations : int, default 100
-        Number of generations.
-    inertia : float, default 0.72
-        Weight of a particle's own velocity, a pure number.
-    cognitive : float, default 1.49
-        Weight of the way back to its own best.
-    social : float, default 1.49
-        Weight of the way to the best it hears of.
-    velocity_limit : float, default 0.2
-        Largest move, as a share of each parameter's range.
-    inertia_schedule : str, default "constant"
-        How the inertia goes to `inertia_last`: "constant", "linear" over the iterations, "random" anywhere
-        between, or "adaptive" by the share of particles that last got better.
-    inertia_last : float or None, default None
-        Its last value, with a schedule that is not constant.
-    update : str, default "inertia"
-        "inertia" (the paper), "constriction" (Clerc & Kennedy 2002) or "fully_informed" (Mendes, Kennedy &
-        Neves 2004). The last two need cognitive + social > 4 and have no inertia.
-    neighbourhood : str, default "all"
-        To whom a particle listens: "all", "ring" or "von_neumann".
-
-    Raises
-    ------
-    UsageError
-        For a name that does not exist.
-
-    Examples
-    --------
-    >>> import pmsm_rs as pm
-    >>> pm.Swarm(particles=10, iterations=30, inertia=0.8, cognitive=2.0, social=2.0).particles
-    10
-    """
-
-    particles: int = 30
-    iterations: int = 100
-    inertia: float = 0.72
-    cognitive: float = 1.49
-    social: float = 1.49
-    velocity_limit: float = 0.2
-    inertia_schedule: str = "constant"
-    inertia_last: float | None = None
-    update: str = "inertia"
-    neighbourhood: str = "all"
-
-    def __post_init__(self) -> None:
-        """Checks the names; the core checks the numbers."""
-        for field, known in _SWARM_NAMES.items():
-            value = getattr(self, field)
-            if value not in known:
-                raise refuse(
-                    UsageError, f"{field} '{value}' is not known", fix=did_you_mean(str(value), known)
-                )
-        if (self.inertia_schedule == "constant") != (self.inertia_last is None):
-            raise refuse(
-                UsageError,
-                f"inertia_last is {self.inertia_last} with inertia_schedule '{self.inertia_schedule}'",
-                fix="give it with a schedule that is not constant, and only then",
-            )
-
-    def get_params(self, deep: bool = True) -> dict[str, Any]:
-        """Gives all settings by name, as estimators of scikit-learn do.
-
-        Parameters
-        ----------
-        deep : bool, default True
-            Has no effect: no setting has settings of its own.
-
-        Returns
-        -------
-        dict of str to object
-            From which the same object can be made.
-        """
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
-    @cached_property
-    def settings(self) -> str:
-        """As the core reads it: JSON text."""
-        schedule: Any = self.inertia_schedule
-        if self.inertia_last is not None:
-            schedule = {schedule: {"last": self.inertia_last}}
-        plain = ("particles", "iterations", "inertia", "cognitive", "social", "velocity_limit")
-        return json.dumps(
-            {name: getattr(self, name) for name in (*plain, "update", "neighbourhood")}
-            | {"schedule": schedule}
-        )
-
-    @classmethod
-    def parse(cls, text: str) -> Swarm:
-        """Reads settings as on the command line.
-
-        Parameters
-        ----------
-        text : str
-            `name=value,name=value`.
-
-        Returns
-        -------
-        Swarm
-            With the default of what is not named.
-
-        Raises
-        ------
-        UsageError
-            Naming what is wrong.
-        """
-        kinds = {field.name: field.type for field in fields(cls)}
-        given: dict[str, Any] = {}
-        for part in filter(None, (part.strip() for part in text.split(","))):
-            name, mark, value = (piece.strip() for piece in part.partition("="))
-            if name not in kinds:
-                raise refuse(UsageError, f"a swarm has no '{name}'", fix=did_you_mean(name, kinds))
-            kind = str(kinds[name])
-            try:
-                given[name] = value if kind == "str" else (int(value) if kind == "int" else float(value))
-            except ValueError:
-                mark = ""
-            if not mark:
-                raise refuse(UsageError, f"'{part}' says no {kind} of the swarm", fix=f"write {name}=...")
-        return cls(**given)
-
-
-_SWARM_NAMES = {
-    "inertia_schedule": ("constant", "linear", "random", "adaptive"),
-    "update": ("inertia", "constriction", "fully_informed"),
-    "neighbourhood": ("all", "ring", "von_neumann"),
-}
-ORDINARY = Swarm()
 
 
 def _nameplate(described: Machine | MachineFile) -> tuple[Machine, dict[str, Any]]:
@@ -354,7 +209,7 @@ def diagnose(
         )
     except (DataError, NotIdentifiableError) as error:
         raise _in_file(error, recordings) from error
-    data = _complete(json.loads(answer), recordings, other, known) | converted
+    data = completed(json.loads(answer), recordings, other, known) | converted
     data |= {"machine": stated(known, recordings)}
     return Diagnosis.of(_with_formulas(data, traces, recordings, other), traces)
 
@@ -377,32 +232,19 @@ def _with_formulas(
     return data if formulas is None else data | {"formulas": formulas}
 
 
-def expect_method(method: object) -> None:
-    """Raises UsageError unless `method` is one of METHODS."""
-    if method not in METHODS:
-        raise refuse(UsageError, f"there is no method '{method}'", fix=did_you_mean(str(method), METHODS))
-
-
-def swarm_settings(swarm: object) -> str:
-    """The settings of a swarm as the core reads them. Raises UsageError for what is no Swarm."""
-    expect(Swarm, swarm=swarm)
-    assert isinstance(swarm, Swarm)
-    return swarm.settings
-
-
 def refused(error: NotIdentifiableError, recordings: Sequence[Recording] = (), *, seed: int = 1) -> Diagnosis:
     """The refusal of recordings as an answer: its verdict is `undetermined`, every effect stands under
     `cannot_see`, and `data_quality` holds the reason and its remedy.
     """
     data = json.loads(_core.refusal(error.problem, error.fix, seed=seed))
     data["data_quality"] = coded(data["data_quality"])
-    return Diagnosis.of(_complete(data, recordings) if recordings else data)
+    return Diagnosis.of(completed(data, recordings) if recordings else data)
 
 
 def unanswered(error: NothingToAsk, *, seed: int = 1) -> Diagnosis:
     """The answer on a recording whose columns answer no question: `undetermined`, with the reason."""
     data = json.loads(_core.refusal(error.problem, error.fix, seed=seed))
-    data = _with_read(data, [error.read])
+    data = with_read(data, [error.read])
     data["data_quality"] = coded(data["data_quality"])
     return Diagnosis.of(data)
 
@@ -412,7 +254,7 @@ def _in_file(
 ) -> DataError | NotIdentifiableError:
     """The core's refusal of one of several recordings with the name of its file."""
     number, problem, fix = fact(error, "recording"), fact(error, "problem"), fact(error, "fix")
-    file = _file(recordings[number - 1]) if isinstance(number, int) else None
+    file = file_of(recordings[number - 1]) if isinstance(number, int) else None
     if file is None or not isinstance(problem, str) or not isinstance(fix, str):
         return error
     row, column = fact(error, "row"), fact(error, "column")
@@ -427,96 +269,6 @@ def _in_file(
     )
     named.__dict__.update(recording=number, file=file)
     return named
-
-
-def _complete(
-    data: dict[str, Any],
-    recordings: Sequence[Recording],
-    validation: Recording | None = None,
-    machine: Machine | None = None,
-) -> dict[str, Any]:
-    """The core's answer with what only this side knows: the files, what was read of them, and what that says
-    beside the nameplate.
-    """
-    for entry, recording in zip(data.get("recordings", ()), recordings, strict=False):
-        entry["file"] = _file(recording)
-    floors = [entry["noise_floor"] for entry in data.get("recordings", ())]
-    floors = floors or [data.get("noise_floor", {})] * len(recordings)
-    each = zip(recordings, floors, strict=True)
-    complete = _with_read(data, [_read(recording, steady="v_q" in own) for recording, own in each])
-    # Lines that undo a mistake are those of the first recording; only where all were read alike do they help.
-    accounts = [_account(recording).columns for recording in recordings]
-    if all(columns == accounts[0] for columns in accounts):
-        load = _mean_load(recordings)
-        complete["data_quality"] = [
-            of_load(corrected(each, accounts[0]), load, accounts[0]) for each in complete["data_quality"]
-        ]
-        complete["data_quality"] += _of_convention(data, machine, accounts[0])
-    if validation is not None:
-        other = _read(validation)
-        complete["validation"] = other
-        complete["data_quality"] += [_of("Validation run", finding) for finding in warnings(other)]
-    complete["data_quality"] = coded(complete["data_quality"])
-    return complete
-
-
-def _mean_load(recordings: Sequence[Recording]) -> float:
-    """The mean of the logged load torque, N·m; zero where none was logged."""
-    logged = [
-        each.column("tau_m") for each in recordings if "tau_m" in each.names and each.load == "measured"
-    ]
-    return float(np.mean(np.concatenate(logged))) if logged else 0.0
-
-
-def _of_convention(
-    data: Mapping[str, Any], machine: Machine | None, columns: Mapping[str, Rule]
-) -> list[dict[str, str]]:
-    """The finding on a scale of another convention, where the values of the answer show one."""
-    if machine is None:
-        return []
-    values = data.get("model", {}).get("base", {})
-    base = {name: entry["value"] for name, entry in values.items() if entry["value"] is not None}
-    plate = {name: value for name in base if (value := getattr(machine, name, None)) is not None}
-    found = scaled(base, plate, columns, machine.v_dc)
-    return [] if found is None else [found]
-
-
-def _account(recording: Recording) -> Account:
-    return getattr(recording, "account", None) or Account.of_arrays(recording.names)
-
-
-def _read(recording: Recording, *, steady: bool = True) -> dict[str, Any]:
-    account_of = told(
-        _account(recording), recording.column("t"), recording.kind, recording.load, steady=steady
-    )
-    return dated(_file(recording)) | account_of
-
-
-def _with_read(data: dict[str, Any], reads: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """The answer with `read`, and with a finding for each column that was not used though it may be needed.
-
-    `read` is an object for one recording and a list of them for several.
-    """
-    each = [warnings(read) for read in reads]
-    findings = [
-        finding if all(finding in other for other in each) else _of(f"Recording {count}", finding)
-        for count, own in enumerate(each, 1)
-        for finding in own
-    ]
-    once = [finding for k, finding in enumerate(findings) if finding not in findings[:k]]
-    head = {"schema": data["schema"], "verdict": data["verdict"]}
-    head["read"] = reads[0] if len(reads) == 1 else list(reads)
-    head["data_quality"] = [*once, *data["data_quality"]]
-    return head | {name: value for name, value in data.items() if name not in head}
-
-
-def _of(run: str, finding: Mapping[str, str]) -> dict[str, str]:
-    return {**finding, "finding": f"{run}: {lower_first(finding['finding'])}"}
-
-
-def _file(recording: Recording) -> str | None:
-    file = getattr(recording, "file", None)
-    return file if isinstance(file, str) else None
 
 
 def fit_bounds(

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _core
 from ._core import DataError, UsageError
+from .config.swarm import METHODS, ORDINARY, Swarm
 from .errors import did_you_mean, expect_whole, refuse
 from .progress import Progress
-from .results.findings import Fit
-from .run import METHODS, ORDINARY, Swarm
+from .results.estimates import Fit
 
 Array = NDArray[np.float64]
 Rhs = Callable[[float, Array, Any, dict[str, Any]], Sequence[Any]]

@@ -15,8 +15,9 @@ import pytest
 from conftest import ROOT
 from pmsm_rs import plot
 from pmsm_rs.export import export
-from pmsm_rs.live.tracker import Drift
-from pmsm_rs.results.findings import Budget, Candidate, Estimate, Location, Remaining, Share
+from pmsm_rs.live.window import Drift
+from pmsm_rs.results.estimates import Estimate
+from pmsm_rs.results.findings import Budget, Candidate, Location, Remaining, Share
 from pmsm_rs.results.unmodelled import Term, Unmodelled
 from pmsm_rs.simulation.drive import Truth
 from pmsm_rs.view.notebook import Page

@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from pmsm_rs import Diagnosis, Identification, plot
 from pmsm_rs.results import traces as reduced
 from pmsm_rs.results import words
-from pmsm_rs.results.findings import Estimate
+from pmsm_rs.results.estimates import Estimate
 
 
 def estimate(value: float, stderr: float | None, unit: str) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pmsm_rs.results import words
-from pmsm_rs.results.findings import Estimate
+from pmsm_rs.results.estimates import Estimate
 from pmsm_rs.results.rounding import fixed, last_place, rounded
 
 

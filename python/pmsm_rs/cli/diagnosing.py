@@ -251,7 +251,7 @@ def fleet(
     from ..atomic import apart
     from ..config.machine_file import read_machine
     from ..fleet.recordings import diagnose_many
-    from ..results.findings import json_text
+    from ..results.estimates import json_text
 
     apart([json_file, ledger], [*recordings, machine_file])
     machine = read_machine(machine_file, allow_outside=allow_outside)

@@ -47,8 +47,8 @@ def identify(
     """Estimate the parameters of the dq-model from RECORDING."""
     from ..atomic import apart
     from ..config.machine_file import read_machine
+    from ..config.swarm import Swarm
     from ..io.loader import load
-    from ..run import Swarm
     from ..run import identify as run
 
     apart([json_file], [recording, machine_file])

@@ -10,12 +10,13 @@ from typing import Any, Final
 from .. import _core
 from .._core import UsageError
 from ..errors import did_you_mean, refuse
+from .settings import Settings, assignments
 
 _CORE: Final[dict[str, Any]] = json.loads(_core.diagnosis_options())
 
 
 @dataclass(frozen=True, kw_only=True)
-class DiagnosisOptions:
+class DiagnosisOptions(Settings):
     """The constants on which a verdict rests; every answer lists their values under `options`.
 
     Their defaults are those of the core, and stand on the page of options in the manual. All are pure numbers
@@ -113,21 +114,6 @@ class DiagnosisOptions:
     worse_than_constant: float = _CORE["worse_than_constant"]
     still: float = _CORE["still"]
 
-    def get_params(self, deep: bool = True) -> dict[str, Any]:
-        """Gives all settings by name, as estimators of scikit-learn do.
-
-        Parameters
-        ----------
-        deep : bool, default True
-            Has no effect: no setting has settings of its own.
-
-        Returns
-        -------
-        dict of str to object
-            From which the same object can be made.
-        """
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
     @property
     def settings(self) -> str:
         """As the core reads it: JSON text."""
@@ -171,8 +157,7 @@ class DiagnosisOptions:
         """
         known = [field.name for field in fields(cls)]
         given: dict[str, Any] = {}
-        for part in filter(None, (part.strip() for part in text.split(","))):
-            name, _, value = (piece.strip() for piece in part.partition("="))
+        for part, name, _, value in assignments(text):
             if name not in known:
                 raise refuse(UsageError, f"a diagnosis has no option '{name}'", fix=did_you_mean(name, known))
             try:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from ..io.sampling import Sampling
 from ..io.signals import Signal
-from ..results.findings import json_text
+from ..results.estimates import json_text
 
 SCHEMA: Final = "pmsm-rs.inspection/1"
 

@@ -16,7 +16,8 @@ from ..config.machine_file import MachineFile, read_machine
 from ..errors import refuse
 from ..io.stream import Reader, batches
 from ..view.summary import hung
-from .tracker import Tracker, WindowEstimate, track
+from .tracker import Tracker, track
+from .window import WindowEstimate
 
 
 @dataclass(frozen=True)

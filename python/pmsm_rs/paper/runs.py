@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._core import Machine
-from ..live.tracker import Tracker, WindowEstimate
+from ..config.swarm import Swarm
+from ..live.tracker import Tracker
+from ..live.window import WindowEstimate
 from ..progress import Progress
-from ..run import Swarm
 from ..simulation.drive import simulate
 from . import setup
 

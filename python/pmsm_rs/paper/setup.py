@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any, Final
 
-from ..run import Swarm
+from ..config.swarm import Swarm
 
 SAMPLES: Final = 3300
 """Samples of a window."""

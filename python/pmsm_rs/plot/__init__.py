@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ..results.findings import DiagnosisValues, IdentificationValues
+    from ..results.estimates import IdentificationValues
+    from ..results.findings import DiagnosisValues
     from ..results.unmodelled import Term
 
     Source = DiagnosisValues | Mapping[str, NDArray[np.float64]]

@@ -7,7 +7,7 @@ import re
 from functools import cache
 from typing import NamedTuple
 
-from .findings import Estimate
+from .estimates import Estimate
 from .registry import effects
 from .rounding import fixed, is_finite, raised, rounded
 

@@ -23,7 +23,8 @@ from ..errors import opened, refuse, shown
 from ..io.loader import load, load_columns
 from ..quantities.canonical import CANONICAL, ordered
 from ..results import tabular
-from ..results.findings import DiagnosisValues, IdentificationValues, json_text
+from ..results.estimates import IdentificationValues, json_text
+from ..results.findings import DiagnosisValues
 from ..results.words import listed
 
 SCHEMA: Final = "pmsm-rs.bundle/1"

@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..results.findings import DiagnosisValues, Estimate
+from ..results.estimates import Estimate
+from ..results.findings import DiagnosisValues
 from ..results.words import estimate, lower_first, percent, title
 
 _FOLDER = Path(__file__).parents[1] / "demo_data"

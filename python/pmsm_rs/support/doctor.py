@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from typing import Final
 
 from .. import _core
-from ..results.findings import json_text
+from ..results.estimates import json_text
 
 SCHEMA: Final = "pmsm-rs.doctor/1"
 

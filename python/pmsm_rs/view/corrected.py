@@ -8,7 +8,8 @@ from typing import Any, Final
 
 from ..io.notes import quoted
 from ..quantities.canonical import CANONICAL
-from ..results.findings import DiagnosisValues, Estimate
+from ..results.estimates import Estimate
+from ..results.findings import DiagnosisValues
 from ..results.rounding import fixed, is_finite, last_place
 from ..results.words import listed, lower_first, title
 

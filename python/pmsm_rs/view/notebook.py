@@ -20,7 +20,8 @@ from .headline import headline
 from .readout import ignored, origins
 
 if TYPE_CHECKING:
-    from ..results.findings import DiagnosisValues, IdentificationValues
+    from ..results.estimates import IdentificationValues
+    from ..results.findings import DiagnosisValues
 
 TONES: Final = {tone: palette.LIGHT[tone] for tone in ("good", "found", "doubt", "poor")}
 """Colours of verdicts, dark enough for small letters on white."""

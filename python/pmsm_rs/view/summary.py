@@ -9,7 +9,8 @@ from typing import Any
 
 from ..messages import behind
 from ..results.budget import judged, sentence
-from ..results.findings import DiagnosisValues, Estimate, IdentificationValues, Location, json_text
+from ..results.estimates import Estimate, IdentificationValues, json_text
+from ..results.findings import DiagnosisValues, Location
 from ..results.words import channel, estimate, listed, lower_first, number, percent
 from .headline import headline
 from .readout import converted, extent, ignored, origins, reasons

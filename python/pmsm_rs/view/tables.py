@@ -13,7 +13,8 @@ from ..errors import shown
 from ..quantities.canonical import CANONICAL
 from ..results import words
 from ..results.budget import judged, shares
-from ..results.findings import Candidate, DiagnosisValues, Estimate, Location
+from ..results.estimates import Estimate
+from ..results.findings import Candidate, DiagnosisValues, Location
 from ..results.registry import effects
 from ..results.rounding import fixed, is_finite, last_place
 from .readout import extent, ignored, origin, reasons

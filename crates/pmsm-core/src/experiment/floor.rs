@@ -64,8 +64,8 @@ impl Floor {
         self.sensor.hypot(self.driven)
     }
 
-    /// How far a mean square may lie above the floor's by chance, share of it: by what the floor is unsure of, and by the driven noise, which
-    /// adds up in a speed and lasts in the currents of a machine of little resistance, where that is not taken out.
+    /// How far a mean square may lie above the floor's by chance, share of it. The floor itself is uncertain. Driven noise adds up in a speed,
+    /// and lasts in the currents of a machine of little resistance; it counts where it is not taken out.
     pub fn chance(&self) -> f64 {
         let speed = !self.channel.is_electrical() && self.wander.is_none();
         self.unsure + if speed { self.share() } else { self.swing }
