@@ -235,7 +235,7 @@ def test_a_machine_file_and_a_configuration_hold_effects_as_text(tmp_path: Path)
     }
     a = pm.simulate(duration=0.05, reference={"omega_m": 20.0}, effects={"my_brake": table})
     b = pm.simulate(duration=0.05, reference={"omega_m": 20.0}, effects={BRAKE: table["value"]})
-    assert np.array_equal(a.recording.column("i_q"), b.recording.column("i_q"))
+    assert np.array_equal(a.recording.column("i_a"), b.recording.column("i_a"))
 
 
 @pytest.mark.parametrize(
