@@ -34,7 +34,7 @@ use crate::numerics::bytecode::{Bytecode, Inputs, OUTPUTS};
 use crate::numerics::real::Real;
 use crate::numerics::transforms::inverse_park;
 use crate::terms::SMOOTHING;
-use quantities::{Source, Variable};
+use quantities::{VARIABLES, Variable};
 
 /// Share of its strength by which its parameters scatter with the form of its equation, as for most of the catalogue.
 pub(super) const FORM: f64 = 0.005;
@@ -46,21 +46,37 @@ pub struct Text {
     pub definition: Definition,
     info: Info,
     code: Bytecode,
-    sources: Vec<Source>,
+    slots: Slots,
+    /// Parameters that formulas use, with their registers, and widths of the signs of variables.
+    parameters: Vec<(u8, u8)>,
+    widths: Vec<(Variable, u8)>,
     probes: Vec<Vec<f64>>,
     first_order: bool,
     jumps: bool,
 }
 
-/// Where a formula finds its inputs.
+/// Where an effect as text is, from which the variables of its formulas come.
 trait Place<T> {
-    /// The value of a variable of this side.
-    fn variable(&self, variable: Variable) -> T;
+    /// Writes the variables of this side that the formulas use to their registers.
+    fn fill(&self, slots: &Slots, registers: &mut [T]);
+}
+
+/// The register of each variable; [`UNUSED`] where no formula uses it.
+type Slots = [u8; VARIABLES];
+const UNUSED: u8 = u8::MAX;
+
+/// Writes the value of a variable to its register, if it has one.
+macro_rules! put {
+    ($slots:ident, $registers:ident, $($variable:ident = $value:expr),+ $(,)?) => {
+        $(if let Some(place) = $registers.get_mut(usize::from($slots[Variable::$variable as usize])) {
+            *place = $value;
+        })+
+    };
 }
 
 /// The inputs of a formula at a place.
 struct At<'a, T, P> {
-    sources: &'a [Source],
+    text: &'a Text,
     p: &'a [T],
     cx: &'a Context,
     place: P,
@@ -68,43 +84,43 @@ struct At<'a, T, P> {
 
 impl<T: Real, P: Place<T>> Inputs<T> for At<'_, T, P> {
     #[inline(always)]
-    fn input(&self, number: usize) -> T {
-        match self.sources[number] {
-            Source::Parameter(k) => self.p[k],
-            Source::Width(variable) => {
-                T::constant((SMOOTHING * variable.scale(self.cx)).max(f64::MIN_POSITIVE))
-            }
-            Source::Variable(Variable::PolePairs) => T::constant(self.cx.n_p),
-            Source::Variable(variable) => self.place.variable(variable),
+    fn fill(&self, registers: &mut [T]) {
+        let (cx, slots) = (self.cx, &self.text.slots);
+        for (k, register) in &self.text.parameters {
+            registers[usize::from(*register)] = self.p[usize::from(*k)];
         }
+        for (variable, register) in &self.text.widths {
+            let width = (SMOOTHING * variable.scale(cx)).max(f64::MIN_POSITIVE);
+            registers[usize::from(*register)] = T::constant(width);
+        }
+        put!(slots, registers, PolePairs = T::constant(cx.n_p));
+        self.place.fill(slots, registers);
     }
 }
 
 impl<T: Real> Place<T> for &Env<T> {
     #[inline(always)]
-    fn variable(&self, variable: Variable) -> T {
-        match variable {
-            Variable::OmegaE => self.omega_e,
-            Variable::ThetaM => self.theta_m,
-            Variable::ThetaE => self.theta_e,
-            Variable::Time => self.t,
-            _ => T::zero(),
-        }
+    fn fill(&self, slots: &Slots, registers: &mut [T]) {
+        put!(
+            slots,
+            registers,
+            OmegaE = self.omega_e,
+            ThetaM = self.theta_m,
+            ThetaE = self.theta_e,
+            Time = self.t
+        );
     }
 }
 
 impl<T: Real> Place<T> for &Mechanical<T> {
     #[inline(always)]
-    fn variable(&self, variable: Variable) -> T {
-        match variable {
-            Variable::OmegaM => self.omega_m,
-            Variable::TauE => self.tau_e,
-            other => (&self.env).variable(other),
-        }
+    fn fill(&self, slots: &Slots, registers: &mut [T]) {
+        put!(slots, registers, OmegaM = self.omega_m, TauE = self.tau_e);
+        (&self.env).fill(slots, registers);
     }
 }
 
-/// The winding or a sensor, whose speed is electrical.
+/// The winding, whose speed is electrical.
 struct Electric<'a, T> {
     at: &'a Electrical<T>,
     n_p: f64,
@@ -112,19 +128,23 @@ struct Electric<'a, T> {
 
 impl<T: Real> Place<T> for Electric<'_, T> {
     #[inline(always)]
-    fn variable(&self, variable: Variable) -> T {
-        let phase = |k: usize| inverse_park(self.at.i, self.at.sin_cos.1, self.at.sin_cos.0)[k];
-        match variable {
-            Variable::OmegaM => self.at.env.omega_e * (1.0 / self.n_p),
-            Variable::CurrentD => self.at.i[0],
-            Variable::CurrentQ => self.at.i[1],
-            Variable::CurrentA => phase(0),
-            Variable::CurrentB => phase(1),
-            Variable::CurrentC => phase(2),
-            Variable::VoltageD => self.at.v[0],
-            Variable::VoltageQ => self.at.v[1],
-            other => (&self.at.env).variable(other),
+    fn fill(&self, slots: &Slots, registers: &mut [T]) {
+        let at = self.at;
+        put!(
+            slots,
+            registers,
+            OmegaM = at.env.omega_e * (1.0 / self.n_p),
+            CurrentD = at.i[0],
+            CurrentQ = at.i[1],
+            VoltageD = at.v[0],
+            VoltageQ = at.v[1],
+        );
+        let phases = [Variable::CurrentA, Variable::CurrentB, Variable::CurrentC];
+        if phases.into_iter().any(|phase| slots[phase as usize] != UNUSED) {
+            let [a, b, c] = inverse_park(at.i, at.sin_cos.1, at.sin_cos.0);
+            put!(slots, registers, CurrentA = a, CurrentB = b, CurrentC = c);
         }
+        (&at.env).fill(slots, registers);
     }
 }
 
@@ -136,11 +156,9 @@ struct Shown<'a, T> {
 
 impl<T: Real> Place<T> for Shown<'_, T> {
     #[inline(always)]
-    fn variable(&self, variable: Variable) -> T {
-        match variable {
-            Variable::OmegaM => self.env.omega_e * (1.0 / self.n_p),
-            other => self.env.variable(other),
-        }
+    fn fill(&self, slots: &Slots, registers: &mut [T]) {
+        put!(slots, registers, OmegaM = self.env.omega_e * (1.0 / self.n_p));
+        self.env.fill(slots, registers);
     }
 }
 
@@ -152,11 +170,9 @@ struct Magnets<'a, T> {
 
 impl<T: Real> Place<T> for Magnets<'_, T> {
     #[inline(always)]
-    fn variable(&self, variable: Variable) -> T {
-        match variable {
-            Variable::PsiM => self.psi_m,
-            other => self.env.variable(other),
-        }
+    fn fill(&self, slots: &Slots, registers: &mut [T]) {
+        put!(slots, registers, PsiM = self.psi_m);
+        self.env.fill(slots, registers);
     }
 }
 
@@ -168,21 +184,22 @@ struct Fields<'a, T> {
 
 impl<T: Real> Place<T> for Fields<'_, T> {
     #[inline(always)]
-    fn variable(&self, variable: Variable) -> T {
-        match variable {
-            Variable::FluxD => self.at.flux[0] - self.at.magnet[0],
-            Variable::FluxQ => self.at.flux[1] - self.at.magnet[1],
-            Variable::InductanceD => T::one() / self.base.inverse_l_d,
-            Variable::InductanceQ => T::one() / self.base.inverse_l_q,
-            _ => T::zero(),
-        }
+    fn fill(&self, slots: &Slots, registers: &mut [T]) {
+        put!(
+            slots,
+            registers,
+            FluxD = self.at.flux[0] - self.at.magnet[0],
+            FluxQ = self.at.flux[1] - self.at.magnet[1],
+            InductanceD = T::one() / self.base.inverse_l_d,
+            InductanceQ = T::one() / self.base.inverse_l_q,
+        );
     }
 }
 
 impl Text {
     #[inline(always)]
     fn at<T: Real, P: Place<T>>(&self, p: &[T], cx: &Context, place: P) -> [T; OUTPUTS] {
-        self.code.run(At { sources: &self.sources, p, cx, place })
+        self.code.run(At { text: self, p, cx, place })
     }
 }
 

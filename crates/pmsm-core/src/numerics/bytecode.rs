@@ -15,7 +15,6 @@ const MANY: usize = 32;
 /// What an instruction does with its operands `a`, `b`, `c` and its number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum What {
-    Load,
     Constant,
     Add,
     AddNumber,
@@ -49,13 +48,14 @@ struct Step {
 pub struct Bytecode {
     steps: Vec<Step>,
     outputs: Vec<u8>,
+    inputs: Vec<Option<u8>>,
     registers: usize,
 }
 
 /// What a program is asked for: its inputs.
 pub trait Inputs<T> {
-    /// Input of this number. Implementations are `#[inline(always)]`.
-    fn input(&self, number: usize) -> T;
+    /// Writes the inputs to their registers, see [`Bytecode::register`]. Implementations are `#[inline(always)]`.
+    fn fill(&self, registers: &mut [T]);
 }
 
 impl Bytecode {
@@ -65,6 +65,11 @@ impl Bytecode {
             return None;
         }
         Allocation::new(program).all()
+    }
+
+    /// The register in which an input is expected; none where the program does not use it.
+    pub fn register(&self, input: usize) -> Option<u8> {
+        self.inputs.get(input).copied().flatten()
     }
 
     /// The outputs; those that the program does not have are zero.
@@ -89,12 +94,12 @@ impl<T: Real, I: Inputs<T>, const R: usize> Task<T> for Run<'_, I, R> {
     #[inline(always)]
     fn run(self) -> [T; OUTPUTS] {
         let mut x = [T::zero(); R];
+        self.inputs.fill(&mut x);
         // No register lies beyond the mask; with it no access needs a look at the length.
         let at = const { R - 1 };
         for step in &self.code.steps {
             let (a, b) = (step.a as usize & at, step.b as usize & at);
             let value = match step.what {
-                What::Load => self.inputs.input(step.a as usize),
                 What::Constant => T::constant(step.number),
                 What::Add => x[a] + x[b],
                 What::AddNumber => x[a] + step.number,
@@ -148,6 +153,7 @@ impl<'a> Allocation<'a> {
     }
 
     fn all(mut self) -> Option<Bytecode> {
+        let inputs = self.inputs()?;
         for place in 0..self.program.operations.len() {
             self.next(place)?;
         }
@@ -158,8 +164,22 @@ impl<'a> Allocation<'a> {
             What::SinCos => [s.out, s.b],
             _ => [s.out, s.out],
         });
-        let registers = used.max().map_or(0, |most| usize::from(most) + 1);
-        Some(Bytecode { steps: self.steps, outputs, registers })
+        let most = used.chain(inputs.iter().copied().flatten()).max();
+        let registers = most.map_or(0, |most| usize::from(most) + 1);
+        Some(Bytecode { steps: self.steps, outputs, inputs, registers })
+    }
+
+    /// Registers of the inputs, which are there from the beginning.
+    fn inputs(&mut self) -> Option<Vec<Option<u8>>> {
+        let mut inputs = vec![None; self.program.inputs.len()];
+        for (place, operation) in self.program.operations.iter().enumerate() {
+            if let Operation::Input(k) = operation {
+                let register = self.take()?;
+                self.register[place] = Some(register);
+                inputs[*k] = Some(register);
+            }
+        }
+        Some(inputs)
     }
 
     fn take(&mut self) -> Option<u8> {
@@ -205,14 +225,7 @@ impl<'a> Allocation<'a> {
         }
         let plain = |what| (what, 0.0);
         let ((what, number), operands) = match operation {
-            Operation::Constant(_) => return Some(()),
-            Operation::Input(k) => {
-                let out = self.take()?;
-                self.register[place] = Some(out);
-                let a = u8::try_from(k).ok()?;
-                self.steps.push(Step { what: What::Load, out, a, b: 0, c: 0, number: 0.0 });
-                return Some(());
-            }
+            Operation::Constant(_) | Operation::Input(_) => return Some(()),
             Operation::Sin(a) | Operation::Cos(a) => return self.turned(place, a),
             Operation::Add(a, b) => match (self.constant(a), self.constant(b)) {
                 (_, Some(x)) => ((What::AddNumber, x), vec![a]),
@@ -278,11 +291,15 @@ mod tests {
     use crate::numerics::real::testing::formula;
     use crate::numerics::symbolic::{Symbol, trace};
 
-    struct Of<'a, T>(&'a [T]);
+    struct Of<'a, T>(&'a Bytecode, &'a [T]);
     impl<T: Real> Inputs<T> for Of<'_, T> {
         #[inline(always)]
-        fn input(&self, number: usize) -> T {
-            self.0[number]
+        fn fill(&self, registers: &mut [T]) {
+            for (k, x) in self.1.iter().enumerate() {
+                if let Some(place) = self.0.register(k) {
+                    registers[usize::from(place)] = *x;
+                }
+            }
         }
     }
 
@@ -304,13 +321,13 @@ mod tests {
             type Output = Vec<f64>;
             #[inline(always)]
             fn run<V: Lane>(self) -> Vec<f64> {
-                let out = self.0.run(Of(&[V::constant(self.1), V::constant(self.2)]));
+                let out = self.0.run(Of(self.0, &[V::constant(self.1), V::constant(self.2)]));
                 out.iter().map(|x| x.first()).collect()
             }
         }
         for (x, y) in [(0.7, -1.3), (-0.4, 0.2), (0.2, 2.0)] {
             let expected = program.run(&[x, y]);
-            let got: [f64; OUTPUTS] = code.run(Of(&[x, y]));
+            let got: [f64; OUTPUTS] = code.run(Of(&code, &[x, y]));
             assert_eq!(
                 got.map(f64::to_bits).to_vec(),
                 expected.iter().map(|x| x.to_bits()).collect::<Vec<_>>()
@@ -321,7 +338,7 @@ mod tests {
                     assert!((a - b).abs() <= 4.0 * f64::EPSILON * b.abs().max(1.0), "{path:?} {a} {b}");
                 }
             }
-            let dual = code.run(Of(&[Dual::<2>::variable(x, 0), Dual::variable(y, 1)]));
+            let dual = code.run(Of(&code, &[Dual::<2>::variable(x, 0), Dual::variable(y, 1)]));
             let direct = formula(Dual::<2>::variable(x, 0), Dual::variable(y, 1));
             for k in 0..2 {
                 assert!((dual[0].eps[k] - direct.eps[k]).abs() < 1e-13 * direct.eps[k].abs().max(1.0));

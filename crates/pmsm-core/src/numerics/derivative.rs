@@ -56,13 +56,45 @@ pub fn along<T: Real>(program: &Program, x: &[T], direction: &[T]) -> (Vec<T>, V
                 (a.abs(), a.if_positive(da, (-a).if_positive(-da, T::zero())))
             }
             Operation::IfPositive(a, b, c) => {
-                let a = at(a).0;
-                (a.if_positive(at(b).0, at(c).0), a.if_positive(at(b).1, at(c).1))
+                let Some(power) = Power::of(&program.operations, a, b, c) else {
+                    let a = at(a).0;
+                    all.push((a.if_positive(at(b).0, at(c).0), a.if_positive(at(b).1, at(c).1)));
+                    continue;
+                };
+                let value = at(a).0.if_positive(at(b).0, at(c).0);
+                let ((exponent, change), (log, _), (safe, _)) =
+                    (at(power.exponent), at(power.log), at(power.safe));
+                // A power of zero is zero, and so is its derivative: it needs no choice of its own.
+                (value, value * (change * log + exponent * at(power.base).1 / safe))
             }
         };
         all.push(next);
     }
     program.outputs.iter().map(|(_, place)| all[*place]).unzip()
+}
+
+/// What [`Real::pow_nonnegative`] is made of: places of the operations.
+struct Power {
+    base: usize,
+    exponent: usize,
+    /// The base where it is positive, else one, and its logarithm.
+    safe: usize,
+    log: usize,
+}
+
+impl Power {
+    /// The power that a choice by `a` between `b` and `c` is, if it is one.
+    fn of(all: &[Operation], a: usize, b: usize, c: usize) -> Option<Self> {
+        let (Operation::Exp(product), Operation::Constant(0.0)) = (all[b], all[c]) else { return None };
+        let Operation::Mul(exponent, log) = all[product] else { return None };
+        let Operation::Ln(safe) = all[log] else { return None };
+        match all[safe] {
+            Operation::IfPositive(again, base, one) if again == a && all[one] == Operation::Constant(1.0) => {
+                Some(Self { base, exponent, safe, log })
+            }
+            _ => None,
+        }
+    }
 }
 
 #[cfg(test)]

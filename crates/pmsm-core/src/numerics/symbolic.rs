@@ -165,6 +165,16 @@ impl Tape {
                 if let Some(x) = self.constant(a) {
                     return if x > 0.0 { b } else { c };
                 }
+                // What is asked again within a branch has been answered there.
+                match (self.operations[b], self.operations[c]) {
+                    (Operation::IfPositive(again, yes, _), _) if again == a => {
+                        return self.put(Operation::IfPositive(a, yes, c));
+                    }
+                    (_, Operation::IfPositive(again, _, no)) if again == a => {
+                        return self.put(Operation::IfPositive(a, b, no));
+                    }
+                    _ => {}
+                }
             }
             _ => {}
         }

@@ -2,8 +2,8 @@
 
 mod samples;
 
-use super::quantities::{self, Entry, Source};
-use super::{Definition, Quantity, Side, Text};
+use super::quantities::{self, Entry, VARIABLES};
+use super::{Definition, Quantity, Side, Slots, Text, UNUSED};
 use crate::effect::{Context, Info, Need, Parameter, Role};
 use crate::error::Result;
 use crate::numerics::bytecode::Bytecode;
@@ -64,7 +64,9 @@ pub(super) fn text(definition: &Definition) -> Result<Text> {
         && formulas.terms.iter().any(|term| turning.iter().any(|f| term.calls(*f)));
     let usual: Vec<f64> = definition.parameters.iter().zip(&roles).map(|(p, role)| usual(p, *role)).collect();
     Ok(Text {
-        sources: formulas.sources(),
+        slots: formulas.slots(&code),
+        parameters: formulas.parameters(&code),
+        widths: formulas.widths(&code),
         probes: probes(definition, &roles, &usual),
         info: formulas.info(&roles, &usual),
         definition: definition.clone(),
@@ -131,12 +133,29 @@ impl<'a> Formulas<'a> {
         places.into_iter().any(|k| self.uses(k))
     }
 
-    /// The inputs of the program: variables and parameters by name, then the widths of the variables' signs.
-    fn sources(&self) -> Vec<Source> {
-        let variables = self.entries.iter().map(|(_, variable, ..)| Source::Variable(*variable));
-        let parameters = (0..self.definition.parameters.len()).map(Source::Parameter);
-        let widths = self.entries.iter().map(|(_, variable, ..)| Source::Width(*variable));
-        variables.chain(parameters).chain(widths).collect()
+    /// The register of each variable.
+    fn slots(&self, code: &Bytecode) -> Slots {
+        let mut slots = [UNUSED; VARIABLES];
+        for (k, (_, variable, ..)) in self.entries.iter().enumerate() {
+            if let Some(register) = code.register(k) {
+                slots[*variable as usize] = register;
+            }
+        }
+        slots
+    }
+
+    /// Parameters with their registers; parameters follow the variables among the inputs of the program.
+    fn parameters(&self, code: &Bytecode) -> Vec<(u8, u8)> {
+        let count = 0..self.definition.parameters.len();
+        let placed = count.filter_map(|k| Some((k as u8, code.register(self.entries.len() + k)?)));
+        placed.collect()
+    }
+
+    /// Variables whose sign is taken, with the registers of its widths, which are the last inputs of the program.
+    fn widths(&self, code: &Bytecode) -> Vec<(Variable, u8)> {
+        let first = self.entries.len() + self.definition.parameters.len();
+        let all = self.entries.iter().enumerate();
+        all.filter_map(|(k, (_, variable, ..))| Some((*variable, code.register(first + k)?))).collect()
     }
 
     /// The formulas and the derivatives that the model needs of them.
@@ -156,7 +175,14 @@ impl<'a> Formulas<'a> {
         let plain = trace(inputs(), |x| {
             let mut widths = x[names..].to_vec();
             widths.resize(names, Symbol::one());
-            named(self.terms.iter().map(|term| term.value(&x[..names], &widths)).collect())
+            // Names of one variable are one input.
+            let mut x = x[..names].to_vec();
+            for k in 1..variables {
+                if let Some(first) = (0..k).find(|j| self.entries[*j].1 == self.entries[k].1) {
+                    (x[k], widths[k]) = (x[first], widths[first]);
+                }
+            }
+            named(self.terms.iter().map(|term| term.value(&x, &widths)).collect())
         });
         match self.definition.side {
             Side::Torque | Side::Voltage | Side::Current => plain,

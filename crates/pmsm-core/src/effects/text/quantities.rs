@@ -27,6 +27,9 @@ pub enum Variable {
     PolePairs,
 }
 
+/// How many variables there are.
+pub const VARIABLES: usize = PolePairs as usize + 1;
+
 use Variable::*;
 
 /// Name, variable, unit, a value that is usual, and whether it has both signs.
@@ -95,15 +98,4 @@ pub fn of_side(side: Side) -> Vec<Entry> {
         Side::Current => &[ThetaM, ThetaE, OmegaM, OmegaE, PolePairs],
     };
     ALL.into_iter().filter(|(_, variable, ..)| known.contains(variable)).collect()
-}
-
-/// Where an input of a formula comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Source {
-    /// The machine.
-    Variable(Variable),
-    /// The parameter of this number.
-    Parameter(usize),
-    /// The width over which the sign of a variable turns over.
-    Width(Variable),
 }

@@ -50,7 +50,7 @@ impl Formulas<'_> {
     }
 
     /// Widths of the signs.
-    fn widths(&self) -> Vec<f64> {
+    fn usual_widths(&self) -> Vec<f64> {
         let mut widths: Vec<f64> = self.entries.iter().map(|(_, _, _, usual, _)| WIDTH * usual).collect();
         widths.resize(self.entries.len() + self.definition.parameters.len(), 1.0);
         widths
@@ -58,7 +58,7 @@ impl Formulas<'_> {
 
     /// Checks that all formulas have finite values.
     pub fn stays_finite(&self) -> Result<()> {
-        let widths = self.widths();
+        let widths = self.usual_widths();
         for x in self.points(&[]) {
             for (k, term) in self.terms.iter().enumerate() {
                 checked_value(term, &x, &widths).map_err(|fault| self.told(k, fault, &x))?;
@@ -112,7 +112,7 @@ impl Formulas<'_> {
 
     fn vanishes(&self, set: &[usize]) -> bool {
         let held: Vec<(usize, f64)> = set.iter().map(|k| (*k, 0.0)).collect();
-        let widths = self.widths();
+        let widths = self.usual_widths();
         self.points(&held)
             .iter()
             .all(|x| self.terms.iter().all(|term| checked_value(term, x, &widths) == Ok(0.0)))
@@ -121,7 +121,8 @@ impl Formulas<'_> {
     /// Whether the formulas answer to a strength in proportion where all `strengths` are zero.
     pub fn slopes(&self, strength: usize, strengths: &[usize]) -> bool {
         let held: Vec<(usize, f64)> = strengths.iter().map(|k| (*k, 0.0)).collect();
-        let widths: Vec<Dual<1>> = self.widths().into_iter().map(|x| Dual { re: x, eps: [0.0] }).collect();
+        let widths: Vec<Dual<1>> =
+            self.usual_widths().into_iter().map(|x| Dual { re: x, eps: [0.0] }).collect();
         self.points(&held).iter().any(|x| {
             let mut x: Vec<Dual<1>> = x.iter().map(|x| Dual { re: *x, eps: [0.0] }).collect();
             x[self.entries.len() + strength].eps = [1.0];
@@ -134,7 +135,8 @@ impl Formulas<'_> {
 
     /// Checks that the magnet alone calls for no current from the field energy.
     pub fn calls_for_nothing(&self) -> Result<()> {
-        let widths: Vec<Dual<2>> = self.widths().into_iter().map(|x| Dual { re: x, eps: [0.0; 2] }).collect();
+        let widths: Vec<Dual<2>> =
+            self.usual_widths().into_iter().map(|x| Dual { re: x, eps: [0.0; 2] }).collect();
         for x in self.points(&[]) {
             let mut x: Vec<Dual<2>> = x.iter().map(|x| Dual { re: *x, eps: [0.0; 2] }).collect();
             for (k, (name, ..)) in self.entries.iter().enumerate() {
