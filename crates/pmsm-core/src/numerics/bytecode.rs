@@ -75,26 +75,29 @@ impl Bytecode {
     /// The outputs; those that the program does not have are zero.
     #[inline(always)]
     pub fn run<T: Real, I: Inputs<T>>(&self, inputs: I) -> [T; OUTPUTS] {
-        if self.registers <= FEW {
-            T::apart(Run::<I, FEW> { code: self, inputs })
-        } else {
-            T::apart(Run::<I, MANY> { code: self, inputs })
-        }
+        if self.registers <= FEW { self.on::<T, I, FEW>(inputs) } else { self.on::<T, I, MANY>(inputs) }
+    }
+
+    /// The inputs are written where they are known. The instructions stand once for each type of number, whoever asks.
+    #[inline(always)]
+    fn on<T: Real, I: Inputs<T>, const R: usize>(&self, inputs: I) -> [T; OUTPUTS] {
+        let mut x = [T::zero(); R];
+        inputs.fill(&mut x);
+        T::apart(Run { code: self, x: &mut x })
     }
 }
 
-/// A run of a program on `R` registers, a power of two.
-struct Run<'a, I, const R: usize> {
+/// A run of a program on `R` registers, a power of two, which hold the inputs.
+struct Run<'a, T, const R: usize> {
     code: &'a Bytecode,
-    inputs: I,
+    x: &'a mut [T; R],
 }
 
-impl<T: Real, I: Inputs<T>, const R: usize> Task<T> for Run<'_, I, R> {
+impl<T: Real, const R: usize> Task<T> for Run<'_, T, R> {
     type Output = [T; OUTPUTS];
     #[inline(always)]
     fn run(self) -> [T; OUTPUTS] {
-        let mut x = [T::zero(); R];
-        self.inputs.fill(&mut x);
+        let x = self.x;
         // No register lies beyond the mask; with it no access needs a look at the length.
         let at = const { R - 1 };
         for step in &self.code.steps {
