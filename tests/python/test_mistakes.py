@@ -141,6 +141,53 @@ def test_a_speed_of_the_wrong_sign_is_undone():
     assert found == {"n": Rule("rpm", "rpm", scale=-1.0, offset=-3.0)}
 
 
+@pytest.mark.parametrize(
+    ("mistake", "given", "right"),
+    [
+        (
+            "the speed was in rpm and not in rad/s",
+            {"omega_m": Rule("w", "rad/s")},
+            {"omega_m": Rule("w", "rpm")},
+        ),
+        (
+            "omega_e was the mechanical speed and not 4 times that",
+            {"omega_e": Rule("w", "rpm", offset=2.0)},
+            {"omega_e": Rule("w", "rpm", scale=4.0, offset=8.0)},
+        ),
+        (
+            "omega_m was the electrical speed, 4 times the mechanical one",
+            {"n": Rule("n", "rpm")},
+            {"n": Rule("n", "rpm", scale=0.25)},
+        ),
+        (
+            "the angle and the speed had the opposite sign",
+            {"theta_m": Rule("a", "deg", offset=5.0), "n": Rule("n", "rpm")},
+            {"theta_m": Rule("a", "deg", scale=-1.0, offset=-5.0), "n": Rule("n", "rpm", scale=-1.0)},
+        ),
+    ],
+)
+def test_speeds_of_another_unit_shaft_or_direction_are_undone(mistake, given, right):
+    assert undoing(mistake, given) == right
+
+
+def test_an_angle_and_a_speed_that_run_backwards_are_told(columns):
+    for name in ("theta_e", "omega_e"):
+        columns[name] = -columns[name]
+    [told] = told_mistakes(columns)
+    assert "the angle and the speed had the opposite sign" in told
+
+
+def test_a_speed_in_rpm_without_an_angle_is_told(columns):
+    currents = [columns.pop(f"i_{phase}") for phase in "abc"]
+    theta = columns.pop("theta_e")
+    for name, turn in (("i_d", np.cos), ("i_q", lambda angle: -np.sin(angle))):
+        places = enumerate(currents)
+        columns[name] = sum(2 / 3 * i * turn(theta - 2 * np.pi / 3 * k) for k, i in places)
+    columns["omega_e"] = columns["omega_e"] * (60 / (2 * np.pi))
+    [told] = told_mistakes(columns)
+    assert "the speed was in rpm and not in rad/s" in told
+
+
 def test_d_and_q_of_another_axis_are_undone():
     rules = {name: Rule(f"x_{name}", "A") for name in ("i_d", "i_q", "v_d", "v_q")}
     found = undoing("d and q were those of an axis 90° ahead of the magnet", rules)

@@ -24,7 +24,7 @@ mod variation;
 pub use course::Course;
 pub use fitting::Fitted;
 pub use joint::{Block, Channels, Joint, split};
-pub use lost::{Answering, LAGS, LATE, TURNED};
+pub use lost::{Answering, LAGS, LATE, LATE_SQUARED, TURNED};
 pub use prior::Prior;
 
 use crate::base::BASE;

@@ -22,7 +22,13 @@ _SAME: Final = 0.05
 _CURRENTS: Final = ("i_a", "i_b", "i_c", "i_d", "i_q")
 _VOLTAGES: Final = ("v_a", "v_b", "v_c", "v_d", "v_q")
 _SPEEDS: Final = ("omega_e", "omega_m", "n")
-_ALL: Final = {"all currents": _CURRENTS, "all voltages": _VOLTAGES, "the speed": _SPEEDS}
+_TURNS: Final = ("theta_e", "theta_m", *_SPEEDS)
+_ALL: Final = {
+    "all currents": _CURRENTS,
+    "all voltages": _VOLTAGES,
+    "the speed": _SPEEDS,
+    "the angle and the speed": _TURNS,
+}
 _PAIRS: Final = (("i_d", "i_q"), ("v_d", "v_q"))
 
 
@@ -78,6 +84,14 @@ def undoing(mistake: str, columns: Columns) -> dict[str, Rule]:
     if found := re.fullmatch(r"the (current|voltage)s of the phases (.), (.), (.) were in .*", mistake):
         letter = found[1][0].replace("c", "i")
         return _moved({f"{letter}_{found[k]}": f"{letter}_{'abc'[k - 2]}" for k in (2, 3, 4)}, columns)
+    if mistake == "the speed was in rpm and not in rad/s":
+        return {name: _in_rpm(name, columns[name]) for name in _SPEEDS if name in columns}
+    if found := re.fullmatch(r"omega_e was the mechanical speed and not (\d+) times that", mistake):
+        return {name: _scaled(columns[name], float(found[1])) for name in _SPEEDS[:1] if name in columns}
+    if found := re.fullmatch(r"omega_m was the electrical speed, (\d+) times the mechanical one", mistake):
+        return {
+            name: _scaled(columns[name], 1.0 / float(found[1])) for name in _SPEEDS[1:] if name in columns
+        }
     if found := re.fullmatch(r"theta_e was (\d+)° too (large|small)", mistake):
         return _shifted(
             "theta_e", math.radians(float(found[1])) * (-1 if found[2] == "large" else 1), columns
@@ -106,9 +120,20 @@ def _moved(sources: Mapping[str, str], columns: Columns) -> dict[str, Rule]:
 
 
 def _negated(rule: Rule) -> Rule:
+    return _scaled(rule, -1.0)
+
+
+def _scaled(rule: Rule, factor: float) -> Rule:
     if rule.value is not None:
-        return replace(rule, value=-rule.value)
-    return replace(rule, scale=-rule.scale, offset=0.0 - rule.offset)
+        return replace(rule, value=factor * rule.value)
+    return replace(rule, scale=factor * rule.scale, offset=factor * rule.offset or 0.0)
+
+
+def _in_rpm(name: str, rule: Rule) -> Rule:
+    """A speed whose values were 60/(2π) times as large as its unit says."""
+    if (rule.unit or CANONICAL[name].unit) == "rad/s":
+        return replace(rule, unit="rpm")
+    return _scaled(rule, float(f"{math.tau / 60.0:.10g}"))
 
 
 def _shifted(name: str, by: float, columns: Columns) -> dict[str, Rule]:

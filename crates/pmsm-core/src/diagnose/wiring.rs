@@ -42,8 +42,8 @@ pub fn suspected(
         return Ok(None);
     }
     let limit = misfit(recordings[0], machine).map_or(1.0, |left| BETTER * left);
-    let mistakes = mistakes();
-    let undone = |at: usize, recording| mistakes[at].undone(recording, f64::from(machine.n_p));
+    let mistakes = mistakes(machine.n_p);
+    let undone = |at: usize, recording| mistakes[at].undone(recording);
     let promise = |at| -> Result<Option<(f64, usize)>> {
         monitor.go_on()?;
         let left = undone(at, recordings[0]).and_then(|undone| misfit(&undone, machine));
@@ -97,7 +97,7 @@ fn misfit(recording: &Recording, machine: &Machine) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::mistakes::{Columns, interchange, negate, turn_angle, turn_frame};
+    use super::mistakes::{Columns, interchange, negate, scale, turn_angle, turn_frame};
     use super::*;
     use crate::diagnose::testing::{choice, setup, speeds};
     use crate::drive::{Choice, Schedule, Shape, simulate};
@@ -142,7 +142,20 @@ mod tests {
     #[test]
     fn mistakes_are_told_from_each_other() {
         type Made = fn(&mut Columns);
-        let made: [(&str, Made); 7] = [
+        let made: [(&str, Made); 10] = [
+            ("the angle and the speed had the opposite sign", |c| {
+                assert!(negate(c, &["theta_e", "omega_e"]));
+            }),
+            ("the speed was in rpm and not in rad/s", |c| {
+                by_axis(c);
+                c.remove("theta_e");
+                assert!(scale(c, &["omega_e"], 60.0 / TAU));
+            }),
+            ("omega_e was the mechanical speed and not 4 times that", |c| {
+                by_axis(c);
+                c.remove("theta_e");
+                assert!(scale(c, &["omega_e"], 0.25));
+            }),
             ("all currents had the opposite sign", |c| assert!(negate(c, &["i_a", "i_b", "i_c"]))),
             ("theta_e was 90° too large", |c| assert!(turn_angle(c, -0.25 * TAU, 4.0))),
             ("theta_e was 180° too large", |c| assert!(turn_angle(c, 0.5 * TAU, 4.0))),

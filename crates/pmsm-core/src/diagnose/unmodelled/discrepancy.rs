@@ -15,7 +15,7 @@ use crate::diagnose::hypothesis::{Hypothesis, independent_samples};
 use crate::diagnose::options::DiagnosisOptions;
 use crate::effect::Role;
 use crate::effects::EffectId;
-use crate::experiment::{LAGS, LATE, TURNED};
+use crate::experiment::{LAGS, LATE, LATE_SQUARED, TURNED};
 use crate::map::Part;
 use crate::model::Slot;
 use crate::numerics::basis::orthonormal;
@@ -159,7 +159,9 @@ impl Choices {
         with(&[place(count(&turn))]);
         if sensors {
             with(&[place(LAGS)]);
-            with(&[place(LATE), place(TURNED - LATE)]);
+            let late = place(LATE);
+            let squared = [&late[..], &place(LATE_SQUARED)].concat();
+            with(&[late, squared, place(TURNED - LATE - LATE_SQUARED)]);
         }
         Self { parts: [smooth.concat(), turn].concat(), sensors, columns, options: data.options }
     }

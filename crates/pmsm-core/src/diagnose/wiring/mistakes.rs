@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 
 /// Columns by name.
 pub(super) type Columns = BTreeMap<&'static str, Vec<f64>>;
-type Undo = Box<dyn Fn(&mut Columns, f64) -> bool + Send + Sync>;
+type Undo = Box<dyn Fn(&mut Columns) -> bool + Send + Sync>;
 
 /// A mistake in words ("the log reads as if …"), and what undoes it; false where it cannot have been made.
 pub(super) struct Mistake {
@@ -15,44 +15,49 @@ pub(super) struct Mistake {
 }
 
 impl Mistake {
-    fn new(
-        words: impl Into<String>,
-        undo: impl Fn(&mut Columns, f64) -> bool + Send + Sync + 'static,
-    ) -> Self {
+    fn new(words: impl Into<String>, undo: impl Fn(&mut Columns) -> bool + Send + Sync + 'static) -> Self {
         Self { words: words.into(), undo: Box::new(undo) }
     }
 
     /// The recording without it.
-    pub(super) fn undone(&self, recording: &Recording, n_p: f64) -> Option<Recording> {
+    pub(super) fn undone(&self, recording: &Recording) -> Option<Recording> {
         let mut columns: Columns = recording
             .names()
             .into_iter()
             .filter_map(|name| Some((name, recording.column(name)?.to_vec())))
             .collect();
-        let made = (self.undo)(&mut columns, n_p);
+        let made = (self.undo)(&mut columns);
         let columns = columns.into_iter().map(|(name, x)| (name.to_string(), x)).collect();
         if made { Recording::new(columns, Some(recording.load())).ok() } else { None }
     }
 }
 
-/// All mistakes that are looked for.
-pub(super) fn mistakes() -> Vec<Mistake> {
+/// All mistakes that are looked for in the log of a machine with `n_p` pole pairs.
+pub(super) fn mistakes(n_p: u32) -> Vec<Mistake> {
     const I: [&str; 5] = ["i_a", "i_b", "i_c", "i_d", "i_q"];
     const V: [&str; 5] = ["v_a", "v_b", "v_c", "v_d", "v_q"];
+    const TURN: [&str; 4] = ["theta_e", "theta_m", "omega_e", "omega_m"];
     let mut out = vec![
-        Mistake::new("all currents had the opposite sign", |c, _| negate(c, &I)),
-        Mistake::new("all voltages had the opposite sign", |c, _| negate(c, &V)),
-        Mistake::new("the speed had the opposite sign", |c, _| {
-            !c.contains_key("theta_e") && !c.contains_key("theta_m") && negate(c, &["omega_e", "omega_m"])
+        Mistake::new("all currents had the opposite sign", |c| negate(c, &I)),
+        Mistake::new("all voltages had the opposite sign", |c| negate(c, &V)),
+        Mistake::new("the speed had the opposite sign", |c| !angle(c) && negate(c, &TURN)),
+        Mistake::new("the angle and the speed had the opposite sign", |c| angle(c) && negate(c, &TURN)),
+        // Beside an angle the speed is held against its change.
+        Mistake::new("the speed was in rpm and not in rad/s", |c| !angle(c) && scale(c, &TURN, TAU / 60.0)),
+        Mistake::new(format!("omega_e was the mechanical speed and not {n_p} times that"), move |c| {
+            n_p > 1 && !angle(c) && scale(c, &["omega_e"], f64::from(n_p))
         }),
-        Mistake::new("i_d and i_q were interchanged", |c, _| interchange(c, "i_d", "i_q")),
-        Mistake::new("v_d and v_q were interchanged", |c, _| interchange(c, "v_d", "v_q")),
-        Mistake::new("d and q were interchanged", |c, _| {
+        Mistake::new(format!("omega_m was the electrical speed, {n_p} times the mechanical one"), move |c| {
+            n_p > 1 && !angle(c) && scale(c, &["omega_m"], 1.0 / f64::from(n_p))
+        }),
+        Mistake::new("i_d and i_q were interchanged", |c| interchange(c, "i_d", "i_q")),
+        Mistake::new("v_d and v_q were interchanged", |c| interchange(c, "v_d", "v_q")),
+        Mistake::new("d and q were interchanged", |c| {
             interchange(c, "i_d", "i_q") && interchange(c, "v_d", "v_q")
         }),
-        Mistake::new("i_q and v_q had the opposite sign", |c, _| negate(c, &["i_q"]) && negate(c, &["v_q"])),
-        Mistake::new("i_d and v_d had the opposite sign", |c, _| negate(c, &["i_d"]) && negate(c, &["v_d"])),
-        Mistake::new("v_a, v_b and v_c were voltages between the lines a–b, b–c and c–a", |c, _| {
+        Mistake::new("i_q and v_q had the opposite sign", |c| negate(c, &["i_q"]) && negate(c, &["v_q"])),
+        Mistake::new("i_d and v_d had the opposite sign", |c| negate(c, &["i_d"]) && negate(c, &["v_d"])),
+        Mistake::new("v_a, v_b and v_c were voltages between the lines a–b, b–c and c–a", |c| {
             let [Some(ab), Some(bc), Some(ca)] = ["v_a", "v_b", "v_c"].map(|name| c.get(name).cloned())
             else {
                 return false;
@@ -62,31 +67,31 @@ pub(super) fn mistakes() -> Vec<Mistake> {
             }
             true
         }),
-        Mistake::new("the voltages were logged one row early", |c, _| shift(c, &V, 1)),
-        Mistake::new("the currents were logged one row late", |c, _| shift(c, &I, -1)),
-        Mistake::new("the angle was logged one row late", |c, _| {
+        Mistake::new("the voltages were logged one row early", |c| shift(c, &V, 1)),
+        Mistake::new("the currents were logged one row late", |c| shift(c, &I, -1)),
+        Mistake::new("the angle was logged one row late", |c| {
             phases(c) && shift(c, &["theta_e", "theta_m"], -1)
         }),
-        Mistake::new("the angle was logged one row early", |c, _| {
+        Mistake::new("the angle was logged one row early", |c| {
             phases(c) && shift(c, &["theta_e", "theta_m"], 1)
         }),
     ];
     for name in ["i_a", "i_b", "i_c", "i_d", "i_q", "v_a", "v_b", "v_c", "v_d", "v_q"] {
-        out.push(Mistake::new(format!("{name} had the opposite sign"), move |c, _| negate(c, &[name])));
+        out.push(Mistake::new(format!("{name} had the opposite sign"), move |c| negate(c, &[name])));
     }
     for (one, other) in [(0, 1), (1, 2), (0, 2)] {
         let (i, v) = ([I[one], I[other]], [V[one], V[other]]);
         let words = format!("{} and {} were interchanged", v[0], v[1]);
-        out.push(Mistake::new(words, move |c, _| interchange(c, v[0], v[1])));
+        out.push(Mistake::new(words, move |c| interchange(c, v[0], v[1])));
         let words = format!("{} and {} were interchanged", i[0], i[1]);
-        out.push(Mistake::new(words, move |c, _| interchange(c, i[0], i[1])));
+        out.push(Mistake::new(words, move |c| interchange(c, i[0], i[1])));
         let words = format!("the phases {} and {} were interchanged", &i[0][2..], &i[1][2..]);
-        out.push(Mistake::new(words, move |c, _| interchange(c, i[0], i[1]) && interchange(c, v[0], v[1])));
+        out.push(Mistake::new(words, move |c| interchange(c, i[0], i[1]) && interchange(c, v[0], v[1])));
     }
     for (quantity, names) in [("currents", I), ("voltages", V)] {
         for (words, order) in [("b, c, a", [2, 0, 1]), ("c, a, b", [1, 2, 0])] {
             let words = format!("the {quantity} of the phases {words} were in the columns of a, b, c");
-            out.push(Mistake::new(words, move |c, _| reorder(c, [names[0], names[1], names[2]], order)));
+            out.push(Mistake::new(words, move |c| reorder(c, [names[0], names[1], names[2]], order)));
         }
     }
     for twelfths in (-5..=6).filter(|k| *k != 0) {
@@ -94,10 +99,10 @@ pub(super) fn mistakes() -> Vec<Mistake> {
         let (size, place) = if twelfths > 0 { ("large", "ahead of") } else { ("small", "behind") };
         let angle = TAU * f64::from(twelfths) / 12.0;
         let words = format!("theta_e was {degrees}° too {size}");
-        out.push(Mistake::new(words, move |c, n_p| phases(c) && turn_angle(c, angle, n_p)));
+        out.push(Mistake::new(words, move |c| phases(c) && turn_angle(c, angle, f64::from(n_p))));
         if degrees % 90 == 0 {
             let words = format!("d and q were those of an axis {degrees}° {place} the magnet");
-            out.push(Mistake::new(words, move |c, _| turn_frame(c, angle)));
+            out.push(Mistake::new(words, move |c| turn_frame(c, angle)));
         }
     }
     out
@@ -108,11 +113,20 @@ fn phases(c: &Columns) -> bool {
     c.contains_key("i_a") || c.contains_key("v_a")
 }
 
+/// Whether an angle was logged.
+fn angle(c: &Columns) -> bool {
+    c.contains_key("theta_e") || c.contains_key("theta_m")
+}
+
 pub(super) fn negate(c: &mut Columns, names: &[&'static str]) -> bool {
+    scale(c, names, -1.0)
+}
+
+pub(super) fn scale(c: &mut Columns, names: &[&'static str], factor: f64) -> bool {
     let mut any = false;
     for name in names {
         let Some(x) = c.get_mut(name) else { continue };
-        x.iter_mut().for_each(|x| *x = -*x);
+        x.iter_mut().for_each(|x| *x *= factor);
         any = true;
     }
     any
