@@ -6,11 +6,14 @@ use pmsm_core::kernels::bare::copies::INITIAL;
 use pmsm_core::kernels::objective::Starts;
 use pmsm_core::model::Model;
 use pmsm_core::numerics::dual::Dual;
+use pmsm_core::numerics::real::Real;
 use pmsm_core::signals::Signals;
 use pmsm_core::simulate::coupled;
 
 /// Channels of a sample: i_d, i_q, ω_e.
 const CHANNELS: usize = 3;
+/// Derivatives of one run; more of them at once would be a number type that nothing else uses.
+const AT_ONCE: usize = 8;
 
 /// Weighted errors of a run, stacked channel by channel, and their derivatives before anything is taken out.
 pub struct Sensitivity<'a> {
@@ -30,31 +33,38 @@ impl<'a> Sensitivity<'a> {
     pub fn new(signals: &'a Signals, weights: [f64; 2], p: &[f64], starts: &Starts) -> Self {
         let (n, rows) = (signals.len(), CHANNELS * signals.len());
         let model = Model::new(signals.context, &[]);
-        let seeded: Vec<Dual<10>> = p.iter().enumerate().map(|(k, x)| Dual::variable(*x, k)).collect();
-        let start = |first: usize, _| {
-            let number = signals.segments.iter().position(|s| s.start == first).expect("a first sample");
-            [0, 1, 2].map(|c| Dual::variable(starts[number][c], POINT + c))
-        };
         let [i_d, i_q] = signals.i.as_ref().expect("currents");
         let (measured, mut largest) = ([i_d, i_q, &signals.omega_e], [0.0f64; CHANNELS]);
         let weight = [weights[0], weights[0], weights[1]].map(f64::sqrt);
         let [parameters, initial] = [POINT, INITIAL].map(|columns| DMatrix::zeros(rows, columns));
         let errors = DVector::zeros(rows);
         let mut out = Self { signals, errors, parameters, initial, rounding: 0.0 };
-        coupled::run_from(&model, signals, 0..n, &seeded[..6], seeded[6], start, |k, now| {
-            for c in 0..CHANNELS {
-                let row = c * n + k;
-                largest[c] = largest[c].max(now[c].re.abs());
-                out.errors[row] = weight[c] * (now[c].re - measured[c][k]);
-                for x in 0..POINT {
-                    out.parameters[(row, x)] = weight[c] * now[c].eps[x];
+        for first in (0..POINT + INITIAL).step_by(AT_ONCE) {
+            let seen = first..(first + AT_ONCE).min(POINT + INITIAL);
+            let seeded = |x: f64, k: usize| -> Dual<AT_ONCE> {
+                if seen.contains(&k) { Dual::variable(x, k - first) } else { Dual::constant(x) }
+            };
+            let point: Vec<Dual<AT_ONCE>> = p.iter().enumerate().map(|(k, x)| seeded(*x, k)).collect();
+            let start = |sample: usize, _| {
+                let number = signals.segments.iter().position(|s| s.start == sample).expect("a first sample");
+                [0, 1, 2].map(|c| seeded(starts[number][c], POINT + c))
+            };
+            coupled::run_from(&model, signals, 0..n, &point[..6], point[6], start, |k, now| {
+                for c in 0..CHANNELS {
+                    let row = c * n + k;
+                    largest[c] = largest[c].max(now[c].re.abs());
+                    out.errors[row] = weight[c] * (now[c].re - measured[c][k]);
+                    for x in seen.clone() {
+                        let by = weight[c] * now[c].eps[x - first];
+                        match x.checked_sub(POINT) {
+                            None => out.parameters[(row, x)] = by,
+                            Some(own) => out.initial[(row, own)] = by,
+                        }
+                    }
                 }
-                for x in 0..INITIAL {
-                    out.initial[(row, x)] = weight[c] * now[c].eps[POINT + x];
-                }
-            }
-            true
-        });
+                true
+            });
+        }
         // Each step rounds fluxes and speed by about ε of themselves, and a flux of the d axis holds the magnet's, too. What that
         // moves grows or dies away as what an initial value moves. N steps add up to N times as much where nothing cancels.
         let sizes = [largest[0] + p[3] / p[1], largest[1], largest[2]];
