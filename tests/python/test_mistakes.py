@@ -170,11 +170,11 @@ def test_speeds_of_another_unit_shaft_or_direction_are_undone(mistake, given, ri
     assert undoing(mistake, given) == right
 
 
-def test_an_angle_and_a_speed_that_run_backwards_are_told(columns):
+def test_an_angle_and_a_speed_that_run_backwards_are_refused_beside_phase_currents(columns):
     for name in ("theta_e", "omega_e"):
         columns[name] = -columns[name]
-    [told] = told_mistakes(columns)
-    assert "the angle and the speed had the opposite sign" in told
+    with pytest.raises(pm.DataError, match="or the sense of angle and speed"):
+        diagnosed(columns)
 
 
 def test_a_speed_in_rpm_without_an_angle_is_told(columns):
