@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any, Self, overload
+from typing import TYPE_CHECKING, Any, overload
 
-from .errors import written_by
 from .model import Model
 from .results.estimates import IdentificationValues
-from .results.findings import DiagnosisValues, Traces
+from .results.findings import DiagnosisValues
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,28 +56,6 @@ class Identification(IdentificationValues):
     >>> pm.Identification.from_json(found.to_json()) == found
     True
     """
-
-    @classmethod
-    def from_json(cls, text: str) -> Self:
-        """Reads what `to_json` writes.
-
-        Parameters
-        ----------
-        text : str
-            The JSON text.
-
-        Returns
-        -------
-        Identification
-            The answer.
-
-        Raises
-        ------
-        DataError
-            For anything else.
-        """
-        with written_by("to_json"):
-            return super().from_json(text)
 
     def __repr__(self) -> str:
         state = "interrupted" if self.interrupted else "converged" if self.converged else "not converged"
@@ -175,30 +152,6 @@ class Diagnosis(DiagnosisValues):
         It reads like `model` of the JSON answer.
         """
         return Model(self.data["model"])
-
-    @classmethod
-    def from_json(cls, text: str, traces: Traces | None = None) -> Self:
-        """Reads what `to_json` writes.
-
-        Parameters
-        ----------
-        text : str
-            The JSON text.
-        traces : mapping or None, default None
-            Traces, where they are at hand; without them nothing can be drawn.
-
-        Returns
-        -------
-        Diagnosis
-            The answer.
-
-        Raises
-        ------
-        DataError
-            For anything else.
-        """
-        with written_by("to_json"):
-            return super().from_json(text, traces)
 
     @overload
     def report(

@@ -177,12 +177,25 @@ def test_an_angle_and_a_speed_that_run_backwards_are_refused_beside_phase_curren
         diagnosed(columns)
 
 
-def test_a_speed_in_rpm_without_an_angle_is_told(columns):
+def by_axis(columns: dict[str, np.ndarray]) -> None:
+    """Currents by axis and not by phase."""
     currents = [columns.pop(f"i_{phase}") for phase in "abc"]
-    theta = columns.pop("theta_e")
     for name, turn in (("i_d", np.cos), ("i_q", lambda angle: -np.sin(angle))):
         places = enumerate(currents)
-        columns[name] = sum(2 / 3 * i * turn(theta - 2 * np.pi / 3 * k) for k, i in places)
+        columns[name] = sum(2 / 3 * i * turn(columns["theta_e"] - 2 * np.pi / 3 * k) for k, i in places)
+
+
+def test_an_angle_and_a_speed_that_run_backwards_are_told_beside_currents_by_axis(columns):
+    by_axis(columns)
+    for name in ("theta_e", "omega_e"):
+        columns[name] = -columns[name]
+    [told] = told_mistakes(columns)
+    assert "the angle and the speed had the opposite sign" in told
+
+
+def test_a_speed_in_rpm_without_an_angle_is_told(columns):
+    by_axis(columns)
+    del columns["theta_e"]
     columns["omega_e"] = columns["omega_e"] * (60 / (2 * np.pi))
     [told] = told_mistakes(columns)
     assert "the speed was in rpm and not in rad/s" in told

@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Self
 
+from ..errors import written_by
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -131,8 +133,14 @@ class IdentificationValues(Fit):
         -------
         Identification
             The answer.
+
+        Raises
+        ------
+        DataError
+            For anything else.
         """
-        return cls.of(json.loads(text))
+        with written_by("to_json"):
+            return cls.of(json.loads(text))
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Self:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
+from ..errors import written_by
 from .estimates import Estimate, estimates, json_text
 from .unmodelled import Unmodelled
 
@@ -237,14 +238,20 @@ class DiagnosisValues:
         text : str
             The JSON text.
         traces : mapping or None, default None
-            Traces, where they are at hand.
+            Traces, where they are at hand; without them nothing can be drawn.
 
         Returns
         -------
         Diagnosis
             The answer.
+
+        Raises
+        ------
+        DataError
+            For anything else.
         """
-        return cls.of(json.loads(text), traces)
+        with written_by("to_json"):
+            return cls.of(json.loads(text), traces)
 
     @classmethod
     def of(cls, data: Mapping[str, Any], traces: Traces | None = None) -> Self:

@@ -144,6 +144,7 @@ mod tests {
         type Made = fn(&mut Columns);
         let made: [(&str, Made); 10] = [
             ("the angle and the speed had the opposite sign", |c| {
+                by_axis(c);
                 assert!(negate(c, &["theta_e", "omega_e"]));
             }),
             ("the speed was in rpm and not in rad/s", |c| {
