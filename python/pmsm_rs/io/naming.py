@@ -142,11 +142,12 @@ def _with_unit(own: Sequence[str], beside: tuple[str, ...], stated: bool) -> Mea
     for count in (1, 2, 3):
         if len(own) <= count:
             continue
-        head = _interpret([*words_of(own[:-count]), *beside])
+        tail = [part for part in own[-count:] if part.lower() not in {"per", "p"}]
+        texts = [text for text in ("/".join(tail), "".join(tail)) if text.lower() == "rms" or is_unit(text)]
+        head = _interpret([*words_of(own[:-count]), *beside]) if texts else None
         if head is None or not head.sure:
             continue
-        tail = [part for part in own[-count:] if part.lower() not in {"per", "p"}]
-        for text in ("/".join(tail), "".join(tail)):
+        for text in texts:
             dimension = head.quantity
             effective = (
                 {"current": "Arms", "voltage": "Vrms"}.get(dimension) if text.lower() == "rms" else None
@@ -315,10 +316,10 @@ def _resembling(name: str, unit: str | None) -> Meaning | None:
     if numbered is not None:
         return Meaning(LETTERS[numbered[1]], (), unit=unit, sure=False)
     root = next((quantity for root, quantity in _ROOTS.items() if root in plain), None)
-    if any(word in SUPPLY or word in OTHER for word in words(name)):
-        return None
     quantity = root or (dimension_of(unit) if unit is not None else None)
     if quantity not in {"voltage", "current", "angle", "speed"}:
+        return None
+    if any(word in SUPPLY or word in OTHER for word in words(name)):
         return None
     return Meaning(quantity, (), unit=unit, sure=False)
 

@@ -173,14 +173,16 @@ def _guess(draft: _Draft, columns: Iterable[str]) -> None:
     source = draft.source
     plain = {way for name in source.names for way in spellings(name_and_unit(name)[0])}
     tool, log = next(((tool, table) for tool, (marks, table) in LOGS.items() if marks <= plain), ("", {}))
-    meanings = {column: meaning(column, source.unit(column)) for column in columns}
+    units = {column: source.unit(column) for column in columns}
+    meanings = {column: meaning(column, stated) for column, stated in units.items()}
     pair = "i_q" in draft.given or any(
         found is not None and found.sure and found.columns == ("i_q",) for found in meanings.values()
     )
     for column, found in meanings.items():
-        stated, key = source.unit(column), normal(column)
+        stated, key = units[column], normal(column)
         unit, beside = unit_and_words(stated)
-        known = next((way for way in spellings(name_and_unit(column)[0]) if way in log), None)
+        ways = spellings(name_and_unit(column)[0]) if log else ()
+        known = next((way for way in ways if way in log), None)
         if known is not None:
             name, documented = log[known]
             if documented is None and unit is None:

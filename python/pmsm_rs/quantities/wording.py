@@ -14,12 +14,14 @@ LONGEST: Final = 200
 """Characters of a name that are read; a longer one is none that a tool gives a column."""
 _LONGEST_WORD: Final = 40
 """Letters of words written together that are taken apart; German makes long ones, but none longer."""
-_GREEK: Final = {
-    **{"ω": "omega", "Ω": "omega", "θ": "theta", "ϑ": "theta", "φ": "phi", "ϕ": "phi", "τ": "tau"},
-    **{"ψ": "psi", "α": "alpha", "β": "beta", "ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"},
-    # A star marks a reference, a hat an estimate.
-    **{"*": " ref ", "\u0302": " hat ", "^": " ", "'": " "},
-}
+_GREEK: Final = str.maketrans(
+    {
+        **{"ω": "omega", "Ω": "omega", "θ": "theta", "ϑ": "theta", "φ": "phi", "ϕ": "phi", "τ": "tau"},
+        **{"ψ": "psi", "α": "alpha", "β": "beta", "ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"},
+        # A star marks a reference, a hat an estimate.
+        **{"*": " ref ", "\u0302": " hat ", "^": " ", "'": " "},
+    }
+)
 _CAMEL: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+")
 _STEM: Final = 4
 """Letters from which a word is told inside of another, as `winkel` in `rotorwinkel`."""
@@ -56,9 +58,10 @@ def name_and_slash(name: str) -> tuple[str, str | None]:
     return (head.removesuffix(" in"), tail) if head and "/" in tail and is_unit(tail) else (name, None)
 
 
-def chunks(segment: str) -> list[str]:
+@lru_cache(maxsize=4096)
+def chunks(segment: str) -> tuple[str, ...]:
     """The parts of a name between blanks, underscores and the like, and of camel case."""
-    text = "".join(_GREEK.get(letter, letter) for letter in segment)
+    text = segment.translate(_GREEK)
     out: list[str] = []
     for chunk in re.split(r"[^A-Za-z0-9°µμ/%·]+", text):
         if not chunk:
@@ -71,7 +74,7 @@ def chunks(segment: str) -> list[str]:
             out += pieces
         else:
             out += (split(whole) if len(whole) <= _LONGEST_WORD else None) or pieces
-    return out
+    return tuple(out)
 
 
 @lru_cache(maxsize=4096)
