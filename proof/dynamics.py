@@ -92,7 +92,8 @@ def angle_error(th: float, w: float, p: Parameters) -> float:
         error += p.skew_1 * math.sin(th_e + p.phase_skew_1) + p.skew_2 * math.sin(2.0 * th_e + p.phase_skew_2)
     if p.flaw != 0.0:
         error += p.flaw * math.exp(-((short_way(th - p.place_flaw) / p.width_flaw) ** 2))
-    return error - p.late * p.n_p * w * abs(w)
+    w_e = p.n_p * w
+    return error - w_e * (p.late + p.later * abs(w_e))
 
 
 @njit(cache=True)

@@ -6,7 +6,7 @@ use pmsm_core::effect::{Context, Need, Role};
 use pmsm_core::effects::{ALL, EffectId};
 
 /// Every identifier of the file contract with the results whose names are binding.
-const CONTRACT: [(&str, &[&str]); 28] = [
+const CONTRACT: [(&str, &[&str]); 29] = [
     ("coulomb_friction", &["tau_c"]),
     ("stribeck_friction", &["tau_c", "tau_s", "w_s"]),
     ("asymmetric_friction", &[]),
@@ -33,6 +33,7 @@ const CONTRACT: [(&str, &[&str]); 28] = [
     ("current_offset", &["o_a", "o_b", "o_c"]),
     ("current_gain_imbalance", &[]),
     ("encoder_angle_offset", &["offset_el_rad"]),
+    ("encoder_delay", &["t_delay"]),
     ("encoder_eccentricity", &["amplitude_el_rad"]),
     ("encoder_harmonics", &["amplitude_1_el_rad", "amplitude_2_el_rad"]),
 ];

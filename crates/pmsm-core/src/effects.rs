@@ -179,6 +179,7 @@ catalogue! {
     current_offset::CurrentOffset,
     current_gain_imbalance::CurrentGainImbalance,
     encoder_angle_offset::EncoderAngleOffset,
+    encoder_delay::EncoderDelay,
     encoder_eccentricity::EncoderEccentricity,
     encoder_harmonics::EncoderHarmonics,
 }

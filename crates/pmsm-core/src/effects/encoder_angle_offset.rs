@@ -17,7 +17,7 @@ impl Effect for EncoderAngleOffset {
         equation: "θ_measured = θ + δ",
         source: "Bobtsov et al., Automatica 61 (2015) 47",
         fingerprint: "d-axis voltage in proportion to ω·ψ_m, odd in the offset; torque constant slightly low",
-        look_alikes: &["voltage_delay", "iron_loss", "cross_saturation"],
+        look_alikes: &["voltage_delay", "iron_loss", "cross_saturation", "encoder_delay"],
         contains: &[],
         site: Site::Sensor,
         needs: &[Need::Motion],

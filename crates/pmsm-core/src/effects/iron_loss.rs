@@ -20,7 +20,7 @@ impl Effect for IronLoss {
         equation: "i = i_m + i_fe, τ_c·di_fe/dt = e/r_c − i_fe",
         source: "Urasaki, Senjyu & Uezato, IEEE Trans. Energy Conversion 18 (2003) 41",
         fingerprint: "Current along the induced voltage growing with speed: i_q with ω·ψ_m, i_d with −ω·l_q·i_q",
-        look_alikes: &["voltage_delay", "encoder_angle_offset", "inter_turn_short"],
+        look_alikes: &["voltage_delay", "encoder_angle_offset", "inter_turn_short", "encoder_delay"],
         contains: &[],
         site: Site::Electrical,
         needs: &[Need::Motion, Need::Current],

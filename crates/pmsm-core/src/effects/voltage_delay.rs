@@ -18,7 +18,7 @@ impl Effect for VoltageDelay {
         equation: "v(t) = v*(t − δ·T_s)",
         source: "Bae & Sul, IEEE Trans. Industry Applications 39 (2003) 802",
         fingerprint: "Voltage turned against the rotation by ω·T_s·δ; nothing at standstill but a shifted ripple",
-        look_alikes: &["iron_loss", "encoder_angle_offset"],
+        look_alikes: &["iron_loss", "encoder_angle_offset", "encoder_delay"],
         contains: &[],
         site: Site::Electrical,
         needs: &[Need::Transients, Need::Current],
