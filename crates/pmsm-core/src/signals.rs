@@ -14,6 +14,7 @@ mod one_axis;
 mod open_circuit;
 mod phases;
 mod scales;
+mod steady_points;
 mod steps;
 mod turned;
 

@@ -44,6 +44,9 @@ fn hidden(data: &Data, effect: EffectId) -> Option<String> {
         (Site::Electrical | Site::Sensor, Kind::Mechanical) => {
             return Some("the recording has no voltages".into());
         }
+        (Site::Electrical | Site::Sensor, Kind::OperatingPoints) if signals.limits.coarse.is_some() => {
+            return Some("the rows lie too far apart for what the voltage does between them".into());
+        }
         (Site::Mechanical, Kind::Electrical | Kind::OperatingPoints | Kind::OpenCircuit) => {
             return Some("the recording does not show the motion".into());
         }
@@ -98,7 +101,7 @@ fn errs_in_angle(context: &Context, effect: EffectId) -> bool {
     let theta_e = 1.0;
     let env = Env {
         t: 0.0,
-        omega_e: 0.0,
+        omega_e: context.omega_e_max,
         theta_e,
         theta_m: theta_e / context.n_p,
         heating: 0.0,

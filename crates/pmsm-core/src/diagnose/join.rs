@@ -80,8 +80,16 @@ fn prepared(
     Ok(Data::joined(parts, origins, common))
 }
 
-/// A recording as what is compared of it: as it is, or where v_q was logged without v_d its motion and its steady points of the q equation.
+/// A recording as what is compared of it: as it is, or its motion and its steady points. These are points of the q equation where v_q was logged
+/// without v_d, and of both where the rows are too far apart for transients.
 fn in_parts(mut signals: Signals, recording: &Recording, machine: &Machine) -> Vec<Signals> {
+    if let Some(mut points) = signals.points_between_rows(recording, machine) {
+        // What the points say of the rows is said in place of what was said without them.
+        let said = signals.limits.coarse.as_ref().map(|why| why.finding.clone());
+        signals.findings.retain(|f| Some(&f.finding) != said.as_ref());
+        signals.findings.splice(0..0, std::mem::take(&mut points.findings));
+        return vec![signals, points];
+    }
     if !recording.has_q_alone() {
         return vec![signals];
     }

@@ -156,6 +156,7 @@ pub fn floors(experiment: &Experiment, p: &[f64]) -> (Vec<Floor>, InputNoise) {
                 Channel::VD | Channel::VQ if signals.kind == Kind::OpenCircuit => {
                     (white_noise(&rest(at)), 0.0)
                 }
+                Channel::VD | Channel::VQ if signals.limits.coarse.is_some() => (rms(&rest(at)), 0.0),
                 Channel::VD | Channel::VQ => neighbour_noise(&rest(at), signals),
             };
             let scale = peak(experiment.measured(*channel));
@@ -351,6 +352,11 @@ fn drawn_numbers(signals: &Signals, input: &InputNoise) -> usize {
     let columns =
         usize::from(signals.speed_known) + 2 * usize::from(currents) + 2 * usize::from(voltages) + torques;
     columns * signals.len()
+}
+
+/// Root mean square: all that the dq-model leaves of points between whose rows the voltage did what no log tells counts as noise.
+fn rms(rest: &[f64]) -> f64 {
+    (rest.iter().map(|x| x * x).sum::<f64>() / rest.len().max(1) as f64).sqrt()
 }
 
 /// Noise of operating points, and two standard errors of its square, share of it: what rows differ in although they were taken at nearly

@@ -6,10 +6,10 @@
 //!
 //! and where i_q hardly changes the block is a steady point of it.
 
-use super::{Finding, Limits, Signals};
+use super::{Finding, Signals};
 use crate::machine::Machine;
 use crate::numerics::extent::peak;
-use crate::recording::{FEWEST_SAMPLES, Kind, Load, OPERATING_POINT_PERIOD, Recording};
+use crate::recording::{FEWEST_SAMPLES, Load, OPERATING_POINT_PERIOD, Recording};
 use std::ops::Range;
 
 /// Length of a block, s: many samples, and a small part of the time in which a current that counts as steady changes.
@@ -32,38 +32,9 @@ impl Signals {
         if blocks.len() < FEWEST_SAMPLES {
             return None;
         }
-        let mean = |x: &Vec<f64>| -> Vec<f64> {
-            blocks.iter().map(|b| x[b.clone()].iter().sum::<f64>() / b.len() as f64).collect()
-        };
-        let n = blocks.len();
-        let v_q: Vec<f64> = mean(&v_q.to_vec());
-        let mut points = Self {
-            t: mean(&self.t),
-            averaged: blocks[0].len(),
-            segments: std::iter::once(0..n).collect(),
-            period: self.period * blocks[0].len() as f64,
-            v: Some([vec![0.0; n], v_q]),
-            axes: [false, true],
-            phase_currents: false,
-            i: Some([mean(d), mean(q)]),
-            phases: None,
-            theta_e: mean(&self.theta_e),
-            theta_m: mean(&self.theta_m),
-            three_currents: false,
-            omega_e: mean(&self.omega_e),
-            limits: Limits::default(),
-            tau_e: None,
-            tau_m: None,
-            heating: self.heating.as_ref().map(mean),
-            magnet_heating: self.magnet_heating.as_ref().map(mean),
-            kind: Kind::OperatingPoints,
-            findings: Vec::new(),
-            ..self.clone()
-        };
-        points.context.steady = true;
-        points.context.period = points.period;
-        points.set_scales(machine, n);
-        points.complete();
+        let v_q = super::steady_points::means(v_q, &blocks);
+        let mut points = self.points_at(&blocks, [vec![0.0; blocks.len()], v_q], machine);
+        points.axes = [false, true];
         points.findings.push(points.of_one_axis(recording.load()));
         Some(points)
     }
@@ -150,6 +121,7 @@ fn steady(t: &[f64], period: f64, d: &[f64], q: &[f64]) -> Vec<Range<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recording::Kind;
 
     /// A second of i_q at 1 kHz, without i_d, beside the voltage of r_s = 2 Ω, ψ_m = 0.1 V s at 50 rad/s.
     fn recorded(i_q: impl Fn(f64) -> f64, load: Option<Load>) -> (Recording, Machine) {
