@@ -6,9 +6,9 @@ use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::locate::{Located, equation_of};
 use crate::experiment::Channel;
-use crate::map::{Equation, Factor, Part, Spline, Variable};
+use crate::map::{Equation, Factor, MOST, Part, Spline, Variable};
 use crate::numerics::real::Real;
-use crate::recording::Kind;
+use crate::recording::{Kind, Load};
 use std::f64::consts::{PI, TAU};
 
 /// Splines over one variable: degree and pieces.
@@ -126,11 +126,14 @@ pub fn lost_voltages(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Par
 /// Smooth torques over the speed, of which one may be there: curves, the smoothest first, and torques that level off; and the torques over the turn, which may be there together.
 ///
 /// Each direction of rotation has its own curve: what turns over at standstill within less than the shortest of its pieces is dry friction by
-/// any name. There is none over the motor's torque: in steady motion it is what it balances, whatever that is.
+/// any name. There is none over the motor's torque: in steady motion it is what it balances, whatever that is. Of a rotor [without
+/// load](turns_one_way_without_load) the curves span both directions, so that their odd halves are the torques that vanish at standstill.
 pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part>) {
     let part = |first| Part { equations: vec![Equation::Mechanical], first, second: None };
     let speed = variables(data, best, Side::Mechanical).into_iter().find(|x| x.0 == Variable::OmegaE);
+    let odd = turns_one_way_without_load(data);
     let ranges: Vec<(f64, f64)> = match speed {
+        Some((_, low, high)) if odd => vec![(-low.abs().max(high.abs()), low.abs().max(high.abs()))],
         Some((_, low, high)) if low < 0.0 && high > 0.0 => vec![(low, 0.0), (0.0, high)],
         Some((_, low, high)) => vec![(low, high)],
         None => Vec::new(),
@@ -139,6 +142,7 @@ pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part
         let spline = |(low, high): &(f64, f64)| {
             let (variable, low, high) = (Variable::OmegaE, *low, *high);
             let warp = dense * data.signals.context.omega_e_max;
+            let pieces = if odd { (2 * pieces).min(MOST - 3) / 2 * 2 } else { pieces };
             part(Factor::Spline(Spline { variable, low, high, degree: 3, pieces, warp }))
         };
         ranges.iter().map(spline).collect()
@@ -160,11 +164,19 @@ pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part
         let steps = [width, 0.5 * width].map(|width| part(Factor::Direction { width }));
         [curve(SMOOTHNESS[0]), steps.to_vec()].concat()
     };
-    let mut smooth: Vec<Vec<Part>> = SMOOTHNESS.map(curve).to_vec();
+    // What rises from standstill within the narrow pieces is dry friction by any name, where no other direction tells.
+    let sizes = SMOOTHNESS.into_iter().filter(|(_, dense)| !odd || *dense == 0.0);
+    let mut smooth: Vec<Vec<Part>> = sizes.map(curve).collect();
     if !ranges.is_empty() {
         smooth.extend(LEVELS_OFF.map(levelling));
     }
     (smooth, over_turn)
+}
+
+/// Whether a rotor without load turns in one direction alone. What brakes it there smoothly vanishes at standstill: what does not is dry
+/// friction. A load, or a second direction, would tell a constant torque by itself.
+pub fn turns_one_way_without_load(data: &Data) -> bool {
+    !reverses(data) && data.runs().iter().all(|run| run.signals.load == Load::None)
 }
 
 /// Harmonics of the electrical and the mechanical turn and of the located orders.
@@ -299,6 +311,48 @@ impl Side {
                 let both = [Equation::D, Equation::Q].into_iter().zip(data.signals.axes);
                 both.filter(|(_, shown)| *shown).map(|(equation, _)| equation).collect()
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{data, setup, speeds};
+    use crate::drive::Schedule;
+
+    /// A recording through these speeds, rad/s, under this kind of load.
+    fn driven(levels: &[f64], load: &str) -> Data {
+        let path: Vec<(f64, f64)> =
+            levels.iter().zip(0u8..).map(|(w, k)| (0.05 + 0.3 * f64::from(k), *w)).collect();
+        let mut manoeuvre = speeds(0.3 * levels.len() as f64, &path);
+        if load != "none" {
+            manoeuvre.tau_load = Some(Schedule::constant(1.0).unwrap());
+            manoeuvre.load_kind = Some(load.into());
+        }
+        data(&setup(manoeuvre, Vec::new())).0
+    }
+
+    #[test]
+    fn only_a_rotor_without_load_in_one_direction_needs_torques_that_vanish_at_standstill() {
+        assert!(turns_one_way_without_load(&driven(&[80.0, 40.0, 90.0], "none")));
+        assert!(!turns_one_way_without_load(&driven(&[80.0, -40.0, 90.0], "none")));
+        assert!(!turns_one_way_without_load(&driven(&[80.0, 40.0, 90.0], "unknown_constant")));
+    }
+
+    #[test]
+    fn the_curves_of_such_a_rotor_span_both_directions_alike() {
+        let data = driven(&[80.0, 40.0, 90.0], "none");
+        let base = Hypothesis::bare(crate::model::Model::new(data.signals.context, &[]), data.start.to_vec());
+        let (smooth, _) = lost_torques(&data, &base);
+        assert!(!smooth.is_empty());
+        for part in smooth.concat() {
+            match part.first {
+                Factor::Spline(s) => assert!(s.low == -s.high && s.pieces % 2 == 0 && s.warp == 0.0, "{s:?}"),
+                Factor::Direction { .. } => {}
+                other => panic!("{other:?}"),
+            }
+            assert!(part.count() <= MOST);
         }
     }
 }

@@ -26,6 +26,8 @@ use nalgebra::{DMatrix, DVector};
 /// Weight of a coefficient of the discrepancy at zero, share of its own square: what no row shows stays there.
 const UNSHOWN: f64 = 1e-9;
 
+/// Most that an effect is worth, nats, which a smooth term or what remains may replace: less than an even chance.
+const UNEARNED: f64 = -1e-9;
 /// The choice of no discrepancy.
 const NONE: usize = 0;
 /// Time over which what is missing says one thing, s: that of a window of the motion.
@@ -66,15 +68,11 @@ pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f6
         let without: Vec<Normal> = normals.iter().map(|normal| normal.moved(&back)).collect();
         let (fewer, _) = choices.least(&without, machine.len() - own.len(), samples)?;
         let lost = choices.excess(&without, machine.len() - own.len(), NONE)?;
-        // A smooth term is an approximation, as the form of an effect is. What explains less than its error earns no name.
         let explained = choices.excess(&without, machine.len() - own.len(), *beside)? - remains;
-        if explained < slot.effect.form().powi(2) * (alone - remains) {
-            return Some(f64::NEG_INFINITY);
-        }
-        if lost - alone < data.options.beside_remainder * remains {
-            // What remains is of unknown cause, which may well be that of this part, too.
-            return Some(f64::NEG_INFINITY);
-        }
+        // A smooth term is an approximation, as the form of an effect is. What explains less than its error earns no name.
+        let of_form = explained < slot.effect.form().powi(2) * (alone - remains);
+        // What remains is of unknown cause, which may well be that of this part, too.
+        let of_remainder = lost - alone < data.options.beside_remainder * remains;
         // Of the forms that were tried one is there.
         let forms = slot.effect.probes(set.model.context()).len().max(1) as f64;
         // What swings in time has its own phase by the clock of each run.
@@ -82,7 +80,9 @@ pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f6
         let times = if clocked { normals.len() } else { 1 };
         let options = &data.options;
         let cost = options.effect_cost + forms.ln() + price(samples, options) * (times * own.len()) as f64;
-        Some(fewer - whole - cost)
+        let nats = fewer - whole - cost;
+        // Unearned either way, but by how much tells which of several goes first.
+        Some(if of_form || of_remainder { nats.min(UNEARNED) } else { nats })
     };
     let known = |slot: &Slot| (slot.effect, worth(slot).filter(|nats| !nats.is_nan()).unwrap_or(0.0));
     set.model.slots().iter().filter(asked).map(known).collect()
@@ -128,6 +128,8 @@ fn samples(normals: &[Normal]) -> Option<Vec<f64>> {
 /// angle that is late, or is flawed over the turn, or neither.
 struct Choices {
     parts: Vec<Part>,
+    /// Number of the parts, the first ones, that are there with their odd halves alone.
+    odd: usize,
     /// Whether sensors may err: their columns follow those of the parts.
     sensors: bool,
     /// Columns of each choice, counted from the first one of the parts.
@@ -146,8 +148,10 @@ impl Choices {
             at += count;
             (at - count..at).collect::<Vec<usize>>()
         };
+        let odd = side == Side::Mechanical && candidates::turns_one_way_without_load(data);
         let count = |parts: &Vec<Part>| parts.iter().map(Part::count).sum::<usize>();
-        let each: Vec<Vec<usize>> = smooth.iter().map(|parts| place(count(parts))).collect();
+        let halved = |parts: &Vec<Part>| parts.iter().map(|part| size(part, odd)).sum::<usize>();
+        let each: Vec<Vec<usize>> = smooth.iter().map(|parts| place(halved(parts))).collect();
         let mut columns: Vec<Vec<usize>> = std::iter::once(Vec::new()).chain(each).collect();
         let sensors = side == Side::Electrical && data.has(true) && !data.is_steady();
         let mut with = |any_of: &[Vec<usize>]| {
@@ -163,12 +167,20 @@ impl Choices {
             let squared = [&late[..], &place(LATE_SQUARED)].concat();
             with(&[late, squared, place(TURNED - LATE - LATE_SQUARED)]);
         }
-        Self { parts: [smooth.concat(), turn].concat(), sensors, columns, options: data.options }
+        let smooth = smooth.concat();
+        let odd = if odd { smooth.len() } else { 0 };
+        Self { parts: [smooth, turn].concat(), odd, sensors, columns, options: data.options }
+    }
+
+    /// Each part, and whether it is there with its odd half alone.
+    fn parts(&self) -> impl Iterator<Item = (&Part, bool)> {
+        self.parts.iter().enumerate().map(|(k, part)| (part, k < self.odd))
     }
 
     /// Columns of all terms together.
     fn count(&self) -> usize {
-        self.parts.iter().map(Part::count).sum::<usize>() + if self.sensors { LAGS + TURNED } else { 0 }
+        self.parts().map(|(part, odd)| size(part, odd)).sum::<usize>()
+            + if self.sensors { LAGS + TURNED } else { 0 }
     }
 
     /// What a set of so many parameters leaves beside the term that suits it best, with the price of that term, nats; and which it is.
@@ -194,6 +206,11 @@ impl Choices {
         let kept: Vec<usize> = (0..parameters).chain(terms).collect();
         normals.iter().map(|normal| normal.only(&kept)).collect()
     }
+}
+
+/// Columns of a part, or of its odd half.
+fn size(part: &Part, odd: bool) -> usize {
+    if odd { part.count() / 2 } else { part.count() }
 }
 
 /// What a set and the discrepancy together leave on all runs, nats.
@@ -256,9 +273,16 @@ impl Normal {
         let mut all = DMatrix::zeros(kept, count);
         all.columns_mut(0, machine.len()).copy_from(&sparse(&known).columns(0, machine.len()));
         let mut at = machine.len();
-        for part in &choices.parts {
-            all.columns_mut(at, part.count()).copy_from(&sparse(&view.columns(part)));
-            at += part.count();
+        for (part, odd) in choices.parts() {
+            let (whole, size) = (sparse(&view.columns(part)), size(part, odd));
+            let mut own = all.columns_mut(at, size);
+            own.copy_from(&whole.columns(0, size));
+            if odd {
+                // Mirrored functions lie at the same distance from either end.
+                (0..size)
+                    .for_each(|k| own.column_mut(k).axpy(-1.0, &whole.column(part.count() - 1 - k), 1.0));
+            }
+            at += size;
         }
         if let Some(errs) = view.sensor_columns().filter(|_| choices.sensors) {
             all.columns_mut(at, LAGS + TURNED).copy_from(&sparse(&errs));
