@@ -5,6 +5,7 @@ test's own.
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pmsm_rs as pm
@@ -67,6 +68,26 @@ def test_shorted_points_without_a_scale_say_what_is_needed() -> None:
     assert float(ratio[1]) == pytest.approx(R_S / PSI_M, rel=0.02)
     assert answer.reason is not None
     assert "give psi_m under [machine], or map the measured torque to tau_m" in answer.reason
+
+
+@pytest.mark.parametrize("second", ["set", "moving"])
+def test_the_only_torque_that_moves_gives_shorted_points_their_scale(second: str, tmp_path: Path) -> None:
+    columns = shorted(14)
+    torque = shaft(columns)
+    columns["M_HMmess [Nm]"] = torque
+    columns["SO_M [Nm]"] = 0.5 * torque if second == "moving" else np.zeros(14)
+    file = tmp_path / "points.csv"
+    kept = [name for name in columns if name not in {"v_d", "v_q"}]
+    rows = np.column_stack([columns[name] for name in kept])
+    np.savetxt(file, rows, delimiter=",", header=",".join(kept), comments="")
+    zero = 'v_d = { value = 0.0, unit = "V" }\nv_q = { value = 0.0, unit = "V" }\n'
+    machine = tmp_path / "machine.toml"
+    machine.write_text(f"[machine]\nn_p = {N_P}\n[columns]\n{zero}")
+    answer = pm.diagnose(file, machine)
+    if second == "moving":
+        assert not answer.base, "two torques of which nothing says which was measured"
+    else:
+        assert answer.base["r_s"].value == pytest.approx(R_S, rel=0.05)
 
 
 def dyno(outliers: int, seed: int = 5) -> dict[str, np.ndarray]:

@@ -112,6 +112,7 @@ def surveyed(source: Source, rules: Rules, *, whole: bool) -> Survey:
     taken = {rule.source for rule in draft.plan.values()}
     taken |= {part for parts in source.clocks.values() for part in parts}
     _guess(draft, [name for name in dict.fromkeys(source.names) if name not in taken])
+    _torque_of_shorted_terminals(draft, taken)
     _choose(draft)
     doubts = _settled(draft)
     for column, found in doubts.items():
@@ -207,6 +208,26 @@ def _guess(draft: _Draft, columns: Iterable[str]) -> None:
                 draft.unused[column] = Unused(column, "number", "it may be the number of something")
                 continue
             _take(draft, column, found)
+
+
+def _torque_of_shorted_terminals(draft: _Draft, taken: set[str | None]) -> None:
+    """The only column in a unit of torque that moves, where the terminals are shorted: no drive estimates a
+    torque there, and a load machine's sensor measures it.
+    """
+    source, given = draft.source, draft.given
+    shorted = all(rule is not None and rule.value == 0.0 for rule in map(given.get, ("v_d", "v_q")))
+    if not shorted or {"tau_m", "tau_e"} & {*given, *draft.claims}:
+        return
+    units = {column: source.unit(column) for column in dict.fromkeys(source.names) if column not in taken}
+    torques = [column for column, unit in units.items() if canonical(unit or "", "torque") is not None]
+    asked = [
+        column for column in torques if (found := meaning(column, None)) is None or found.role != COMMANDED
+    ]
+    moving = [column for column in asked if len({*source.read([column])[column]}) > 1]
+    if len(moving) == 1:
+        [column] = moving
+        draft.unused.pop(column, None)
+        draft.claim(column, "tau_m", units[column], 1, UNIT_ALONE)
 
 
 def _temperature(draft: _Draft, column: str, name: str, stated: str | None) -> None:
