@@ -18,6 +18,13 @@ CATALOGUE: dict[str, dict[str, float]] = {
     "load_dependent_friction": {"mu": 0.0, "w_smooth": 0.05},
     "quadratic_drag": {"k": 0.0},
     "cogging_torque": {"tau_cog": 0.0, "order_mech": 24.0, "phase": 0.0, "second_rel": 0.0},
+    "cogging_asymmetry": {
+        "tau_slots": 0.0,
+        "order_slots": 12.0,
+        "phase_s": 0.0,
+        "tau_poles": 0.0,
+        "phase_p": 0.0,
+    },
     "load_torque_pulsation": {"tau_pul": 0.0, "per_rev": 1.0, "phase": 0.0},
     "gravity_torque": {"tau_g": 0.0, "phase": 0.0},
     "time_varying_load": {"amplitude": 0.0, "f": 2.0, "phase": 0.0},
@@ -60,6 +67,7 @@ EQUATION: dict[str, tuple[str, ...]] = {
             "load_dependent_friction",
             "quadratic_drag",
             "cogging_torque",
+            "cogging_asymmetry",
             "load_torque_pulsation",
             "gravity_torque",
             "time_varying_load",
@@ -161,6 +169,9 @@ def build(machine: Machine, effects: Effects, *, locked: bool = False) -> Parame
         elif name == "cogging_torque":
             p.update(tau_cog=v["tau_cog"], order_cog=v["order_mech"], phase_cog=v["phase"])
             p["second_cog"] = v["second_rel"]
+        elif name == "cogging_asymmetry":
+            p.update(tau_slots=v["tau_slots"], order_slots=v["order_slots"], phase_slots=v["phase_s"])
+            p.update(tau_poles=v["tau_poles"], phase_poles=v["phase_p"])
         elif name == "load_torque_pulsation":
             p.update(tau_pul=v["tau_pul"], order_pul=v["per_rev"], phase_pul=v["phase"])
         elif name == "gravity_torque":

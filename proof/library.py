@@ -116,6 +116,7 @@ def library(s: Signals) -> dict[str, list[list[Piece]]]:
         "load_dependent_friction": [[drag(sign * np.abs(s.tau))]],
         "quadratic_drag": [[drag(w * np.abs(w))]],
         "cogging_torque": [waves(s.theta_m, cogging, drag)],
+        "cogging_asymmetry": [waves(s.theta_m, (float(k), 2.0 * s.n_p), drag) for k in range(6, 97, 3)],
         "load_torque_pulsation": [waves(s.theta_m, (1.0, 2.0, 3.0), drag)],
         "time_varying_load": [waves(2.0 * np.pi * f * t, (1.0,), drag) for f in np.arange(1.0, 9.0, 0.5)],
         "back_emf_harmonics": [[Piece(v=s.w * c * x) for x in (six.real, six.imag) for c in (1.0, 1j)]],

@@ -66,6 +66,10 @@ def mechanics(t: float, y: np.ndarray, tau_e: float, tau_load: float, p: Paramet
     if p.tau_cog != 0.0:
         a = p.order_cog * th + p.phase_cog
         rotor += p.tau_cog * (math.cos(a) + p.second_cog * math.cos(2.0 * a))
+    if p.tau_slots != 0.0:
+        rotor += p.tau_slots * math.cos(p.order_slots * th + p.phase_slots)
+    if p.tau_poles != 0.0:
+        rotor += p.tau_poles * math.cos(2.0 * p.n_p * th + p.phase_poles)
     if p.tau_pul != 0.0:
         load += p.tau_pul * math.cos(p.order_pul * (th - y[4]) + p.phase_pul)
     if p.tau_grav != 0.0:

@@ -118,6 +118,11 @@ class Parameters(NamedTuple):
     order_cog: float = 1.0
     phase_cog: float = 0.0
     second_cog: float = 0.0
+    tau_slots: float = 0.0
+    order_slots: float = 12.0
+    phase_slots: float = 0.0
+    tau_poles: float = 0.0
+    phase_poles: float = 0.0
     tau_pul: float = 0.0
     order_pul: float = 1.0
     phase_pul: float = 0.0

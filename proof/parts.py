@@ -16,6 +16,7 @@ COMPARED: dict[str, tuple[tuple[str, ...], ...]] = {
     "stribeck_friction": (("tau_c", "tau_s"), ("w_s",)),
     "quadratic_drag": (("k",),),
     "cogging_torque": (("tau_cog",), ("order_mech",)),
+    "cogging_asymmetry": (("tau_slots", "tau_poles"), ("order_slots",)),
     "two_mass_shaft": (("f_antires", "f_res"),),
     "load_torque_pulsation": (("tau_pul",),),
     "gravity_torque": (("tau_g",),),

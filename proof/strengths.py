@@ -21,6 +21,12 @@ def spread(machine: Machine, s: float, rng: np.random.Generator, size: float, na
     return {f"{names}_{phase}": float(v) for phase, v in zip("abc", x, strict=True)}
 
 
+def slots(machine: Machine, rng: np.random.Generator) -> float:
+    """A number of slots of a three-phase winding, no multiple of the poles."""
+    poles = 2 * machine.n_p
+    return float(rng.choice([q for q in range(6, 49, 3) if q % poles]))
+
+
 def late(machine: Machine, t: float, rng: np.random.Generator) -> dict[str, float]:
     """A delay of t (s) at rated speed: the same at every speed, growing from zero, or some of both."""
     constant = float(rng.choice([1.0, 0.0, rng.uniform(0.2, 0.8)]))
@@ -56,6 +62,16 @@ RULES: dict[str, tuple[float, Rule]] = {
             "order_mech": float(m.n_p * g.choice([2, 4, 6])),
             "phase": u(-math.pi, math.pi),
             "second_rel": u(0.0, 0.4),
+        },
+    ),
+    "cogging_asymmetry": (
+        8,
+        lambda m, s, u, g: {
+            "tau_slots": 0.02 * s * m.tau_rated,
+            "order_slots": slots(m, g),
+            "phase_s": u(-math.pi, math.pi),
+            "tau_poles": 0.02 * s * m.tau_rated * u(0.0, 0.6),
+            "phase_p": u(-math.pi, math.pi),
         },
     ),
     "load_torque_pulsation": (

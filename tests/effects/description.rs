@@ -6,13 +6,14 @@ use pmsm_core::effect::{Context, Need, Role};
 use pmsm_core::effects::{ALL, EffectId};
 
 /// Every identifier of the file contract with the results whose names are binding.
-const CONTRACT: [(&str, &[&str]); 29] = [
+const CONTRACT: [(&str, &[&str]); 30] = [
     ("coulomb_friction", &["tau_c"]),
     ("stribeck_friction", &["tau_c", "tau_s", "w_s"]),
     ("asymmetric_friction", &[]),
     ("load_dependent_friction", &[]),
     ("quadratic_drag", &["k"]),
     ("cogging_torque", &["tau_cog", "order_mech"]),
+    ("cogging_asymmetry", &["tau_slots", "tau_poles", "order_slots"]),
     ("load_torque_pulsation", &["tau_pul"]),
     ("gravity_torque", &["tau_g"]),
     ("time_varying_load", &["amplitude", "f"]),

@@ -38,6 +38,7 @@ STRENGTH: dict[str, dict[str, float]] = {
     "load_dependent_friction": {"mu": 0.03},
     "quadratic_drag": {"k": 1.5e-5},
     "cogging_torque": {"tau_cog": 0.2, "second_rel": 0.2},
+    "cogging_asymmetry": {"tau_slots": 0.15, "tau_poles": 0.1},
     "load_torque_pulsation": {"tau_pul": 0.4},
     "gravity_torque": {"tau_g": 0.4},
     "time_varying_load": {"amplitude": 0.8, "f": 3.0},

@@ -159,6 +159,7 @@ catalogue! {
     load_dependent_friction::LoadDependentFriction,
     quadratic_drag::QuadraticDrag,
     cogging_torque::CoggingTorque,
+    cogging_asymmetry::CoggingAsymmetry,
     load_torque_pulsation::LoadTorquePulsation,
     gravity_torque::GravityTorque,
     time_varying_load::TimeVaryingLoad,

@@ -33,7 +33,7 @@ impl Effect for CoggingTorque {
         equation: "τ_cog = τ_1·cos(N θ_m + φ_1) + τ_2·cos(2N θ_m + φ_2)",
         source: "Zhu & Howe, IEEE Trans. Energy Conversion 15 (2000) 407",
         fingerprint: "Lines at N and 2N per mechanical revolution in the speed, independent of current and speed",
-        look_alikes: &["back_emf_harmonics", "load_torque_pulsation", "inductance_harmonics"],
+        look_alikes: &["cogging_asymmetry", "back_emf_harmonics", "load_torque_pulsation", "inductance_harmonics"],
         contains: &[],
         site: Site::Mechanical,
         needs: &[Need::Angle, Need::Transients],
