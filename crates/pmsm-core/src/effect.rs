@@ -400,6 +400,12 @@ pub trait Effect {
         let _ = p;
         T::zero()
     }
+    /// Steepest slope of the voltage that it takes away over the current, V/A; zero where that stays near the resistance. The currents then
+    /// change by as much faster, and are simulated in shorter steps.
+    fn steepness<T: Real>(p: &[T], cx: &Context) -> T {
+        let _ = (p, cx);
+        T::zero()
+    }
     /// Changes what the sensors show; `env` holds the measured angle.
     fn sensor<T: Real>(p: &[T], env: &Env<T>, cx: &Context, out: &mut Sensor<T>) {
         let _ = (p, env, cx, out);

@@ -105,6 +105,7 @@ macro_rules! catalogue {
                     p: &[T], x: &[T], at: &Mechanical<T>, acceleration: T, cx: &Context, dx: &mut [T]) -> ();
                 fn mechanical_start[T](p: &[T], at: &Mechanical<T>, acceleration: T, cx: &Context, x: &mut [T]) -> ();
                 fn ringing[T](p: &[T]) -> T;
+                fn steepness[T](p: &[T], cx: &Context) -> T;
                 fn sensor[T](p: &[T], env: &Env<T>, cx: &Context, out: &mut Sensor<T>) -> ();
                 fn outputs[T](p: &[T], base: &Base<T>, cx: &Context) -> Vec<Output<T>>;
             }

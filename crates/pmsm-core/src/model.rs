@@ -8,7 +8,7 @@ mod sensing;
 mod steady;
 mod winding;
 
-use crate::base::BASE;
+use crate::base::{BASE, Base};
 use crate::effect::{Context, Need, Site};
 use crate::effects::EffectId;
 use crate::machine::BaseParameter;
@@ -150,6 +150,13 @@ impl Model {
     pub fn ringing<T: Real>(&self, p: &[T]) -> f64 {
         let frequency = |s: &Slot| s.effect.ringing(&p[s.parameters.clone()]).size();
         self.slots.iter().map(frequency).fold(0.0, f64::max) * std::f64::consts::TAU
+    }
+
+    /// Rate (rad/s) at which the currents follow the steepest characteristic of an effect at these parameters; zero without one.
+    pub fn steep_rate<T: Real>(&self, p: &[T], base: &Base<T>) -> f64 {
+        let steepness = |s: &Slot| s.effect.steepness(&p[s.parameters.clone()], &self.context).size();
+        let steepest = self.slots.iter().map(steepness).fold(0.0, f64::max);
+        steepest * base.inverse_l_d.size().max(base.inverse_l_q.size())
     }
 
     /// True if an effect changes what the sensors show.

@@ -55,6 +55,10 @@ impl Effect for DeadTime {
         [0.01, 0.05].map(|x| vec![0.0, x * cx.i_max]).to_vec()
     }
 
+    fn steepness<T: Real>(p: &[T], cx: &Context) -> T {
+        if cx.steady { T::zero() } else { p[0] / p[1] }
+    }
+
     #[inline(always)]
     fn voltage<T: Real>(p: &[T], _: &[T], at: &Electrical<T>, cx: &Context, lost: &mut [T; 2]) {
         if cx.steady {

@@ -356,4 +356,8 @@ impl TextId {
     pub(super) fn ringing<T: Real>(self, _: &[T]) -> T {
         T::zero()
     }
+    #[inline(always)]
+    pub(super) fn steepness<T: Real>(self, _: &[T], _: &Context) -> T {
+        T::zero()
+    }
 }

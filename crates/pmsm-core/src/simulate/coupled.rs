@@ -4,7 +4,7 @@
 //! Voltages are held from sample to sample in the rotor's own frame. What an effect does to the sensors is not
 //! simulated here: currents, angle and speed are the true ones.
 
-use super::electrical::{measured_env, taps};
+use super::electrical::{STABLE, measured_env, taps};
 use crate::base::Base;
 use crate::effect::Env;
 use crate::effects::{ELECTRICAL_STATES, MECHANICAL_STATES, STATES};
@@ -121,6 +121,7 @@ fn run_sized<T: Real, const E: usize, const M: usize, const N: usize>(
 ) {
     let (Some(v), Some(i)) = (&signals.v, &signals.i) else { return };
     let base = Base::new(p);
+    let steep = model.steep_rate(p, &base) * (STEP_LIMIT / STABLE);
     let n_p = signals.n_p;
     for segment in &signals.segments {
         let (first, last) = (segment.start.max(range.start), segment.end.min(range.end));
@@ -156,7 +157,7 @@ fn run_sized<T: Real, const E: usize, const M: usize, const N: usize>(
                 state[2] * (n_p * h / signals.pace() as f64),
             );
             let load = tau_load + known_load(signals, k, last);
-            let pieces = pieces(rate, h);
+            let pieces = pieces(rate.max(steep), h);
             for piece in 0..pieces {
                 let rhs = Rhs::<T, E, M> {
                     model,

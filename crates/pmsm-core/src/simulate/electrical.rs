@@ -121,6 +121,10 @@ pub fn true_env<T: Real>(sensor: &Sensor<T>, measured: &Env<T>, n_p: f64) -> Env
     }
 }
 
+/// Largest product of step and rate of a steep characteristic: the method stays stable up to 2.78 (Hairer & Wanner, Solving Ordinary
+/// Differential Equations II, 1996, section IV.2).
+pub(crate) const STABLE: f64 = 2.0;
+
 /// What goes along with a run.
 pub(super) trait Along<W> {
     /// At the state `[λ_d, λ_q, extra …]` of the next sample, which may be changed before the run goes on from it.
@@ -156,6 +160,7 @@ pub(super) fn run_sized<W: Real, const N: usize>(
     // Effects' own states may follow the voltage from one sample of the log to the next.
     let closely = signals.within.as_ref().filter(|_| model.electrical_states() > 0);
     let limit = if signals.pace() > 1 { COARSE_LIMIT } else { STEP_LIMIT };
+    let steep = model.steep_rate(p, &base) * (limit / STABLE);
     let mut state = [W::zero(); N];
     for segment in &signals.segments {
         let mut measured = measured_env(signals, segment.start);
@@ -185,7 +190,7 @@ pub(super) fn run_sized<W: Real, const N: usize>(
             } else {
                 (sensor, next_measured)
             };
-            let rate = signals.omega_e[k].abs() + signals.context.electrical_rate;
+            let rate = (signals.omega_e[k].abs() + signals.context.electrical_rate).max(steep);
             let pieces = match closely {
                 Some(within) => within.pace,
                 None => ((h * rate / limit).ceil() as usize).clamp(1, 64),
@@ -312,7 +317,10 @@ pub fn between<T: Real>(a: &Env<T>, b: &Env<T>, c: f64) -> Env<T> {
 mod tests {
     use super::*;
     use crate::effects::EffectId;
+    use crate::effects::dead_time::DeadTime;
+    use crate::effects::testing::{lost, winding};
     use crate::machine::Machine;
+    use crate::numerics::dual::Dual;
     use crate::recording::Recording;
     use crate::signals::Logged;
 
@@ -409,5 +417,55 @@ mod tests {
         let in_stator = worst(&signals);
         // Without the fading a twentieth of it would be left.
         assert!(in_rotor > 1.0 && in_stator < 0.01 * in_rotor, "{in_rotor} {in_stator}");
+    }
+
+    #[test]
+    fn a_dead_time_whose_sign_turns_within_a_step_stays_stable() {
+        let (h, omega, v, n) = (1.25e-4, 700.0, [-0.07, 3.9], 400);
+        let (v_err, i_th) = (0.17, 0.03);
+        let p = [0.045, 2e-5, 2.4e-5, 5e-3, 1e-4, 1e-4, v_err, i_th];
+        // The rate of the sign, v_err/(i_th·l) = 2.8e5 1/s, is 35 of its own steps in one of the log.
+        const STEPS: usize = 2000;
+        let mut i = [0.0, 4.0];
+        let mut log = vec![i];
+        for k in 0..(n - 1) * STEPS {
+            let dt = h / STEPS as f64;
+            let lost = lost::<DeadTime>(&[v_err, i_th], &[], &winding(i, omega * dt * k as f64, omega));
+            i = [
+                i[0] + dt * (v[0] - lost[0] - p[0] * i[0] + omega * p[2] * i[1]) / p[1],
+                i[1] + dt * (v[1] - lost[1] - p[0] * i[1] - omega * (p[1] * i[0] + p[3])) / p[2],
+            ];
+            if (k + 1) % STEPS == 0 {
+                log.push(i);
+            }
+        }
+        let of = |f: &dyn Fn(usize) -> f64| (0..n).map(f).collect::<Vec<_>>();
+        let columns = vec![
+            ("t".to_string(), of(&|k| h * k as f64)),
+            ("theta_e".to_string(), of(&|k| omega * h * k as f64)),
+            ("omega_e".to_string(), of(&|_| omega)),
+            ("v_d".to_string(), of(&|_| v[0])),
+            ("v_q".to_string(), of(&|_| v[1])),
+            ("i_d".to_string(), of(&|k| log[k][0])),
+            ("i_q".to_string(), of(&|k| log[k][1])),
+        ];
+        let signals =
+            Signals::new(&Recording::new(columns, None).unwrap(), &Machine::new(7).unwrap()).unwrap();
+        let model = Model::new(signals.context, &[EffectId::DeadTime]);
+        let seeded: Vec<Dual<2>> = p
+            .iter()
+            .enumerate()
+            .map(|(k, x)| if k < 6 { Dual::constant(*x) } else { Dual::variable(*x, k - 6) })
+            .collect();
+        let largest = log.iter().map(|i| i[0].hypot(i[1])).fold(0.0, f64::max);
+        run(&model, &signals, &seeded, |k, now| {
+            let off = (now[0].re - log[k][0]).hypot(now[1].re - log[k][1]);
+            assert!(off < 0.01 * largest, "row {k}: {off} of {largest}");
+            assert!(
+                now.iter().all(|i| i.eps.iter().all(|e| e.abs() < 1e3)),
+                "row {k}: {:?}",
+                now.map(|i| i.eps)
+            );
+        });
     }
 }

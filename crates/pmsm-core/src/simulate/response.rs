@@ -4,6 +4,7 @@
 //! advance by equal Runge–Kutta steps, whose number is told, so that a program in another language can do the same.
 
 use super::coupled::{FINER, STEP_LIMIT, at, join, parts};
+use super::electrical::STABLE;
 use crate::base::Base;
 use crate::effect::Env;
 use crate::effects::{ELECTRICAL_STATES, MECHANICAL_STATES, STATES};
@@ -56,7 +57,8 @@ pub fn steps(model: &Model, p: &[f64], period: f64) -> usize {
     if model.electrical_states() > 0 {
         rate *= FINER;
     }
-    let rate = rate.max(model.ringing(p));
+    let steep = model.steep_rate(p, &Base::new(p)) * (STEP_LIMIT / STABLE);
+    let rate = rate.max(model.ringing(p)).max(steep);
     ((period * rate / STEP_LIMIT).ceil() as usize).clamp(1, MOST_STEPS)
 }
 
