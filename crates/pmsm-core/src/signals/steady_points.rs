@@ -110,10 +110,9 @@ mod tests {
     use super::*;
     use crate::machine::BaseParameter;
 
-    /// Ten seconds at 50 Hz of a machine with 0.2 Ω, 0.5 mH and 0.02 V s that drives through levels of speed and current.
-    fn recorded(levels: usize) -> (Recording, Machine) {
+    /// Ten seconds at 50 Hz of a machine with 0.2 Ω, 0.5 mH and 0.02 V s that drives through these levels of speed and current.
+    fn recorded(level: impl Fn(usize) -> f64) -> (Recording, Machine) {
         let t: Vec<f64> = (0..500).map(|k| 0.02 * f64::from(k)).collect();
-        let level = |k: usize| (k * levels / 500) as f64;
         let omega: Vec<f64> = (0..500).map(|k| 60.0 + 40.0 * level(k)).collect();
         let q: Vec<f64> = (0..500).map(|k| 3.0 - level(k)).collect();
         let columns = vec![
@@ -132,7 +131,7 @@ mod tests {
 
     #[test]
     fn a_slow_log_of_levels_holds_steady_points_of_both_equations() {
-        let (recording, machine) = recorded(4);
+        let (recording, machine) = recorded(|k| (k / 125) as f64);
         let slow = Signals::new(&recording, &machine).unwrap();
         assert!(slow.v.is_none() && slow.limits.coarse.is_some());
         let points = slow.points_between_rows(&recording, &machine).unwrap();
@@ -147,7 +146,7 @@ mod tests {
 
     #[test]
     fn a_log_in_which_nothing_is_steady_holds_none() {
-        let (recording, machine) = recorded(499);
+        let (recording, machine) = recorded(|k| [0.0, 3.0][k / 3 % 2]);
         let slow = Signals::new(&recording, &machine).unwrap();
         assert!(slow.points_between_rows(&recording, &machine).is_none());
     }
