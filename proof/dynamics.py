@@ -92,8 +92,7 @@ def angle_error(th: float, w: float, p: Parameters) -> float:
         error += p.skew_1 * math.sin(th_e + p.phase_skew_1) + p.skew_2 * math.sin(2.0 * th_e + p.phase_skew_2)
     if p.flaw != 0.0:
         error += p.flaw * math.exp(-((short_way(th - p.place_flaw) / p.width_flaw) ** 2))
-    w_e = p.n_p * w
-    return error - w_e * (p.late + p.later * abs(w_e))
+    return error - p.n_p * w * (p.delay_angle + p.late * abs(w))
 
 
 @njit(cache=True)

@@ -45,7 +45,7 @@ CATALOGUE: dict[str, dict[str, float]] = {
     "current_offset": {"o_a": 0.0, "o_b": 0.0, "o_c": 0.0},
     "current_gain_imbalance": {"g_a": 0.0, "g_b": 0.0, "g_c": 0.0},
     "encoder_angle_offset": {"offset_el_rad": 0.0},
-    "encoder_delay": {"t_delay": 0.0, "k_delay": 0.0},
+    "encoder_delay": {"t_delay": 0.0},
     "encoder_eccentricity": {"amplitude_el_rad": 0.0, "phase": 0.0},
     "encoder_harmonics": {
         "amplitude_1_el_rad": 0.0,
@@ -219,7 +219,7 @@ def build(machine: Machine, effects: Effects, *, locked: bool = False) -> Parame
         elif name == "encoder_angle_offset":
             p["angle_offset"] = v["offset_el_rad"]
         elif name == "encoder_delay":
-            p.update(late=v["t_delay"], later=v["k_delay"])
+            p["delay_angle"] = v["t_delay"]
         elif name == "encoder_eccentricity":
             p.update(eccentricity=v["amplitude_el_rad"], phase_ecc=v["phase"])
         elif name == "encoder_harmonics":

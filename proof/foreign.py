@@ -162,6 +162,13 @@ FORMS: dict[str, Form] = {
         "current sensors whose core begins to saturate: a cubic characteristic",
         lambda m, v: {"bow_i": v["loss_at_rated"] / m.i_rated**2},
     ),
+    "x_late_angle": Form(
+        SENSOR,
+        ("omega_e", "i_d", "i_q"),
+        {"t_rated": 0.0},
+        "a tracking converter of a resolver that is later the faster it turns",
+        lambda m, v: {"late": v["t_rated"] / m.w_rated},
+    ),
     "x_disc_flaw": Form(
         SENSOR,
         ("theta_m",),

@@ -135,7 +135,7 @@ def library(s: Signals) -> dict[str, list[list[Piece]]]:
         "current_offset": [[Piece(i=in_phase(s, one, k)) for k in (0, 1)]],
         "current_gain_imbalance": [[Piece(i=in_phase(s, phases[k], k)) for k in (0, 1)]],
         "encoder_angle_offset": [[turned(s, one)]],
-        "encoder_delay": [[turned(s, -s.w), turned(s, -s.w * np.abs(s.w))]],
+        "encoder_delay": [[turned(s, -s.w)]],
         "encoder_eccentricity": [
             [
                 turned(s, np.sin(s.theta_m), w * np.cos(s.theta_m)),

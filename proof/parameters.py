@@ -170,7 +170,7 @@ class Parameters(NamedTuple):
     skew_2: float = 0.0
     phase_skew_2: float = 0.0
     late: float = 0.0
-    later: float = 0.0
+    delay_angle: float = 0.0
     flaw: float = 0.0
     width_flaw: float = 1.0
     place_flaw: float = 0.0

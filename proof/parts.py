@@ -29,7 +29,7 @@ COMPARED: dict[str, tuple[tuple[str, ...], ...]] = {
     "phase_resistance_imbalance": (("r_excess_rel",),),
     "current_offset": (("o_a", "o_b", "o_c"),),
     "encoder_angle_offset": (("offset_el_rad",),),
-    "encoder_delay": (("t_delay",), ("k_delay",)),
+    "encoder_delay": (("t_delay",),),
     "encoder_eccentricity": (("amplitude_el_rad",),),
     "encoder_harmonics": (("amplitude_1_el_rad", "amplitude_2_el_rad"),),
 }

@@ -27,13 +27,6 @@ def slots(machine: Machine, rng: np.random.Generator) -> float:
     return float(rng.choice([q for q in range(6, 49, 3) if q % poles]))
 
 
-def late(machine: Machine, t: float, rng: np.random.Generator) -> dict[str, float]:
-    """A delay of t (s) at rated speed: the same at every speed, growing from zero, or some of both."""
-    constant = float(rng.choice([1.0, 0.0, rng.uniform(0.2, 0.8)]))
-    rated = machine.n_p * machine.w_rated
-    return {"t_delay": constant * t, "k_delay": (1.0 - constant) * t / rated}
-
-
 # effect -> (greatest s, parameters at strength s); s = 1 is a moderate case in the machine's own units:
 # torque against rated torque, voltage against the DC link, inductance and flux against themselves
 RULES: dict[str, tuple[float, Rule]] = {
@@ -134,7 +127,7 @@ RULES: dict[str, tuple[float, Rule]] = {
     "current_offset": (6, lambda m, s, u, g: spread(m, s, g, 0.005 * m.i_rated, "o")),
     "current_gain_imbalance": (6, lambda m, s, u, g: spread(m, s, g, 0.02, "g")),
     "encoder_angle_offset": (8, lambda m, s, u, g: {"offset_el_rad": float(g.choice([-1, 1])) * 0.03 * s}),
-    "encoder_delay": (8, lambda m, s, u, g: late(m, 0.25 * s / m.f_sample, g)),
+    "encoder_delay": (8, lambda m, s, u, g: {"t_delay": 0.25 * s / m.f_sample}),
     "encoder_eccentricity": (
         6,
         lambda m, s, u, g: {"amplitude_el_rad": 0.03 * s, "phase": u(-math.pi, math.pi)},
@@ -204,6 +197,7 @@ RULES: dict[str, tuple[float, Rule]] = {
     "x_current_lag": (8, lambda m, s, u, g: {"lag": 0.25 * s / m.f_sample}),
     "x_converter_skew": (8, lambda m, s, u, g: {"skew": 0.05 * s / m.f_sample}),
     "x_sensor_bow": (6, lambda m, s, u, g: {"loss_at_rated": 0.02 * s}),
+    "x_late_angle": (8, lambda m, s, u, g: {"t_rated": 0.25 * s / m.f_sample}),
     "x_disc_flaw": (
         12,
         lambda m, s, u, g: {

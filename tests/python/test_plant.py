@@ -60,7 +60,7 @@ STRENGTH: dict[str, dict[str, float]] = {
     "current_gain_imbalance": {"g_a": 0.03},
     "encoder_angle_offset": {"offset_el_rad": 0.03},
     "encoder_eccentricity": {"amplitude_el_rad": 0.01},
-    "encoder_delay": {"t_delay": 2e-5, "k_delay": 2e-8},
+    "encoder_delay": {"t_delay": 2e-5},
     "encoder_harmonics": {"amplitude_1_el_rad": 0.01, "amplitude_2_el_rad": 0.006, "phase_2": 1.0},
     "x_tight_spot": {"tau": 0.5},
     "x_friction_hump": {"tau": 0.5},
@@ -79,6 +79,7 @@ STRENGTH: dict[str, dict[str, float]] = {
     "x_current_lag": {"lag": 3e-5},
     "x_converter_skew": {"skew": 3e-5},
     "x_sensor_bow": {"loss_at_rated": 0.05},
+    "x_late_angle": {"t_rated": 2e-5},
     "x_disc_flaw": {"amplitude_el_rad": 0.03},
 }
 # parameters that shape an effect without giving it strength

@@ -65,6 +65,19 @@ impl fmt::Debug for Parameter {
 }
 
 impl Parameter {
+    /// Part of a torque that swings about zero: up to the largest torque of the motor either way, a hundredth of it where one is there.
+    pub const fn torque(name: &'static str, meaning: &'static str) -> Self {
+        Self {
+            name,
+            unit: "N m",
+            meaning,
+            role: Role::Amplitude,
+            low: &|cx| -cx.tau_max,
+            high: &|cx| cx.tau_max,
+            typical: &|cx| 0.01 * cx.tau_max,
+        }
+    }
+
     /// Whether it counts sample periods (its name ends so), which are of another length in another recording.
     pub fn counts_samples(&self) -> bool {
         self.name.ends_with("_samples")

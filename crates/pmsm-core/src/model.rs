@@ -152,7 +152,7 @@ impl Model {
         self.slots.iter().map(frequency).fold(0.0, f64::max) * std::f64::consts::TAU
     }
 
-    /// Rate (rad/s) at which the currents follow the steepest characteristic of an effect at these parameters; zero without one.
+    /// Rate (1/s) at which the currents follow the steepest characteristic of an effect at these parameters; zero without one.
     pub fn steep_rate<T: Real>(&self, p: &[T], base: &Base<T>) -> f64 {
         let steepness = |s: &Slot| s.effect.steepness(&p[s.parameters.clone()], &self.context).size();
         let steepest = self.slots.iter().map(steepness).fold(0.0, f64::max);

@@ -48,6 +48,7 @@ from ..quantities.wording import (
 )
 
 _BRACKETED: Final = re.compile(r"([^\[(]*)[\[(]([^\])]*)[\])]\s*$")
+_BETWEEN_SEGMENTS: Final = re.compile(r"[./\\:|>]+(?=\S)")
 _NUMBERED_PHASE: Final = re.compile(r"([iuv])_?(?:l|phase|ph)?_?[123]")
 """Phases by number, as `i1` and `U_L2`: of a motor, or of so many joints."""
 _ROOTS: Final = {
@@ -111,7 +112,7 @@ def _of_segments(name: str, beside: tuple[str, ...], stated: bool) -> Meaning | 
     is named before it makes it one. `stated` says that the file has the unit elsewhere.
     """
     # A point behind which a blank comes ends an abbreviation: `el. angle`.
-    segments = [segment for segment in re.split(r"[./\\:|>]+(?=\S)", name) if segment.strip()]
+    segments = [segment for segment in _BETWEEN_SEGMENTS.split(name) if segment.strip()]
     for start in range(len(segments) - 1, -1, -1):
         own = [chunk for segment in segments[start:] for chunk in chunks(segment)]
         unit = None
@@ -168,7 +169,7 @@ def _is_unit_or_phase(own: Sequence[str], quantity: str) -> bool:
 def _interpret(given: Sequence[str]) -> Meaning | None:
     """The meaning of words; None where they hold no quantity."""
     own = list(given)
-    if not own:
+    if KNOWN.isdisjoint(own):
         return None
     time = _time(own)
     if time is not None:

@@ -223,7 +223,8 @@ def _torque_of_shorted_terminals(draft: _Draft, taken: set[str | None]) -> None:
     asked = [
         column for column in torques if (found := meaning(column, None)) is None or found.role != COMMANDED
     ]
-    moving = [column for column in asked if len({*source.read([column])[column]}) > 1]
+    read = source.read(asked) if asked else {}
+    moving = [column for column in asked if read[column].min() < read[column].max()]
     if len(moving) == 1:
         [column] = moving
         draft.unused.pop(column, None)

@@ -118,11 +118,15 @@ that is asked.
 """
 
 
+_PREFIXED: Final = re.compile(r"[A-Za-z_]+\.[A-Za-z_]")
+_BETWEEN_WORDS: Final = re.compile(r"[^a-z0-9]+")
+
+
 @lru_cache(maxsize=1024)
 def normal(name: str) -> str:
     """A name in lower case with single underscores, without a log's own prefix such as `servo_stats.`."""
-    last = name.rsplit(".", 1)[-1] if re.match(r"^[A-Za-z_]+\.[A-Za-z_]", name) else name
-    return re.sub(r"[^a-z0-9]+", "_", last.strip().lower()).strip("_")
+    last = name.rsplit(".", 1)[-1] if _PREFIXED.match(name) else name
+    return _BETWEEN_WORDS.sub("_", last.strip().lower()).strip("_")
 
 
 @lru_cache(maxsize=1024)
@@ -133,4 +137,4 @@ def spellings(name: str) -> tuple[str, ...]:
     """
     parts = name.strip().lower().split(".")
     ways = (".".join(parts[k:]) for k in range(len(parts)))
-    return tuple(re.sub(r"[^a-z0-9]+", "_", way).strip("_") for way in ways)
+    return tuple(_BETWEEN_WORDS.sub("_", way).strip("_") for way in ways)

@@ -103,9 +103,14 @@ _WRITTEN: Final = frozenset(_SPELLINGS) | {unit.lower() for units in UNITS.value
 """In small letters, all that a unit of any dimension may be written as."""
 
 
+_SIGNS_OF_A_PRODUCT: Final = re.compile(
+    r"[\s*·.⋅]|(?<=[a-z])-(?=(?:in|ft|m|mm|cm|lbf?|ozf?)$)", re.IGNORECASE
+)
+
+
 def _squeezed(plain: str) -> str:
     """`plain` without the signs of a product, among them the hyphen of `oz-in`."""
-    return re.sub(r"[\s*·.⋅]|(?<=[a-z])-(?=(?:in|ft|m|mm|cm|lbf?|ozf?)$)", "", plain, flags=re.IGNORECASE)
+    return plain if plain.isalnum() else _SIGNS_OF_A_PRODUCT.sub("", plain)
 
 
 @lru_cache(maxsize=1024)

@@ -23,6 +23,7 @@ _GREEK: Final = str.maketrans(
     }
 )
 _CAMEL: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+")
+_BETWEEN_CHUNKS: Final = re.compile(r"[^A-Za-z0-9°µμ/%·]+")
 _STEM: Final = 4
 """Letters from which a word is told inside of another, as `winkel` in `rotorwinkel`."""
 
@@ -63,7 +64,7 @@ def chunks(segment: str) -> tuple[str, ...]:
     """The parts of a name between blanks, underscores and the like, and of camel case."""
     text = segment.translate(_GREEK)
     out: list[str] = []
-    for chunk in re.split(r"[^A-Za-z0-9°µμ/%·]+", text):
+    for chunk in _BETWEEN_CHUNKS.split(text):
         if not chunk:
             continue
         pieces = _CAMEL.findall(chunk)
@@ -80,6 +81,9 @@ def chunks(segment: str) -> tuple[str, ...]:
 @lru_cache(maxsize=4096)
 def split(text: str) -> list[str] | None:
     """`text` as words written together (`iqref`, `istdrehzahl`), the fewest there are, or None."""
+    if not text.isalpha():
+        # No word has anything but letters.
+        return None
     best: list[list[str] | None] = [[]]
     for end in range(1, len(text) + 1):
         found = None

@@ -14,18 +14,6 @@ pub struct CoggingAsymmetry;
 /// Fewest and most slots that are tried.
 const SLOTS: (u32, u32) = (6, 96);
 
-const fn part(name: &'static str, meaning: &'static str) -> Parameter {
-    Parameter {
-        name,
-        unit: "N m",
-        meaning,
-        role: Role::Amplitude,
-        low: &|cx| -cx.tau_max,
-        high: &|cx| cx.tau_max,
-        typical: &|cx| 0.01 * cx.tau_max,
-    }
-}
-
 impl Effect for CoggingAsymmetry {
     const INFO: Info = Info {
         id: "cogging_asymmetry",
@@ -39,10 +27,10 @@ impl Effect for CoggingAsymmetry {
         site: Site::Mechanical,
         needs: &[Need::Angle, Need::Transients],
         parameters: &[
-            part("a_s", "cosine part at the number of slots"),
-            part("b_s", "sine part at the number of slots"),
-            part("a_p", "cosine part at the number of poles"),
-            part("b_p", "sine part at the number of poles"),
+            Parameter::torque("a_s", "cosine part at the number of slots"),
+            Parameter::torque("b_s", "sine part at the number of slots"),
+            Parameter::torque("a_p", "cosine part at the number of poles"),
+            Parameter::torque("b_p", "sine part at the number of poles"),
             Parameter {
                 name: "order_slots",
                 unit: "1",

@@ -10,18 +10,6 @@ use crate::numerics::real::Real;
 /// See the module's documentation.
 pub struct CoggingTorque;
 
-const fn part(name: &'static str, meaning: &'static str) -> Parameter {
-    Parameter {
-        name,
-        unit: "N m",
-        meaning,
-        role: Role::Amplitude,
-        low: &|cx| -cx.tau_max,
-        high: &|cx| cx.tau_max,
-        typical: &|cx| 0.01 * cx.tau_max,
-    }
-}
-
 /// Most cogging periods per revolution, in multiples of the poles, that are tried.
 const MOST_PERIODS: u32 = 24;
 
@@ -38,10 +26,10 @@ impl Effect for CoggingTorque {
         site: Site::Mechanical,
         needs: &[Need::Angle, Need::Transients],
         parameters: &[
-            part("a_1", "cosine part of the fundamental"),
-            part("b_1", "sine part of the fundamental"),
-            part("a_2", "cosine part of the second harmonic"),
-            part("b_2", "sine part of the second harmonic"),
+            Parameter::torque("a_1", "cosine part of the fundamental"),
+            Parameter::torque("b_1", "sine part of the fundamental"),
+            Parameter::torque("a_2", "cosine part of the second harmonic"),
+            Parameter::torque("b_2", "sine part of the second harmonic"),
             Parameter {
                 name: "order_mech",
                 unit: "1",

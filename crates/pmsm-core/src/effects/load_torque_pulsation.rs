@@ -10,18 +10,6 @@ use crate::numerics::real::Real;
 /// See the module's documentation.
 pub struct LoadTorquePulsation;
 
-const fn part(name: &'static str, meaning: &'static str) -> Parameter {
-    Parameter {
-        name,
-        unit: "N m",
-        meaning,
-        role: Role::Amplitude,
-        low: &|cx| -cx.tau_max,
-        high: &|cx| cx.tau_max,
-        typical: &|cx| 0.01 * cx.tau_max,
-    }
-}
-
 impl Effect for LoadTorquePulsation {
     const INFO: Info = Info {
         id: "load_torque_pulsation",
@@ -35,8 +23,8 @@ impl Effect for LoadTorquePulsation {
         site: Site::Mechanical,
         needs: &[Need::Angle, Need::Transients, Need::Motion, Need::Turn],
         parameters: &[
-            part("a", "cosine part"),
-            part("b", "sine part"),
+            Parameter::torque("a", "cosine part"),
+            Parameter::torque("b", "sine part"),
             Parameter {
                 name: "order_mech",
                 unit: "1",

@@ -11,18 +11,6 @@ use std::f64::consts::TAU;
 /// See the module's documentation.
 pub struct TimeVaryingLoad;
 
-const fn part(name: &'static str, meaning: &'static str) -> Parameter {
-    Parameter {
-        name,
-        unit: "N m",
-        meaning,
-        role: Role::Amplitude,
-        low: &|cx| -cx.tau_max,
-        high: &|cx| cx.tau_max,
-        typical: &|cx| 0.01 * cx.tau_max,
-    }
-}
-
 /// Share of the mean in a load's mean square beyond which the mean is what there is of it: a slope with most of a swing on it can be nearly
 /// the same all along, as a load is that is another one than stated. A ramp from nothing has three quarters.
 const CONSTANT: f64 = 0.9;
@@ -49,8 +37,8 @@ impl Effect for TimeVaryingLoad {
         site: Site::Mechanical,
         needs: &[Need::Transients],
         parameters: &[
-            part("a", "cosine part of the swing"),
-            part("b", "sine part of the swing"),
+            Parameter::torque("a", "cosine part of the swing"),
+            Parameter::torque("b", "sine part of the swing"),
             Parameter {
                 name: "slope",
                 unit: "N m/s",

@@ -6,6 +6,7 @@
 //!
 //! and where i_q hardly changes the block is a steady point of it.
 
+use super::steady_points::{blocks, change, means};
 use super::{Finding, Signals};
 use crate::machine::Machine;
 use crate::numerics::extent::peak;
@@ -19,8 +20,6 @@ const BLOCK: f64 = 0.02;
 const STEADY: f64 = OPERATING_POINT_PERIOD;
 /// Lengths of a block within which the next one must follow for the speed's rate to be taken between them.
 const NEXT: f64 = 1.5;
-/// Blocks may last this many times what their samples would without a gap.
-const LONGEST: f64 = 2.0;
 
 impl Signals {
     /// The steady points of the q equation that this recording holds where v_d was not logged; `None` with v_d or without v_q, and where
@@ -32,7 +31,7 @@ impl Signals {
         if blocks.len() < FEWEST_SAMPLES {
             return None;
         }
-        let v_q = super::steady_points::means(v_q, &blocks);
+        let v_q = means(v_q, &blocks);
         let mut points = self.points_at(&blocks, [vec![0.0; blocks.len()], v_q], machine);
         points.axes = [false, true];
         points.findings.push(points.of_one_axis(recording.load()));
@@ -103,19 +102,11 @@ impl Signals {
 fn steady(t: &[f64], period: f64, d: &[f64], q: &[f64]) -> Vec<Range<usize>> {
     let size = ((BLOCK / period).round() as usize).max(1);
     let most = period * size as f64 / STEADY * peak(d).max(peak(q));
-    let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len() as f64;
-    // From the middle of one half to that of the other the current changes half as much as over the whole block.
-    let change = |x: &[f64]| {
-        let (first, second) = x.split_at(x.len() / 2);
-        if first.is_empty() { 0.0 } else { 2.0 * (mean(second) - mean(first)).abs() }
-    };
     let keeps_sign = |x: &[f64]| x.iter().all(|x| *x >= 0.0) || x.iter().all(|x| *x <= 0.0);
-    let holds = |block: &Range<usize>| {
-        let (d, q) = (&d[block.clone()], &q[block.clone()]);
-        let lasts = t[block.end - 1] - t[block.start];
-        lasts <= LONGEST * period * size as f64 && keeps_sign(q) && change(d) <= most && change(q) <= most
-    };
-    (0..t.len() / size).map(|b| b * size..(b + 1) * size).filter(holds).collect()
+    blocks(t, period, size, |block| {
+        let (d, q) = (&d[block.clone()], &q[block]);
+        keeps_sign(q) && change(d) <= most && change(q) <= most
+    })
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ const POINT: (f64, usize) = (0.1, 4);
 /// Change over a point, share of the largest value, from which it is not steady. The voltage that drives the change is no more than that share
 /// of the drop over the winding.
 const CHANGE: f64 = 0.02;
-/// A point may last this many times what its rows would without a gap.
+/// A block may last this many times what its rows would without a gap.
 const LONGEST: f64 = 2.0;
 
 /// Means of a signal over each block.
@@ -31,7 +31,13 @@ impl Signals {
         let why = self.limits.coarse.as_ref()?;
         let whole = Self::in_rotor_frame(recording, machine).ok()?;
         let ([v_d, v_q], [d, q]) = (whole.v.as_ref()?, whole.i.as_ref()?);
-        let blocks = steady(&self.t, self.period, [d, q, &self.omega_e]);
+        let size = ((POINT.0 / self.period).round() as usize).max(POINT.1);
+        let current = CHANGE * peak(d).max(peak(q));
+        let omega = (&self.omega_e, CHANGE * peak(&self.omega_e));
+        let still = |block: Range<usize>| {
+            [(d, current), (q, current), omega].iter().all(|(x, most)| change(&x[block.clone()]) <= *most)
+        };
+        let blocks = blocks(&self.t, self.period, size, still);
         if blocks.len() < FEWEST_SAMPLES {
             return None;
         }
@@ -85,24 +91,25 @@ impl Signals {
     }
 }
 
-/// Blocks of rows over which none of the signals changes by much.
-fn steady(t: &[f64], period: f64, signals: [&[f64]; 3]) -> Vec<Range<usize>> {
-    let size = ((POINT.0 / period).round() as usize).max(POINT.1);
-    let [d, q, omega] = signals;
-    let current = peak(d).max(peak(q));
-    let most = [current, current, peak(omega)].map(|x| CHANGE * x);
-    let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len() as f64;
-    // From the middle of one half to that of the other a signal changes half as much as over the whole block.
-    let change = |x: &[f64]| {
-        let (first, second) = x.split_at(x.len() / 2);
-        2.0 * (mean(second) - mean(first)).abs()
-    };
+/// Blocks of so many rows, without gaps, that are `still`.
+pub(super) fn blocks(
+    t: &[f64],
+    period: f64,
+    size: usize,
+    still: impl Fn(Range<usize>) -> bool,
+) -> Vec<Range<usize>> {
     let holds = |block: &Range<usize>| {
         let lasts = t[block.end - 1] - t[block.start];
-        let still = signals.iter().zip(most).all(|(x, most)| change(&x[block.clone()]) <= most);
-        lasts <= LONGEST * period * size as f64 && still
+        lasts <= LONGEST * period * size as f64 && still(block.clone())
     };
     (0..t.len() / size).map(|b| b * size..(b + 1) * size).filter(holds).collect()
+}
+
+/// Change of a signal over a block: from the middle of one half to that of the other it changes half as much.
+pub(super) fn change(x: &[f64]) -> f64 {
+    let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len() as f64;
+    let (first, second) = x.split_at(x.len() / 2);
+    if first.is_empty() { 0.0 } else { 2.0 * (mean(second) - mean(first)).abs() }
 }
 
 #[cfg(test)]

@@ -324,6 +324,21 @@ mod tests {
     use crate::recording::Recording;
     use crate::signals::Logged;
 
+    /// A log of these currents, a row every `h` s, at a speed and under a voltage d, q that stay as they are.
+    fn logged(h: f64, omega: f64, v: [f64; 2], currents: &[[f64; 2]]) -> Signals {
+        let of = |f: &dyn Fn(usize) -> f64| (0..currents.len()).map(f).collect::<Vec<_>>();
+        let columns = vec![
+            ("t".to_string(), of(&|k| h * k as f64)),
+            ("theta_e".to_string(), of(&|k| omega * h * k as f64)),
+            ("omega_e".to_string(), of(&|_| omega)),
+            ("v_d".to_string(), of(&|_| v[0])),
+            ("v_q".to_string(), of(&|_| v[1])),
+            ("i_d".to_string(), of(&|k| currents[k][0])),
+            ("i_q".to_string(), of(&|k| currents[k][1])),
+        ];
+        Signals::new(&Recording::new(columns, None).unwrap(), &Machine::new(4).unwrap()).unwrap()
+    }
+
     #[test]
     fn samples_that_stand_for_several_show_the_currents_of_all() {
         // A voltage that jumps about from sample to sample, at a speed that grows.
@@ -392,18 +407,7 @@ mod tests {
             }
             log.push(i);
         }
-        let of = |f: &dyn Fn(usize) -> f64| (0..n).map(f).collect::<Vec<_>>();
-        let columns = vec![
-            ("t".to_string(), of(&|k| h * k as f64)),
-            ("theta_e".to_string(), of(&|k| omega * h * k as f64)),
-            ("omega_e".to_string(), of(&|_| omega)),
-            ("v_d".to_string(), of(&|_| v[0])),
-            ("v_q".to_string(), of(&|_| v[1])),
-            ("i_d".to_string(), of(&|k| log[k][0])),
-            ("i_q".to_string(), of(&|k| log[k][1])),
-        ];
-        let machine = Machine::new(4).unwrap();
-        let mut signals = Signals::new(&Recording::new(columns, None).unwrap(), &machine).unwrap();
+        let mut signals = logged(h, omega, v, &log);
         let model = Model::new(signals.context, &[]);
         let worst = |signals: &Signals| {
             let mut worst = 0.0f64;
@@ -439,18 +443,7 @@ mod tests {
                 log.push(i);
             }
         }
-        let of = |f: &dyn Fn(usize) -> f64| (0..n).map(f).collect::<Vec<_>>();
-        let columns = vec![
-            ("t".to_string(), of(&|k| h * k as f64)),
-            ("theta_e".to_string(), of(&|k| omega * h * k as f64)),
-            ("omega_e".to_string(), of(&|_| omega)),
-            ("v_d".to_string(), of(&|_| v[0])),
-            ("v_q".to_string(), of(&|_| v[1])),
-            ("i_d".to_string(), of(&|k| log[k][0])),
-            ("i_q".to_string(), of(&|k| log[k][1])),
-        ];
-        let signals =
-            Signals::new(&Recording::new(columns, None).unwrap(), &Machine::new(7).unwrap()).unwrap();
+        let signals = logged(h, omega, v, &log);
         let model = Model::new(signals.context, &[EffectId::DeadTime]);
         let seeded: Vec<Dual<2>> = p
             .iter()

@@ -133,7 +133,10 @@ pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part
     let speed = variables(data, best, Side::Mechanical).into_iter().find(|x| x.0 == Variable::OmegaE);
     let odd = turns_one_way_without_load(data);
     let ranges: Vec<(f64, f64)> = match speed {
-        Some((_, low, high)) if odd => vec![(-low.abs().max(high.abs()), low.abs().max(high.abs()))],
+        Some((_, low, high)) if odd => {
+            let largest = low.abs().max(high.abs());
+            vec![(-largest, largest)]
+        }
         Some((_, low, high)) if low < 0.0 && high > 0.0 => vec![(low, 0.0), (0.0, high)],
         Some((_, low, high)) => vec![(low, high)],
         None => Vec::new(),
@@ -164,9 +167,7 @@ pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part
         let steps = [width, 0.5 * width].map(|width| part(Factor::Direction { width }));
         [curve(SMOOTHNESS[0]), steps.to_vec()].concat()
     };
-    // What rises from standstill within the narrow pieces is dry friction by any name, where no other direction tells.
-    let sizes = SMOOTHNESS.into_iter().filter(|(_, dense)| !odd || *dense == 0.0);
-    let mut smooth: Vec<Vec<Part>> = sizes.map(curve).collect();
+    let mut smooth: Vec<Vec<Part>> = SMOOTHNESS.map(curve).to_vec();
     if !ranges.is_empty() {
         smooth.extend(LEVELS_OFF.map(levelling));
     }
@@ -348,7 +349,7 @@ mod tests {
         assert!(!smooth.is_empty());
         for part in smooth.concat() {
             match part.first {
-                Factor::Spline(s) => assert!(s.low == -s.high && s.pieces % 2 == 0 && s.warp == 0.0, "{s:?}"),
+                Factor::Spline(s) => assert!(s.low == -s.high && s.pieces % 2 == 0, "{s:?}"),
                 Factor::Direction { .. } => {}
                 other => panic!("{other:?}"),
             }
