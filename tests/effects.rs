@@ -185,7 +185,8 @@ fn the_true_current_is_found_behind_the_measured_one() {
         let p = with(&own);
         for k in 0..50 {
             let theta = 0.31 * f64::from(k);
-            let sensor = model.sensor(&p, &still(theta));
+            let turning = Env { omega_e: 400.0, ..still(theta) };
+            let sensor = model.sensor(&p, &turning);
             let truth = [-3.0, 7.0];
             // What the three sensors log, zero sequence included.
             let (s, c) = (theta - sensor.angle).sin_cos();

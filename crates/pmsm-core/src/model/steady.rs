@@ -140,29 +140,28 @@ mod tests {
             (EffectId::CrossSaturation, vec![-0.1, 0.2]),
         ] {
             let model = Model::new(CX, &[effect]);
-            // Derivatives with respect to the relative change of each parameter.
-            let seeded = |(k, x): (usize, &f64)| {
-                let mut p = Dual::<9>::constant(*x);
-                p.eps[k] = if *x == 0.0 { 1.0 } else { *x };
-                p
-            };
-            let p: Vec<Dual<9>> = MACHINE.iter().chain(&own).enumerate().map(seeded).collect();
-            let (base, env) = (Base::new(&p), env(0.7, 300.0));
-            let env = Env {
-                t: Dual::constant(env.t),
-                omega_e: Dual::constant(env.omega_e),
-                theta_e: Dual::constant(env.theta_e),
-                theta_m: Dual::constant(env.theta_m),
-                heating: env.heating,
-                magnet_heating: env.magnet_heating,
-            };
-            let wanted = [-3.0, 5.0];
-            let (state, _): ([Dual<9>; 2], _) =
-                model.steady_state(&p, &base, wanted.map(Dual::constant), &env);
-            let shown = model.state_current(&p, &base, &state, &env).i;
-            for axis in 0..2 {
-                assert!((shown[axis].re - wanted[axis]).abs() < 1e-12, "{effect:?} {:?}", shown[axis]);
-                assert!(shown[axis].eps.iter().all(|e| e.abs() < 1e-9), "{effect:?} {:?}", shown[axis]);
+            let all: Vec<f64> = MACHINE.iter().chain(&own).copied().collect();
+            for by in 0..all.len() {
+                // The derivative with respect to the relative change of this parameter.
+                let mut p: Vec<Dual<1>> = all.iter().map(|x| Dual::constant(*x)).collect();
+                p[by].eps[0] = if all[by] == 0.0 { 1.0 } else { all[by] };
+                let (base, env) = (Base::new(&p), env(0.7, 300.0));
+                let env = Env {
+                    t: Dual::constant(env.t),
+                    omega_e: Dual::constant(env.omega_e),
+                    theta_e: Dual::constant(env.theta_e),
+                    theta_m: Dual::constant(env.theta_m),
+                    heating: env.heating,
+                    magnet_heating: env.magnet_heating,
+                };
+                let wanted = [-3.0, 5.0];
+                let (state, _): ([Dual<1>; 2], _) =
+                    model.steady_state(&p, &base, wanted.map(Dual::constant), &env);
+                let shown = model.state_current(&p, &base, &state, &env).i;
+                for axis in 0..2 {
+                    assert!((shown[axis].re - wanted[axis]).abs() < 1e-12, "{effect:?} {:?}", shown[axis]);
+                    assert!(shown[axis].eps[0].abs() < 1e-9, "{effect:?}, {by}: {:?}", shown[axis]);
+                }
             }
         }
     }
