@@ -331,6 +331,22 @@ def test_every_verdict_has_a_report_and_a_summary(changes: dict[str, Any], said:
         assert said in str(answer)
 
 
+def test_all_effects_of_a_model_are_among_the_candidates_that_are_shown() -> None:
+    def candidate(effect: str) -> dict[str, Any]:
+        return {**ANSWER["ranking"][0], "effect": effect}
+
+    named = [
+        "coulomb_friction", "dead_time", "saturation_q", "voltage_delay", "iron_loss", "cogging_torque",
+        "quadratic_drag", "dc_link_sag", "current_offset",
+    ]  # fmt: skip
+    ranking = [*map(candidate, named), candidate("stribeck_friction")]
+    model = {**ANSWER["model"], "effects": {effect: {} for effect in named}}
+    text = str(Diagnosis.from_json(json.dumps({**ANSWER, "ranking": ranking, "model": model})))
+    listed = text[text.index("Candidates") : text.index("Parameters")]
+    assert all(effect in listed for effect in named)
+    assert "stribeck_friction" not in listed
+
+
 def test_operating_points_have_a_report(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     n = 60

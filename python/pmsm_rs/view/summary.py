@@ -45,7 +45,7 @@ def diagnosis(answer: DiagnosisValues) -> str:
         lines += [hung(f"  {share_of(place):>6}  ", place.sentence) for place in places]
     if answer.ranking:
         lines += ["", "Candidates"]
-        for candidate in answer.ranking[:5]:
+        for candidate in answer.leading(5):
             twins = (
                 f"   cannot be told from {', '.join(candidate.equivalent_to)}"
                 if candidate.equivalent_to

@@ -1,6 +1,7 @@
 //! The equation of motion fitted to the measured speed, with an unknown load whose steps are found, added where the
 //! simulation still misses one, and pruned where they do not pay.
 
+mod reversals;
 mod settling;
 mod state;
 mod steps;
@@ -16,6 +17,7 @@ use settling::Settling;
 use state::{State, states_of};
 use steps::with_missing_step;
 
+pub use reversals::without_reversals;
 pub use settling::Motion;
 
 /// Excess mean square of the speed from which a missing load step is looked for.

@@ -7,6 +7,7 @@
 mod exchange;
 mod grow;
 mod refit;
+mod reversals;
 mod subset;
 
 use super::able;
@@ -140,7 +141,11 @@ impl Search<'_> {
             swaps = self.exchange(&best, &worth, &shown, &mut seen)?;
             let better = swaps.iter().filter(|s| evidence.prefers(&s.judged, &best));
             let better = better.min_by(|a, b| evidence.cost(&a.judged).total_cmp(&evidence.cost(&b.judged)));
-            let Some(better) = better.map(|s| s.judged.clone()) else { break };
+            let better = match better {
+                Some(swap) => Some(swap.judged.clone()),
+                None => self.friction_for_steps(&best, &absent)?,
+            };
+            let Some(better) = better else { break };
             best = better;
         }
         let evidence = self.evidence().limited(std::iter::once(&best));

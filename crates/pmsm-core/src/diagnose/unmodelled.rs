@@ -27,7 +27,7 @@ use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
 use crate::experiment::{Channel, Prior};
-use crate::map::Map;
+use crate::map::{Equation, Map};
 use crate::monitor::Monitor;
 use crate::recording::Load;
 use choice::Choice;
@@ -157,11 +157,18 @@ fn laid(
     if current.model.map().is_some() {
         current = fitting::on_from(&ridged, &current, monitor)?;
     }
-    let share = share::taken_away(data, judge, best, &current, monitor)?;
-    if share <= 0.0 {
+    let taken = share::taken_away(data, judge, (best, &current), sides, monitor)?;
+    // Before a loud residual that a torque takes away, a voltage that makes the currents worse would pass.
+    let worse = |(side, share): (&Side, &f64)| *share <= 0.0 && side.is_mapped(&current);
+    let useful: Vec<Side> =
+        sides.iter().zip(&taken.sides).filter(|each| !worse(*each)).map(|(side, _)| *side).collect();
+    if useful.len() < sides.len() && !useful.is_empty() {
+        return laid(data, judge, best, &useful, monitor);
+    }
+    if taken.whole <= 0.0 || useful.is_empty() {
         current = best.clone();
     }
-    let unmodelled = words::unmodelled(data, &current, sides, (share, judge.is_some()));
+    let unmodelled = words::unmodelled(data, &current, sides, (taken.whole, judge.is_some()));
     Ok((current, unmodelled))
 }
 
@@ -203,6 +210,15 @@ impl Side {
     fn has(self, effect: EffectId) -> bool {
         let moves = effect.info().site == Site::Mechanical;
         moves == (self == Self::Mechanical) && !effect.is_general() && !effect.is_thermal()
+    }
+
+    /// Whether a map holds something in its equations.
+    fn is_mapped(self, fitted: &Hypothesis) -> bool {
+        let parts = fitted.model.map().map_or(&[][..], |map| &map.parts);
+        parts
+            .iter()
+            .flat_map(|part| &part.equations)
+            .any(|e| (*e == Equation::Mechanical) == (self == Self::Mechanical))
     }
 
     fn holds(self, equation: &str) -> bool {
@@ -278,7 +294,6 @@ mod tests {
     use super::*;
     use crate::diagnose::testing::{choice, data, setup, speeds};
     use crate::experiment::Channel;
-    use crate::map::Equation;
     use crate::monitor::Silent;
 
     fn manoeuvre() -> crate::drive::Manoeuvre {

@@ -1,6 +1,7 @@
 //! Sets beside the best one: without one of its effects, or with another in its place.
 
 use super::Search;
+use super::grow::has_whole_number;
 use super::subset::{in_place, reduced, special_cases};
 use crate::diagnose::evidence::Evidence;
 use crate::diagnose::fitting;
@@ -21,6 +22,11 @@ const SURE: f64 = 60.0;
 const COMPARABLE: f64 = 3.0;
 /// Rivals of one effect that are refitted in its place.
 const RIVALS: usize = 2;
+
+/// Whether an effect may do what `gone` did once another whole number, such as an order, is chosen for it.
+fn may_replace(effect: EffectId, gone: EffectId) -> bool {
+    effect != gone && gone.info().look_alikes.contains(&effect.id()) && has_whole_number(effect)
+}
 
 /// A variant of the best set.
 #[derive(Debug, Clone)]
@@ -50,7 +56,11 @@ impl Search<'_> {
             return Ok(self.each(best, &[(*gone, None)], seen)?.pop());
         }
         let comparable = |effect: EffectId| over.iter().any(|(e, times)| *e == effect && *times < COMPARABLE);
-        let weak = worth.iter().filter(|(e, nats)| *nats < SURE || self.wanders(*e) || comparable(*e));
+        let asked = |(effect, nats): &&(EffectId, f64)| {
+            let replaced = effects.iter().any(|other| may_replace(*other, *effect));
+            *nats < SURE || replaced || self.wanders(*effect) || comparable(*effect)
+        };
+        let weak = worth.iter().filter(asked);
         let weak = weak.map(|(e, _)| (*e, None));
         let narrower = effects.iter().flat_map(|gone| {
             let instead = special_cases(*gone).filter(|e| !effects.contains(e));
@@ -70,7 +80,8 @@ impl Search<'_> {
         effect.info().site == Site::Mechanical && self.data.runs().iter().any(|run| run.wander().is_some())
     }
 
-    /// The sets in which one effect is taken out of `best`, with another in its place if one is given, as fitted before or now.
+    /// The sets in which one effect is taken out of `best`, with another in its place if one is given, as fitted before or now. What may do
+    /// the same with another whole number is fitted with that.
     fn each(
         &self,
         best: &Judged,
@@ -81,14 +92,19 @@ impl Search<'_> {
             self.monitor.go_on()?;
             let wanted: Vec<EffectId> =
                 best.fitted.effects().into_iter().filter(|e| e != gone).chain(*instead).collect();
-            if let Some(known) = self.known(seen, &wanted) {
+            let renewed = wanted.iter().any(|other| may_replace(*other, *gone));
+            if let Some(known) = self.known(seen, &wanted).filter(|_| !renewed) {
                 return Ok((known.clone(), false));
             }
             let (model, start) = match instead {
                 Some(narrow) => in_place(&best.fitted, *gone, *narrow),
                 None => reduced(&best.fitted, *gone),
             };
-            let fitted = fitting::fit(self.data, &model, &start, false, self.monitor)?;
+            let mut fitted = fitting::fit(self.data, &model, &start, false, self.monitor)?;
+            if renewed {
+                let set = Judged { fitted, held_out: Vec::new(), refuted: false };
+                fitted = self.renewed(set, &|other| may_replace(other, *gone))?.fitted;
+            }
             Ok((self.judge(fitted)?, true))
         };
         let all: Vec<(Judged, bool)> = ways.par_iter().map(one).collect::<Result<_>>()?;

@@ -65,7 +65,9 @@ impl Search<'_> {
                     next = all;
                 }
             }
-            best = self.renewed(next)?;
+            let alone = next.fitted.effects().len() == 1;
+            // The number of a single effect was chosen for it alone.
+            best = if alone { next } else { self.renewed(next, &|_| true)? };
             self.found.note(&best.fitted);
             seen.push(best.clone());
             let share = best.fitted.effects().len() as f64 / self.data.options.most_effects as f64;
@@ -92,20 +94,17 @@ impl Search<'_> {
         leads && after.iter().sum::<f64>() < before.iter().sum()
     }
 
-    /// A set with those of its effects that have a whole number among their parameters, such as an order, at the number with which the whole
-    /// set does best: it was chosen when the others were not there. The numbers that lead to first order are refitted.
-    fn renewed(&self, mut set: Judged) -> Result<Judged> {
+    /// A set with those of its effects that are `asked` and have a whole number among their parameters, such as an order, at the number with
+    /// which the whole set does best: it was chosen when other effects were there, or were not. The numbers that lead to first order are
+    /// refitted.
+    pub(super) fn renewed(&self, mut set: Judged, asked: &dyn Fn(EffectId) -> bool) -> Result<Judged> {
         let effects = set.fitted.effects();
         if set.excess() <= self.data.options.mismatch {
             return Ok(set);
         }
         let evidence = self.evidence();
-        let chosen = |e: &EffectId| e.info().parameters.iter().any(|p| p.role == Role::Fixed);
-        for effect in effects.iter().copied().filter(chosen) {
+        for effect in effects.iter().copied().filter(|e| asked(*e) && has_whole_number(*e)) {
             let Some((model, parameters, free)) = left_out(&set.fitted, effect) else { continue };
-            if effects.len() == 1 {
-                continue;
-            }
             self.monitor.go_on()?;
             let nuisances = set.fitted.nuisances.clone();
             let without = Hypothesis::on(self.data, model, parameters, free, nuisances);
@@ -190,6 +189,11 @@ impl Search<'_> {
     }
 }
 
+/// Whether an effect has a whole number, such as an order, among its parameters.
+pub(super) fn has_whole_number(effect: EffectId) -> bool {
+    effect.info().parameters.iter().any(|p| p.role == Role::Fixed)
+}
+
 fn is_mechanical(effect: EffectId) -> bool {
     effect.info().site == Site::Mechanical
 }
@@ -236,7 +240,7 @@ mod tests {
         let fitted = fitting::fit(&data, &model, &start, false, &Silent).unwrap();
         let wrong = Judged { fitted, held_out: Vec::new(), refuted: false };
         assert!(wrong.excess() > data.options.mismatch && wrong.fitted.own()[order] == right / 3.0);
-        let found = search(&data).renewed(wrong).unwrap();
+        let found = search(&data).renewed(wrong, &|_| true).unwrap();
         let slot = found.fitted.model.slots().iter().find(|s| s.effect == cogging).unwrap();
         assert_eq!(found.fitted.own()[slot.parameters.end - 1], right);
         assert!(found.excess() < data.options.mismatch, "{:?}", found.fitted.squares);

@@ -28,6 +28,9 @@ const UNSHOWN: f64 = 1e-9;
 
 /// Most that an effect is worth, nats, which a smooth term or what remains may replace: less than an even chance.
 const UNEARNED: f64 = -1e-9;
+/// Error of the columns of sensors, share of an effect that is taken back as far as it goes: they are of first order, and of a turn by 0.3 rad
+/// the second one is 0.15. `cargo test -p pmsm-core columns_of_a_late_angle` tells the error of the first order, which is far less.
+const SENSORS_KNOWN_TO: f64 = 0.15;
 /// The choice of no discrepancy.
 const NONE: usize = 0;
 /// Time over which what is missing says one thing, s: that of a window of the motion.
@@ -80,12 +83,27 @@ pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f6
         let times = if clocked { normals.len() } else { 1 };
         let options = &data.options;
         let cost = options.effect_cost + forms.ln() + price(samples, options) * (times * own.len()) as f64;
-        let nats = fewer - whole - cost;
+        // An angle that is off may turn the frame far: what the columns of sensors can do but for their second order, they can do.
+        let others: Vec<usize> = (0..machine.len()).filter(|k| !own.contains(k)).collect();
+        let by_sensors = choices.of_sensors(*beside)
+            && outside(&normals, &back, &[&others[..], &choices.places(machine.len(), *beside)].concat())?
+                < SENSORS_KNOWN_TO.powi(2) * outside(&normals, &back, &others)?;
+        let nats = if by_sensors { -cost } else { fewer - whole - cost };
         // Unearned either way, but by how much tells which of several goes first.
         Some(if of_form || of_remainder { nats.min(UNEARNED) } else { nats })
     };
     let known = |slot: &Slot| (slot.effect, worth(slot).filter(|nats| !nats.is_nan()).unwrap_or(0.0));
     set.model.slots().iter().filter(asked).map(known).collect()
+}
+
+/// Square, summed over the runs, of what a step of some columns does that the `others` cannot.
+fn outside(normals: &[Normal], step: &[(usize, f64)], others: &[usize]) -> Option<f64> {
+    let gram = total(normals).0;
+    let product = |k: usize| step.iter().map(|(own, x)| gram[(k, *own)] * x).sum::<f64>();
+    let square: f64 = step.iter().map(|(own, x)| product(*own) * x).sum();
+    let along = DVector::from_iterator(others.len(), others.iter().map(|k| product(*k)));
+    let taken = self::step(gram.select_rows(others).select_columns(others), &along)?;
+    Some((square + along.dot(&taken)).max(0.0))
 }
 
 /// The fitted parameters of the machine and its effects in the equations of one side.
@@ -201,9 +219,19 @@ impl Choices {
         Some(each.iter().map(|excess| excess.max(0.0)).sum())
     }
 
+    /// Places of the terms of a choice behind so many parameters.
+    fn places(&self, parameters: usize, choice: usize) -> Vec<usize> {
+        self.columns[choice].iter().map(|k| parameters + k).collect()
+    }
+
+    /// Whether sensors err by a choice.
+    fn of_sensors(&self, choice: usize) -> bool {
+        let first = self.count() - if self.sensors { LAGS + TURNED } else { 0 };
+        self.columns[choice].iter().any(|k| *k >= first)
+    }
+
     fn beside(&self, normals: &[Normal], parameters: usize, choice: usize) -> Vec<Normal> {
-        let terms = self.columns[choice].iter().map(|k| parameters + k);
-        let kept: Vec<usize> = (0..parameters).chain(terms).collect();
+        let kept: Vec<usize> = (0..parameters).chain(self.places(parameters, choice)).collect();
         normals.iter().map(|normal| normal.only(&kept)).collect()
     }
 }
@@ -222,18 +250,24 @@ fn left(normals: &[Normal], samples: &[f64]) -> Option<f64> {
 
 /// Mean square that is left on each run, over the floor's and beyond one.
 fn excesses(normals: &[Normal]) -> Option<Vec<f64>> {
-    let size = normals[0].along.len();
-    let (mut gram, mut along) = (DMatrix::zeros(size, size), DVector::zeros(size));
-    for normal in normals {
-        gram += &normal.gram;
-        along += &normal.along;
-    }
+    let (gram, along) = total(normals);
     let step = step(gram, &along)?;
     let excess = |normal: &Normal| {
         let square = normal.square + 2.0 * step.dot(&normal.along) + step.dot(&(&normal.gram * &step));
         square / normal.rows - 1.0
     };
     Some(normals.iter().map(excess).collect())
+}
+
+/// The normal equations of all runs together.
+fn total(normals: &[Normal]) -> (DMatrix<f64>, DVector<f64>) {
+    let size = normals[0].along.len();
+    let (mut gram, mut along) = (DMatrix::zeros(size, size), DVector::zeros(size));
+    for normal in normals {
+        gram += &normal.gram;
+        along += &normal.along;
+    }
+    (gram, along)
 }
 
 /// Least-squares step of all columns, held at zero as far as no row shows them.
@@ -333,5 +367,38 @@ impl Normal {
             square,
             ..*self
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
+    use crate::drive::{Schedule, Shape};
+
+    #[test]
+    fn columns_of_a_late_angle_do_what_a_delayed_encoder_does() {
+        let path: Vec<(f64, f64)> =
+            (0..10).map(|k| (0.05 + 0.2 * f64::from(k), [90.0, -70.0, 40.0][k as usize % 3])).collect();
+        let mut manoeuvre = speeds(2.0, &path);
+        manoeuvre.i_d = Some(Schedule::new(vec![(0.0, 0.0), (0.4, -4.0), (1.4, 2.0)], Shape::Steps).unwrap());
+        let encoder = EffectId::EncoderDelay;
+        let (data, base) = data(&setup(manoeuvre, vec![choice("encoder_delay", "t_delay", 2.5e-4)]));
+        let set = fitted(&data, &base, encoder);
+        let turned = set.own()[crate::base::BASE] * data.signals.context.omega_e_max;
+        assert!((turned - 0.09).abs() < 0.02, "{turned} rad");
+        let side = Side::Electrical;
+        let choices = Choices::new(&data, &set, side);
+        let machine = machine_parameters(&data, &set, side);
+        let normals = [Normal::new((&data, &set), side, &machine, &choices)];
+        let own = machine.iter().position(|k| *k == crate::base::BASE).unwrap();
+        let others: Vec<usize> = (0..machine.len()).filter(|k| *k != own).collect();
+        let back = [(own, -set.own()[crate::base::BASE])];
+        let whole = outside(&normals, &back, &others).unwrap();
+        let first = choices.count() - TURNED;
+        let late = (0..choices.columns.len()).find(|k| choices.columns[*k] == [first, first + 1, first + 2]);
+        let late = choices.places(machine.len(), late.unwrap());
+        let left = (outside(&normals, &back, &[&others[..], &late].concat()).unwrap() / whole).sqrt();
+        assert!(left < SENSORS_KNOWN_TO, "{left}");
     }
 }

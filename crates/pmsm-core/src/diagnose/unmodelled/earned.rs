@@ -174,7 +174,7 @@ fn nearest(
 mod tests {
     use super::*;
     use crate::diagnose::testing::{choice, data, fitted, settled, setup, speeds};
-    use crate::drive::{Choice, Schedule, Shape, simulate};
+    use crate::drive::{Choice, Schedule, Setup, Shape, simulate};
     use crate::monitor::Silent;
     use crate::recording::Recording;
     use crate::signals::Signals;
@@ -200,15 +200,29 @@ mod tests {
         assert!(kept[0].0 == EffectId::CoulombFriction && kept[0].1 > 0.9, "{kept:?}");
     }
 
-    /// The effects of a set that holds `named` alone of a recording whose current sensors lag two thirds of a row behind.
-    fn kept_of_lagging(present: Vec<Choice>, named: EffectId) -> Vec<(EffectId, f64)> {
+    /// A lively run of a machine.
+    fn lively(present: Vec<Choice>) -> Setup {
         let path: Vec<(f64, f64)> =
             (0..10).map(|k| (0.05 + 0.2 * f64::from(k), [90.0, -70.0, 40.0][k as usize % 3])).collect();
         let mut manoeuvre = speeds(2.0, &path);
         let steps = [0.0, -4.0, 2.0, -3.0, 0.0].iter().enumerate();
         let steps = steps.map(|(k, i)| (0.4 * k as f64, *i)).collect();
         manoeuvre.i_d = Some(Schedule::new(steps, Shape::Steps).unwrap());
-        let setup = setup(manoeuvre, present);
+        setup(manoeuvre, present)
+    }
+
+    /// The effects of a set that holds `named` alone of such a run as it was logged.
+    fn kept_of(setup: &Setup, logged: Vec<(String, Vec<f64>)>, named: EffectId) -> Vec<(EffectId, f64)> {
+        let recording = Recording::new(logged, None).unwrap();
+        let signals = Signals::new(&recording, &setup.nameplate).unwrap();
+        let (data, base) = settled(Data::new(signals, &setup.nameplate, &Default::default()).unwrap());
+        let set = fitted(&data, &base, named);
+        earned(&data, None, &set, &Silent).unwrap().probabilities
+    }
+
+    /// The same where the current sensors lag two thirds of a row behind.
+    fn kept_of_lagging(present: Vec<Choice>, named: EffectId) -> Vec<(EffectId, f64)> {
+        let setup = lively(present);
         let whole = simulate(&setup, &Silent).unwrap().recording;
         let lagged = |name: &str| -> Vec<f64> {
             let mut shown = f64::NAN;
@@ -220,11 +234,40 @@ mod tests {
             whole.column(name).unwrap().iter().map(of).collect()
         };
         let columns = whole.names().into_iter().map(|name| (name.to_string(), lagged(name)));
-        let recording = Recording::new(columns.collect(), None).unwrap();
-        let signals = Signals::new(&recording, &setup.nameplate).unwrap();
-        let (data, base) = settled(Data::new(signals, &setup.nameplate, &Default::default()).unwrap());
-        let set = fitted(&data, &base, named);
-        earned(&data, None, &set, &Silent).unwrap().probabilities
+        kept_of(&setup, columns.collect(), named)
+    }
+
+    /// The same where the angle is behind the rotor by a share of its largest error, a function of the speed over the largest.
+    fn kept_of_late(largest: f64, share: fn(f64) -> f64, named: EffectId) -> Vec<(EffectId, f64)> {
+        let setup = lively(Vec::new());
+        let whole = simulate(&setup, &Silent).unwrap().recording;
+        let column = |name: &str| whole.column(name).unwrap().to_vec();
+        let (omega, mut theta) = (column("omega_e"), column("theta_e"));
+        let fastest = omega.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+        let late: Vec<f64> = omega.iter().map(|w| largest * share(w / fastest)).collect();
+        theta.iter_mut().zip(&late).for_each(|(x, late)| *x -= late);
+        // The command is known in the frame of the logged angle.
+        let (mut v_d, mut v_q) = (column("v_d"), column("v_q"));
+        for ((d, q), late) in v_d.iter_mut().zip(&mut v_q).zip(&late) {
+            let (s, c) = late.sin_cos();
+            (*d, *q) = (c * *d - s * *q, s * *d + c * *q);
+        }
+        let mut logged: Vec<(String, Vec<f64>)> =
+            ["t", "i_a", "i_b", "i_c"].map(|name| (name.to_string(), column(name))).to_vec();
+        for (name, x) in [("theta_e", theta), ("omega_e", omega), ("v_d", v_d), ("v_q", v_q)] {
+            logged.push((name.to_string(), x));
+        }
+        kept_of(&setup, logged, named)
+    }
+
+    #[test]
+    fn a_constant_delay_is_no_name_for_an_angle_that_is_late_in_another_way() {
+        // It levels off, or grows faster than the speed.
+        for share in [|x: f64| (2.0 * x).tanh(), |x: f64| x * x.abs()] {
+            for named in [EffectId::EncoderDelay, EffectId::VoltageDelay] {
+                assert_eq!(kept_of_late(0.1, share, named), []);
+            }
+        }
     }
 
     #[test]

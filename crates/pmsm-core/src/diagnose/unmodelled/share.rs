@@ -1,5 +1,6 @@
 //! What a map takes away, of the model that is in the answer and by the figures that the answer gives.
 
+use super::Side;
 use crate::diagnose::data::Data;
 use crate::diagnose::each;
 use crate::diagnose::hypothesis::Hypothesis;
@@ -9,37 +10,73 @@ use crate::experiment::Channel;
 use crate::experiment::floor::Floor;
 use crate::monitor::Monitor;
 
-/// Share of the squares above the floors, over all channels, that `after` takes away of what `before` leaves: on the validation run, or on
-/// the recording itself without one.
+/// Shares of the squares above the floors that a map takes away.
+pub struct Taken {
+    /// Over all channels.
+    pub whole: f64,
+    /// Over the channels of each of the sides that were asked about.
+    pub sides: Vec<f64>,
+}
+
+/// What `after` takes away of what `before` leaves: on the validation run, or on the recording itself without one.
 ///
 /// # Errors
 /// Those of the least-squares fits.
 pub fn taken_away(
     data: &Data,
     judge: Option<&Data>,
-    before: &Hypothesis,
-    after: &Hypothesis,
+    (before, after): (&Hypothesis, &Hypothesis),
+    sides: &[Side],
     monitor: &dyn Monitor,
-) -> Result<f64> {
+) -> Result<Taken> {
     let (more, less) = match judge {
         Some(judge) => {
-            let on = |model: &Hypothesis| Ok(excess(judge, &transfer(judge, model, monitor)?));
-            let (more, less): (Result<f64>, Result<f64>) = rayon::join(|| on(before), || on(after));
+            let on = |model: &Hypothesis| Ok(excesses(judge, &transfer(judge, model, monitor)?));
+            let (more, less): (Result<Excesses>, Result<Excesses>) = rayon::join(|| on(before), || on(after));
             (more?, less?)
         }
-        None => (excess(data, before), excess(data, after)),
+        None => (excesses(data, before), excesses(data, after)),
     };
-    Ok(if more > 0.0 { 1.0 - less / more } else { 0.0 })
+    let share = |shown: &dyn Fn(Channel) -> bool| {
+        let of = |all: &Excesses| all.iter().filter(|(c, _)| shown(*c)).map(|(_, x)| x).sum::<f64>();
+        if of(&more) > 0.0 { 1.0 - of(&less) / of(&more) } else { 0.0 }
+    };
+    let sides = sides.iter().map(|side| share(&|channel| side.shows(channel))).collect();
+    Ok(Taken { whole: share(&|_| true), sides })
 }
 
-/// Squares of measured minus predicted, as the answer's table of the fit has them, over the floor's and beyond one, summed over channels.
-fn excess(data: &Data, model: &Hypothesis) -> f64 {
+type Excesses = Vec<(Channel, f64)>;
+
+/// Squares of measured minus predicted, as the answer's table of the fit has them, over the floor's and beyond one, of each channel.
+fn excesses(data: &Data, model: &Hypothesis) -> Excesses {
     let experiment = data.whole(model);
     let predicted = experiment.predict(&model.parameters);
     let square = |(channel, predicted): (&Channel, &Vec<f64>)| {
         let floor = data.floors.iter().find(|f| f.channel == *channel).map_or(f64::INFINITY, Floor::total);
         let rms = each::rms(&experiment.measured(*channel), predicted);
-        ((rms / floor).powi(2) - 1.0).max(0.0)
+        (*channel, ((rms / floor).powi(2) - 1.0).max(0.0))
     };
-    experiment.channels().iter().zip(&predicted).map(square).sum()
+    experiment.channels().iter().zip(&predicted).map(square).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::explain;
+    use super::*;
+    use crate::diagnose::testing::{choice, data, setup, speeds};
+    use crate::machine::BaseParameter;
+    use crate::monitor::Silent;
+
+    #[test]
+    fn a_voltage_that_makes_the_currents_worse_does_not_hide_behind_a_torque() {
+        let mut pulsating = choice("load_torque_pulsation", "a", 0.4);
+        pulsating.parameters.insert("order_mech".into(), 1.0);
+        let manoeuvre = speeds(2.0, &[(0.2, 60.0), (0.6, 100.0), (1.0, -40.0), (1.4, -90.0), (1.8, 70.0)]);
+        let (data, base) = data(&setup(manoeuvre, vec![pulsating]));
+        let mut fitted = explain(&data, None, &base, &Silent).unwrap().0;
+        fitted.parameters[BaseParameter::RS.index()] *= 1.02;
+        let sides = [Side::Electrical, Side::Mechanical];
+        let taken = taken_away(&data, None, (&base, &fitted), &sides, &Silent).unwrap();
+        assert!(taken.whole > 0.9 && taken.sides[0] <= 0.0 && taken.sides[1] > 0.9, "{:?}", taken.sides);
+    }
 }

@@ -1,0 +1,85 @@
+//! A friction in place of the steps that an unknown load has where the rotor reverses. Both do the same; the friction needs one number.
+
+use super::Search;
+use crate::diagnose::fitting;
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::motion;
+use crate::diagnose::verdict::Judged;
+use crate::effect::Role;
+use crate::effects::EffectId;
+use crate::error::Result;
+use crate::model::Model;
+
+impl Search<'_> {
+    /// The set with that one of the `absent` effects, of those whose torque jumps at reversals, that has most evidence in place of such steps,
+    /// if it has more than `best`. From no friction beside these steps a fit does not get there.
+    pub(super) fn friction_for_steps(&self, best: &Judged, absent: &[EffectId]) -> Result<Option<Judged>> {
+        if best.fitted.effects().len() >= self.most {
+            return Ok(None);
+        }
+        let Some((under, height)) = motion::without_reversals(self.data, &best.fitted) else {
+            return Ok(None);
+        };
+        let evidence = self.evidence().limited(std::iter::once(best));
+        let mut better: Option<Judged> = None;
+        for effect in absent.iter().copied().filter(|e| e.jumps()) {
+            self.monitor.go_on()?;
+            let Some(fitted) = self.under(&best.fitted, effect, &under, height)? else { continue };
+            let set = self.judge(fitted)?;
+            let cost = better.as_ref().map_or(f64::INFINITY, |set| evidence.cost(set));
+            if evidence.prefers(&set, best) && evidence.cost(&set) < cost {
+                better = Some(set);
+            }
+        }
+        Ok(better)
+    }
+
+    /// A set fitted with one effect more, which begins with a torque of this height, `under` a load that has no more steps than that.
+    fn under(
+        &self,
+        set: &Hypothesis,
+        effect: EffectId,
+        under: &Hypothesis,
+        height: f64,
+    ) -> Result<Option<Hypothesis>> {
+        let (context, parameters) = (set.model.context(), effect.info().parameters);
+        let strength = parameters.iter().position(|p| p.role == Role::Amplitude && p.unit == "N m");
+        let (Some(strength), Some(mut own)) = (strength, effect.probes(context).into_iter().next()) else {
+            return Ok(None);
+        };
+        let (low, high) = ((parameters[strength].low)(context), (parameters[strength].high)(context));
+        own[strength] = height.clamp(low, high);
+        let model = Model::new(*context, &[set.effects(), vec![effect]].concat());
+        let start = [set.own(), &own].concat();
+        let fitted = fitting::fit_under(Some(under), &[], self.data, &model, (&start, true), self.monitor)?;
+        Ok((!fitted.vanishes(effect)).then_some(fitted))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::search;
+    use super::*;
+    use crate::diagnose::testing::{self, choice, setup, speeds};
+    use crate::drive::{Schedule, Shape};
+
+    #[test]
+    fn friction_takes_the_place_of_load_steps_at_reversals() {
+        let mut manoeuvre =
+            speeds(2.0, &[(0.1, 60.0), (0.5, -60.0), (1.0, -40.0), (1.3, 70.0), (1.7, -50.0)]);
+        let steps = vec![(0.0, 0.4), (0.8, 2.2), (1.5, 0.9)];
+        manoeuvre.tau_load = Some(Schedule::new(steps, Shape::Steps).unwrap());
+        let friction = EffectId::CoulombFriction;
+        let present = setup(manoeuvre, vec![choice("coulomb_friction", "tau_c", 0.1)]);
+        let (data, base) = testing::data(&present);
+        let count = |found: &Hypothesis| found.nuisances[0].steps();
+        assert!(count(&base) > 3, "{:?}", base.parameters);
+        let parent = Judged { fitted: base, held_out: Vec::new(), refuted: false };
+        let found = search(&data).friction_for_steps(&parent, &[EffectId::QuadraticDrag, friction]).unwrap();
+        let found = found.expect("friction is there").fitted;
+        assert_eq!((found.effects(), count(&found)), (vec![friction], 2), "{:?}", found.parameters);
+        let slot = &found.model.slots()[0];
+        let tau_c = found.parameters[slot.parameters.start];
+        assert!((tau_c - 0.1).abs() < 0.02, "{tau_c}");
+    }
+}
