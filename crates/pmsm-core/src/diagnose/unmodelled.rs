@@ -92,7 +92,7 @@ pub enum Basis {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Term {
     /// `d`, `q` or `mechanical`.
-    pub equation: crate::map::Equation,
+    pub equation: Equation,
     /// In plain words.
     pub sentence: String,
     /// Where it enters.
