@@ -30,9 +30,9 @@ impl Effect for EncoderDelay {
         parameters: &[Parameter {
             name: "t_delay",
             unit: "s",
-            meaning: "delay, positive where the logged angle is behind the rotor",
+            meaning: "delay: the logged angle is behind the rotor, and never ahead of it",
             role: Role::Amplitude,
-            low: &|cx| -LARGEST / cx.omega_e_max,
+            low: &|_| 0.0,
             high: &|cx| LARGEST / cx.omega_e_max,
             typical: &|cx| TYPICAL / cx.omega_e_max,
         }],
