@@ -229,30 +229,6 @@ class DiagnosisValues:
     data: Mapping[str, Any] = field(repr=False, compare=False)
     traces: Traces = field(repr=False, compare=False, default_factory=dict)
 
-    def leading(self, most: int) -> list[Candidate]:
-        """The first candidates, and all further ones that the model holds.
-
-        Parameters
-        ----------
-        most : int
-            How many of the first ones.
-
-        Returns
-        -------
-        list of Candidate
-            The most probable first.
-
-        Examples
-        --------
-        >>> import pmsm_rs as pm
-        >>> from pmsm_rs.support.demo import recording_files
-        >>> run, other, machine = recording_files()
-        >>> answer = pm.diagnose(run, machine, validation=other)
-        >>> [candidate.effect for candidate in answer.leading(1)]
-        ['dead_time']
-        """
-        return [c for at, c in enumerate(self.ranking) if at < most or c.effect in self.effects]
-
     @classmethod
     def from_json(cls, text: str, traces: Traces | None = None) -> Self:
         """Reads what `to_json` writes.
@@ -407,3 +383,8 @@ def _candidate(entry: Mapping[str, Any]) -> Candidate:
         tuple(entry["equivalent_to"]),
         entry.get("gain_held_out"),
     )
+
+
+def leading(answer: DiagnosisValues, most: int) -> list[Candidate]:
+    """The first `most` candidates, and all further ones that the model holds."""
+    return [c for at, c in enumerate(answer.ranking) if at < most or c.effect in answer.effects]

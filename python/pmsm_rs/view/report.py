@@ -15,7 +15,7 @@ import numpy as np
 from ..model import Model
 from ..plot import palette
 from ..results import budget, words
-from ..results.findings import Candidate, DiagnosisValues
+from ..results.findings import Candidate, DiagnosisValues, leading
 from . import bars, figures, plot_data, tables
 from .advice import next_step
 from .charts import Picture
@@ -87,7 +87,7 @@ def render(answer: DiagnosisValues, title: str | None = None, command: str | Non
         budget_fills=bars.budget_fills(answer),
         budget_table=tables.budget_table(answer),
         budget_run=next((entry.run for entry in budget.judged(answer.budget)), ""),
-        candidates=answer.leading(8),
+        candidates=leading(answer, 8),
         unlisted=max(0.0, 1.0 - sum(c.probability for c in answer.ranking)),
         unmodelled=answer.unmodelled,
         maps=[figures.unmodelled(term) for term in answer.unmodelled.terms] if answer.unmodelled else [],

@@ -10,7 +10,7 @@ from typing import Any
 from ..messages import behind
 from ..results.budget import judged, sentence
 from ..results.estimates import Estimate, IdentificationValues, json_text
-from ..results.findings import DiagnosisValues, Location
+from ..results.findings import DiagnosisValues, Location, leading
 from ..results.words import channel, estimate, listed, lower_first, number, percent
 from .headline import headline
 from .readout import converted, extent, ignored, origins, reasons
@@ -45,7 +45,7 @@ def diagnosis(answer: DiagnosisValues) -> str:
         lines += [hung(f"  {share_of(place):>6}  ", place.sentence) for place in places]
     if answer.ranking:
         lines += ["", "Candidates"]
-        for candidate in answer.leading(5):
+        for candidate in leading(answer, 5):
             twins = (
                 f"   cannot be told from {', '.join(candidate.equivalent_to)}"
                 if candidate.equivalent_to

@@ -94,9 +94,8 @@ impl Search<'_> {
         leads && after.iter().sum::<f64>() < before.iter().sum()
     }
 
-    /// A set with those of its effects that are `asked` and have a whole number among their parameters, such as an order, at the number with
-    /// which the whole set does best: it was chosen when other effects were there, or were not. The numbers that lead to first order are
-    /// refitted.
+    /// Chooses whole numbers, such as an order, anew for those effects of a set that are `asked`. They were chosen beside other effects. The
+    /// numbers that lead to first order are refitted, and the one with most evidence stays.
     pub(super) fn renewed(&self, mut set: Judged, asked: &dyn Fn(EffectId) -> bool) -> Result<Judged> {
         let effects = set.fitted.effects();
         if set.excess() <= self.data.options.mismatch {

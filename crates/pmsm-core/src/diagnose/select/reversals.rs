@@ -11,8 +11,8 @@ use crate::error::Result;
 use crate::model::Model;
 
 impl Search<'_> {
-    /// The set with that one of the `absent` effects, of those whose torque jumps at reversals, that has most evidence in place of such steps,
-    /// if it has more than `best`. From no friction beside these steps a fit does not get there.
+    /// Tries a friction in place of the load steps at reversals: each of the `absent` effects whose torque jumps there. The set with most
+    /// evidence comes back, if it has more than `best`. A fit that begins without friction beside these steps does not find it.
     pub(super) fn friction_for_steps(&self, best: &Judged, absent: &[EffectId]) -> Result<Option<Judged>> {
         if best.fitted.effects().len() >= self.most {
             return Ok(None);
