@@ -71,10 +71,8 @@ impl<'a> Scorer<'a> {
         // Parameters that were fitted to both may have bent in both: a flux that stands in for friction shows in the currents.
         let rotor = data.floors.iter().any(|f| !f.channel.is_electrical())
             && !fitting::together(data, &hypothesis.model);
-        let ((whole, jacobian), rotor) = rayon::join(
-            || Projector::new(data, hypothesis, false),
-            || rotor.then(|| Projector::new(data, hypothesis, true).0),
-        );
+        let (whole, jacobian) = Projector::new(data, hypothesis);
+        let rotor = rotor.then(|| whole.of_rotor(data, hypothesis, &jacobian)).flatten();
         Self { data, hypothesis, whole, rotor, jacobian }
     }
 

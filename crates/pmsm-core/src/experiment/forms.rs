@@ -1,11 +1,14 @@
 //! Derivatives at several forms of an effect that has no strength: the model does the same in each of them, and they are run beside
 //! one another.
 
+use super::course::Run;
 use super::rows::{Rows, of_groups};
 use super::{Channel, Course, Experiment, LANES, Linearisation, seed};
 use crate::numerics::dual::Dual;
-use crate::simulate::{electrical, mechanical};
-use nalgebra::DMatrix;
+use crate::numerics::real::Real;
+use crate::simulate::electrical;
+use crate::simulate::mechanical::{By, Forms};
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 impl Experiment<'_> {
@@ -118,7 +121,40 @@ impl Experiment<'_> {
         let Course { torque, starts, .. } = course;
         let put = |column: usize, k: usize, now: Dual<1>| rows.columns[column][k] = now.eps[0] * weight;
         let Self { model, signals, windows, nuisance: load, .. } = *self;
-        mechanical::Forms { model, signals, forms: &seeded, tau_e: torque, load, windows, starts }.run(put)
+        let by = By::Parameter;
+        Forms { model, signals, forms: &seeded, tau_e: torque, load, windows, starts, by }.run(put)
+    }
+
+    /// Weighted residuals of the speed alone at several parameter vectors that differ in nothing that changes the motor's torque. The initial
+    /// speeds are the given ones, or else those estimated at the first; what better ones would change is projected out of each.
+    ///
+    /// # Panics
+    /// If there are no vectors.
+    pub fn motion_residuals(&self, forms: &[Vec<f64>]) -> Vec<DVector<f64>> {
+        if !self.has_mechanical() {
+            return vec![DVector::zeros(0); forms.len()];
+        }
+        let torque = self.torque_at(&forms[0]);
+        let starts = self.starts(&forms[0], &torque);
+        let fixed = |p: &Vec<f64>| p.iter().map(|x| Dual::constant(*x)).collect();
+        let constants: Vec<Vec<Dual<1>>> = forms.iter().map(fixed).collect();
+        let mut runs = vec![Run::new(self.samples()); forms.len()];
+        let Self { model, signals, windows, nuisance: load, .. } = *self;
+        let (by, tau_e) = (By::Start, &*torque);
+        let together = Forms { model, signals, forms: &constants, tau_e, load, windows, starts: &starts, by };
+        let keep = |form: usize, k: usize, now: Dual<1>| {
+            (runs[form].shown[k], runs[form].slope[k]) = (now.re, now.eps[0]);
+        };
+        if !together.run(keep) {
+            runs = forms.iter().map(|p| self.speed_pass(p, &torque, &starts)).collect();
+        }
+        let residual = |run: &Run| {
+            let mut linear = Linearisation::zeros(self.samples(), 0);
+            self.project(run, linear.split_rows(0).1);
+            self.mask(&mut linear);
+            linear.residual
+        };
+        runs.iter().map(residual).collect()
     }
 
     /// Each of the forms with the derivative by each of the parameters that are `free` in turn.
@@ -134,7 +170,8 @@ mod tests {
     use crate::effects::EffectId;
     use crate::experiment::testing::{of_speed, reversing};
     use crate::model::Model;
-    use crate::simulate::mechanical::Nuisance;
+    use crate::simulate::mechanical::{self, Nuisance};
+    use std::borrow::Cow;
 
     #[test]
     fn forms_beside_one_another_have_the_bits_of_one_after_the_other() {
@@ -187,6 +224,28 @@ mod tests {
                 assert!(alone.norm() > 0.0 && alone.iter().all(|x| x.is_finite()), "{effect:?}");
                 assert!(own == alone, "{effect:?} {at}: {} of {}", (own - &alone).norm(), alone.norm());
             }
+        }
+    }
+    #[test]
+    fn residuals_of_the_speed_beside_one_another_are_those_of_one_after_the_other() {
+        let signals = reversing(2e-4, &(0.31..0.32));
+        let windows = mechanical::windows(&signals);
+        // A rotor that keeps its states from window to window, and one without any.
+        for effect in [EffectId::TwoMassShaft, EffectId::CoulombFriction] {
+            let model = Model::new(signals.context, &[effect]);
+            let mut p = vec![0.5, 6e-3, 9e-3, 0.1, 2e-3, 1e-3];
+            p.extend(effect.info().parameters.iter().map(|x| (x.typical)(&signals.context)));
+            let initial = model.mechanical_states() * mechanical::beginnings(&signals, &windows);
+            p.resize(p.len() + initial, 0.0);
+            let stronger = |times: f64| [&p[..6], &[p[6] * times], &p[7..]].concat();
+            let forms: Vec<Vec<f64>> = [0.5, 0.8, 1.0, 1.2, 1.5].map(stronger).to_vec();
+            let nuisance = Nuisance::known(initial);
+            let channels = vec![(Channel::OmegaE, 0.1)];
+            let mut experiment = Experiment { channels, ..of_speed(&model, &signals, nuisance, &windows) };
+            experiment.starts = experiment.estimated_starts(&forms[0]).map(Cow::Owned);
+            let together = experiment.motion_residuals(&forms);
+            let apart: Vec<DVector<f64>> = forms.iter().map(|p| experiment.residual(p)).collect();
+            assert!(together == apart && apart[0] != apart[4], "{effect:?}");
         }
     }
 }

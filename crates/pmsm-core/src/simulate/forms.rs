@@ -4,7 +4,7 @@ use crate::numerics::real::{Carries, Real, Several};
 use std::marker::PhantomData;
 
 /// Numbers beside one another at most.
-const LANES: usize = 8;
+pub(super) const LANES: usize = 8;
 
 /// Parameter vectors of one length beside one another; places left over repeat the last.
 #[inline(always)]

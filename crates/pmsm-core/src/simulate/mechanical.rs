@@ -26,7 +26,7 @@ use load::load_over;
 pub use acceleration::{Rotor, Torque};
 pub use beside::Windows;
 pub use between::torque_halfway;
-pub use forms::Forms;
+pub use forms::{By, Forms};
 pub use load::Nuisance;
 pub use losses::{Losses, Stations};
 pub use torque::{flux, torque, torque_with};

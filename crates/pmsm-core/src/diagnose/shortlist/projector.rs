@@ -28,29 +28,43 @@ pub(super) struct Projector {
 
 impl Projector {
     /// With the derivatives with respect to what was fitted.
-    pub(super) fn new(data: &Data, hypothesis: &Hypothesis, rotor_only: bool) -> (Self, DMatrix<f64>) {
-        let mut channels = rescaled(data.channels(true, true), left(data, hypothesis));
-        for run in &mut channels {
-            run.retain(|(c, _)| !(rotor_only && c.is_electrical()));
-        }
+    pub(super) fn new(data: &Data, hypothesis: &Hypothesis) -> (Self, DMatrix<f64>) {
+        let channels = rescaled(data.channels(true, true), left(data, hypothesis));
         let experiment = data.experiment(&hypothesis.model, &hypothesis.nuisances, channels.clone());
         let experiment = experiment.with_plain_speed();
         let order = experiment.channels().to_vec();
-        let fitted: Vec<usize> = hypothesis
-            .free
-            .iter()
-            .copied()
-            .filter(|k| !(rotor_only && experiment.is_electrical(*k)))
-            .collect();
         let starts = experiment.estimated_starts(&hypothesis.parameters);
         let experiment = experiment.with_starts(starts.as_deref());
-        let linear = experiment.linearise(&hypothesis.parameters, &fitted);
+        let linear = experiment.linearise(&hypothesis.parameters, &hypothesis.free);
         let basis = orthonormal(&linear.jacobian);
         let residual = &linear.residual - &basis * basis.tr_mul(&linear.residual);
         let courses = experiment.courses(&hypothesis.parameters);
-        let lasting = if rotor_only { None } else { Lasting::new(data, hypothesis, &order, &linear) };
+        let lasting = Lasting::new(data, hypothesis, &order, &linear);
         let left = linear.residual;
         (Self { channels, order, courses, starts, basis, residual, left, lasting }, linear.jacobian)
+    }
+
+    /// What of it, with the derivatives `jacobian` with respect to what was fitted, belongs to the speed and to what was fitted to the speed
+    /// alone; nothing where no speed is compared.
+    pub(super) fn of_rotor(
+        &self,
+        data: &Data,
+        hypothesis: &Hypothesis,
+        jacobian: &DMatrix<f64>,
+    ) -> Option<Self> {
+        let place = self.order.iter().position(|c| !c.is_electrical())?;
+        let samples = data.signals.len();
+        let experiment = data.experiment(&hypothesis.model, &hypothesis.nuisances, self.channels.clone());
+        let own = (0..hypothesis.free.len()).filter(|k| !experiment.is_electrical(hypothesis.free[*k]));
+        let columns: Vec<usize> = own.collect();
+        let jacobian = jacobian.rows(place * samples, samples).select_columns(&columns);
+        let basis = orthonormal(&jacobian);
+        let left = self.left.rows(place * samples, samples).into_owned();
+        let residual = &left - &basis * basis.tr_mul(&left);
+        let mut channels = self.channels.clone();
+        channels.iter_mut().for_each(|run| run.retain(|(c, _)| !c.is_electrical()));
+        let (order, courses, starts) = (vec![self.order[place]], self.courses.clone(), self.starts.clone());
+        Some(Self { channels, order, courses, starts, basis, residual, left, lasting: None })
     }
 }
 

@@ -10,11 +10,15 @@ use crate::model::Model;
 use crate::monitor::Monitor;
 use crate::numerics::tall;
 use crate::simulate::mechanical::Nuisance;
+use nalgebra::DVector;
 use rayon::prelude::*;
 
 /// Strengths, over the typical one, at which an effect is tried whose trace changes with it, and factors by which the best is refined.
 const STRENGTHS: [f64; 2] = [0.3, 1.0];
 const FINER: [f64; 6] = [1.25, 1.12, 1.06, 2.0, 1.1, 1.03];
+
+/// Trials that run beside one another.
+const TOGETHER: usize = 4;
 
 /// Score below which the best is not refined.
 const LEAST_TRIAL: f64 = 0.01;
@@ -33,13 +37,13 @@ impl Scorer<'_> {
             });
             scaled.collect()
         };
-        let score = |own: &Vec<f64>| {
-            monitor.go_on()?;
-            Ok(self.trial(effect, own))
-        };
         let best_of = |trials: Vec<Vec<f64>>, nothing: Prospect| -> Result<Prospect> {
-            let scored: Vec<f64> = trials.par_iter().map(score).collect::<Result<_>>()?;
-            let best = trials.into_iter().zip(scored).max_by(|a, b| a.1.total_cmp(&b.1));
+            let scores = |some: &[Vec<f64>]| {
+                monitor.go_on()?;
+                Ok(self.trials(effect, some))
+            };
+            let scored: Vec<Vec<f64>> = trials.par_chunks(TOGETHER).map(scores).collect::<Result<_>>()?;
+            let best = trials.into_iter().zip(scored.concat()).max_by(|a, b| a.1.total_cmp(&b.1));
             Ok(match best {
                 Some((start, score)) if score > nothing.score => Prospect { effect, start, score },
                 _ => nothing,
@@ -66,43 +70,45 @@ impl Scorer<'_> {
         Ok(best)
     }
 
-    /// Mean square that an effect explains at these parameters, by exact simulation, whatever was fitted giving way to first order.
-    fn trial(&self, effect: EffectId, own: &[f64]) -> f64 {
+    /// Mean square that an effect explains at each of these of its parameters, by exact simulation, whatever was fitted giving way to first
+    /// order.
+    fn trials(&self, effect: EffectId, trials: &[Vec<f64>]) -> Vec<f64> {
         let hypothesis = self.hypothesis;
         let projector = self.projector(effect);
         let mut effects = hypothesis.effects();
         effects.push(effect);
         let model = Model::new(*hypothesis.model.context(), &effects);
-        let mut parameters = [hypothesis.own(), own].concat();
-        let mut nuisances = Vec::with_capacity(hypothesis.nuisances.len());
+        let (mut behind, mut nuisances) = (Vec::new(), Vec::with_capacity(hypothesis.nuisances.len()));
         for (nuisance, left_open) in
             split(&hypothesis.nuisances, &hypothesis.parameters[hypothesis.own().len()..])
         {
             let run = &self.data.runs()[nuisances.len()];
             let initial = if run.has(false) { run.initial_states(&model) } else { 0 };
-            parameters.extend(left_open);
-            parameters.extend(std::iter::repeat_n(0.0, initial - nuisance.initial));
+            behind.extend(left_open);
+            behind.extend(std::iter::repeat_n(0.0, initial - nuisance.initial));
             nuisances.push(Nuisance { initial, ..nuisance });
         }
+        let whole = |own: &Vec<f64>| [hypothesis.own(), own, &behind].concat();
+        let parameters: Vec<Vec<f64>> = trials.iter().map(whole).collect();
         let mut channels = projector.channels.clone();
         let moves = effect.info().site == Site::Mechanical;
         if moves {
             channels.iter_mut().for_each(|run| run.retain(|(c, _)| !c.is_electrical()));
         }
         let experiment = self.data.experiment(&model, &nuisances, channels).with_plain_speed();
-        let seen = experiment.residual(&parameters);
         // The currents follow the measured speed: what moves the rotor otherwise leaves them as they are.
-        let residual = match moves {
-            true => {
-                let mut whole = projector.left.clone();
-                let speed = whole.len() - seen.len();
-                whole.rows_mut(speed, seen.len()).copy_from(&seen);
-                whole
-            }
-            false => seen,
+        let residuals = match moves {
+            true => experiment.with_starts(projector.starts.as_deref()).motion_residuals(&parameters),
+            false => parameters.iter().map(|p| experiment.residual(p)).collect(),
         };
-        let free = &residual - &projector.basis * tall::tr_mul_vector(&projector.basis, &residual);
-        let gain = projector.residual.norm_squared() - free.norm_squared();
-        if gain.is_finite() { gain / self.data.counted() as f64 } else { 0.0 }
+        let gain = |seen: &DVector<f64>| {
+            let mut residual = projector.left.clone();
+            let first = residual.len() - seen.len();
+            residual.rows_mut(first, seen.len()).copy_from(seen);
+            let free = &residual - &projector.basis * tall::tr_mul_vector(&projector.basis, &residual);
+            let gain = projector.residual.norm_squared() - free.norm_squared();
+            if gain.is_finite() { gain / self.data.counted() as f64 } else { 0.0 }
+        };
+        residuals.iter().map(gain).collect()
     }
 }

@@ -48,6 +48,25 @@ impl Joint<'_> {
         all
     }
 
+    /// Weighted residuals of the speed alone at several parameter vectors; see [`Experiment::motion_residuals`].
+    ///
+    /// # Panics
+    /// If another channel is compared, or there are no vectors.
+    pub fn motion_residuals(&self, forms: &[Vec<f64>]) -> Vec<DVector<f64>> {
+        assert!(self.channels.iter().all(|c| !c.is_electrical()), "the speed alone");
+        if let Some(run) = self.only() {
+            return run.motion_residuals(forms);
+        }
+        let mut all = vec![DVector::zeros(self.channels.len() * self.samples()); forms.len()];
+        for (r, run) in self.runs.iter().enumerate() {
+            let own: Vec<Vec<f64>> = forms.iter().map(|p| self.of_run(p, r).into_owned()).collect();
+            for (all, own) in all.iter_mut().zip(run.motion_residuals(&own)) {
+                self.place(r, own.as_slice(), all.as_mut_slice());
+            }
+        }
+        all
+    }
+
     /// Weighted residuals at `p` and their derivatives with respect to the parameters `free`.
     pub fn linearise(&self, p: &[f64], free: &[usize]) -> Linearisation {
         self.linearise_along(p, free, &[])
