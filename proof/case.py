@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 
 from . import limits
 from .bench import degrade
-from .effects import EQUATION, Effects, effect_values
+from .effects import EQUATION, HOLDS, Effects, effect_values
 from .foreign import FORMS
 from .lookalikes import lookalikes
 from .manoeuvres import Manoeuvre, make
@@ -268,7 +268,10 @@ def make_case(
         "equation": {k: EQUATION[k][0] for k in filled},
         "accept": {k: list(EQUATION[k]) for k in filled},
         "parameters": stated(filled),
-        "also_accept": sorted({k for form in forms.values() for k in form.accepted}),
+        "also_accept": sorted(
+            {k for form in forms.values() for k in form.accepted}
+            | {part for effect in known for part in HOLDS.get(effect, ())}
+        ),
         "foreign": {k: {"equations": list(f.equations), "over": list(f.over)} for k, f in forms.items()},
         "indistinguishable": similar,
         "base_true": {k: getattr(machine, k) for k in BASE},

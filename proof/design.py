@@ -28,6 +28,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np  # noqa: E402
 
 from .case import machine_file, nameplate_of, write_text  # noqa: E402
+from .effects import HOLDS  # noqa: E402
 from .machines import MACHINES, another  # noqa: E402
 from .manoeuvres import Manoeuvre, limit_slope, make  # noqa: E402
 from .parameters import Machine  # noqa: E402
@@ -38,8 +39,6 @@ from .strengths import RULES  # noqa: E402
 TIME, ROUNDS = 0.8, 2
 # shares of the rated values that the next recording may use
 CURRENT, SPEED = 1.0, 0.8
-# the plant's friction of two levels is Coulomb friction and what differs by direction in the package
-PARTS = {"asymmetric_friction": {"asymmetric_friction", "coulomb_friction"}}
 # strengths, in the units of RULES
 STRENGTH = (0.5, 3.0)
 # effects whose equations are not stiff, and whose answer has a single name
@@ -154,7 +153,7 @@ def settled(answer: Any, effect: str) -> str:
         return "open"
     if answer.verdict != "named":
         return "open"
-    return "right" if set(answer.effects) in ({effect}, PARTS.get(effect, {effect})) else "wrong"
+    return "right" if set(answer.effects) in ({effect}, {effect, *HOLDS.get(effect, ())}) else "wrong"
 
 
 def arm(case: Setting, kind: str, first: Any, log: Any, plate: Path, tries: int) -> dict[str, Any]:

@@ -57,6 +57,10 @@ CATALOGUE: dict[str, dict[str, float]] = {
     **{name: form.parameters for name, form in FORMS.items()},
 }
 
+# effect -> effects of the package's catalogue that are a part of it: friction of two levels is
+# Coulomb friction of their mean, and what differs by direction
+HOLDS: dict[str, tuple[str, ...]] = {"asymmetric_friction": ("coulomb_friction",)}
+
 # equation in which each effect shows, as the answer's `located` names it; the first is the main one
 EQUATION: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(

@@ -520,6 +520,14 @@ def test_what_a_true_machine_leaves_follows_from_the_stated_noise(tmp_path: Path
     assert shorter.mean() < found.mean()
 
 
+def test_the_mean_of_two_levels_of_friction_is_no_wrong_name(tmp_path: Path) -> None:
+    friction = {"asymmetric_friction": {"tau_c_pos": 0.05, "tau_c_neg": 0.09}}
+    case = make_case(tmp_path / "open", SERVO, friction, truth_folder=tmp_path / "sealed")
+    assert case["also_accept"] == [COULOMB]
+    drag = {"quadratic_drag": {"k": 1e-5}}
+    assert make_case(tmp_path / "o", SERVO, drag, truth_folder=tmp_path / "s")["also_accept"] == []
+
+
 def test_what_is_counted_against_the_least_is_named_rightly() -> None:
     named = answer("named", (COULOMB, 0.9))
     assert rightly_named(truth("single", COULOMB), named)

@@ -87,11 +87,29 @@ impl Evidence {
     }
 
     /// Whether `larger` is worth its further effects over `smaller`: by all recordings, and not by the fitted one alone where another one
-    /// shows the channels in which it gains.
+    /// shows the channels in which it gains; and by more than counts as explained.
     pub fn prefers(&self, larger: &Judged, smaller: &Judged) -> bool {
         let elsewhere = self.cost_elsewhere(larger) < self.cost_elsewhere(smaller);
         self.cost(larger) + self.options.decisive < self.cost(smaller)
             && (elsewhere || !self.shown_elsewhere(larger, smaller))
+            && self.explains_excess(larger, smaller)
+    }
+
+    /// Whether what `larger` has more takes away more of the excess of a channel than may be left of one that counts as explained, or spares a
+    /// step of the load. Less may be the error of a simulation, and a name for it would be one for that.
+    fn explains_excess(&self, larger: &Judged, smaller: &Judged) -> bool {
+        fn runs(set: &Judged) -> impl Iterator<Item = &Hypothesis> {
+            std::iter::once(&set.fitted).chain(&set.held_out)
+        }
+        let effects = |set: &Judged| set.fitted.model.slots().len();
+        let steps = |set: &Judged| set.fitted.nuisances.iter().map(Nuisance::steps).sum::<usize>();
+        let takes_away = |(larger, smaller): (&Hypothesis, &Hypothesis)| {
+            let mut channels = larger.squares.iter().zip(&smaller.squares);
+            channels.any(|((_, after), (_, before))| before - after > self.options.explained)
+        };
+        effects(larger) <= effects(smaller)
+            || steps(larger) < steps(smaller)
+            || runs(larger).zip(runs(smaller)).any(takes_away)
     }
 
     /// Whether `larger` explains more beyond `smaller` than it leaves, on each recording. It is asked only where more than noise is left, but
@@ -187,6 +205,26 @@ mod tests {
     /// Two channels of the recording and of another one.
     fn evidence() -> Evidence {
         Evidence::counting(vec![50.0; 2], vec![vec![50.0; 2]])
+    }
+
+    #[test]
+    fn what_the_simulation_may_be_off_by_is_worth_no_effect_however_many_samples_there_are() {
+        let evidence = Evidence::counting(vec![500.0; 2], vec![vec![500.0; 2]]);
+        let with_effect = |mut set: Judged| {
+            set.fitted.model = Model::new(*set.fitted.model.context(), &[EffectId::VoltageDelay]);
+            set
+        };
+        let bare = |square: f64| judged(square, 1.0, square, 4);
+        let larger = with_effect(judged(1.0, 1.0, 1.0, 5));
+        assert!(evidence.prefers(&larger, &bare(1.15)));
+        assert!(evidence.cost(&larger) + evidence.options.decisive < evidence.cost(&bare(1.1)));
+        assert!(!evidence.prefers(&larger, &bare(1.1)));
+        // With one number less the same set is another matter.
+        assert!(evidence.prefers(&judged(1.0, 1.0, 1.0, 4), &bare(1.1)));
+        // So is one that spares a step of the load.
+        let mut stepping = bare(1.1);
+        stepping.fitted.nuisances = vec![Nuisance::unknown(1, 0)];
+        assert!(evidence.prefers(&larger, &stepping));
     }
 
     #[test]

@@ -1,9 +1,10 @@
 //! Selection of the set of effects by evidence: whole sets are grown, pruned and exchanged, each refitted by simulation.
 //!
 //! At a fitted set every absent effect is scored to first order; the whole set is refitted with each of the best few, and the one with
-//! the most evidence is gone on from. What the others make superfluous is dropped. Nothing is asked of an effect by itself: on a bench on
-//! which several things are missing none explains much alone.
+//! the most evidence is gone on from. What the others make superfluous is dropped, and what another recording calls for is added. Nothing is
+//! asked of an effect by itself: on a bench on which several things are missing none explains much alone.
 
+mod elsewhere;
 mod exchange;
 mod grow;
 mod refit;
@@ -109,18 +110,14 @@ impl Search<'_> {
         let base = self.judge(base)?;
         let (able, unfit) = able::able(self.data);
         let mut seen = vec![base.clone()];
+        // Sets that are only compared may end their fits before the last digit.
         let rough = self.data.roughly();
-        let growing = Search {
-            data: &rough,
-            held_out: self.held_out.clone(),
-            refuting: Vec::new(),
-            from: self.from.clone(),
-            ..*self
-        };
-        let (grown, singles) = growing.grow(&base, &able, &mut seen)?;
+        let (held_out, refuting) = (self.held_out.clone(), self.refuting.clone());
+        let quick = Search { data: &rough, held_out, refuting, from: self.from.clone(), ..*self };
+        let (grown, singles) = quick.grow(&base, &able, &mut seen)?;
         let mut best = match grown.fitted.effects().is_empty() {
             true => base.clone(),
-            false => self.judge(fitting::on_from(self.data, &grown.fitted, self.monitor)?)?,
+            false => quick.judge(fitting::on_from(&rough, &grown.fitted, self.monitor)?)?,
         };
         self.monitor.report("alternatives", 0.85);
         let mut swaps = Vec::new();
@@ -132,21 +129,27 @@ impl Search<'_> {
             let fitted = best.fitted.clone();
             let traces = Traces::new(self.data, &fitted);
             let (worth, over) = (traces.worth(evidence.samples()), traces.over_remainder());
-            if let Some(simpler) = self.simpler(&best, (&worth, &over), &evidence, &mut seen)? {
+            if let Some(simpler) = quick.simpler(&best, (&worth, &over), &evidence, &mut seen)? {
                 best = simpler;
                 continue;
             }
             let (absent, poor) = (absent(&able, &best), self.most < self.data.options.most_effects);
             shown = traces.survey(&absent, evidence.samples(), poor, self.monitor)?;
-            swaps = self.exchange(&best, &worth, &shown, &mut seen)?;
+            swaps = quick.exchange(&best, &worth, &shown, &mut seen)?;
             let better = swaps.iter().filter(|s| evidence.prefers(&s.judged, &best));
             let better = better.min_by(|a, b| evidence.cost(&a.judged).total_cmp(&evidence.cost(&b.judged)));
             let better = match better {
                 Some(swap) => Some(swap.judged.clone()),
-                None => self.friction_for_steps(&best, &absent)?,
+                None => match quick.friction_for_steps(&best, &absent)? {
+                    Some(better) => Some(better),
+                    None => quick.called_for_elsewhere(&best, &absent)?,
+                },
             };
             let Some(better) = better else { break };
             best = better;
+        }
+        if !best.fitted.effects().is_empty() {
+            best = self.judge(fitting::on_from(self.data, &best.fitted, self.monitor)?)?;
         }
         let evidence = self.evidence().limited(std::iter::once(&best));
         seen.extend(singles.iter().filter_map(|(_, set)| set.clone()));

@@ -1,0 +1,91 @@
+//! One effect more that another recording calls for: what the parameters of the others make up for on the fitted recording may stand out
+//! where the machine does something else.
+
+use super::Search;
+use super::grow::REFITTED;
+use crate::diagnose::data::Data;
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::shortlist::{Prospect, Scorer};
+use crate::diagnose::verdict::{self, Judged};
+use crate::effects::EffectId;
+use crate::error::Result;
+use rayon::prelude::*;
+
+impl Search<'_> {
+    /// The set with most evidence of those with one of the `absent` effects more that a recording calls for which is not used for fitting, if
+    /// it has more than `best`. The effects are scored there, and the set is refitted to the recording with each of those that lead.
+    pub(super) fn called_for_elsewhere(&self, best: &Judged, absent: &[EffectId]) -> Result<Option<Judged>> {
+        if best.fitted.effects().len() >= self.most {
+            return Ok(None);
+        }
+        let evidence = self.evidence().limited(std::iter::once(best));
+        let mut better: Option<Judged> = None;
+        for (data, there) in self.held_out.iter().zip(&best.held_out) {
+            if verdict::largest_excess(there) <= self.data.options.mismatch {
+                continue;
+            }
+            let prospects = self.leading_there(data, &best.fitted, there, absent)?;
+            let refit = |prospect: &Prospect| -> Result<Option<Judged>> {
+                self.refit(best, prospect)?.map(|fitted| self.judge(fitted)).transpose()
+            };
+            let sets: Vec<Option<Judged>> = prospects.par_iter().map(refit).collect::<Result<_>>()?;
+            for set in sets.into_iter().flatten().filter(|set| evidence.prefers(set, best)) {
+                if better.as_ref().is_none_or(|so_far| evidence.cost(&set) < evidence.cost(so_far)) {
+                    better = Some(set);
+                }
+            }
+        }
+        Ok(better)
+    }
+
+    /// The effects that explain most of what a set leaves on the recording `data`, where it shows what it does `there`, beside all that its
+    /// fitted parameters could make up for there.
+    fn leading_there(
+        &self,
+        data: &Data,
+        set: &Hypothesis,
+        there: &Hypothesis,
+        absent: &[EffectId],
+    ) -> Result<Vec<Prospect>> {
+        let own = set.own().len();
+        let fitted = set.free.iter().copied().filter(|k| *k < own);
+        let there = Hypothesis { free: fitted.chain(own..there.parameters.len()).collect(), ..there.clone() };
+        let scorer = Scorer::new(data, &there);
+        let score = |effect: &EffectId| scorer.score(*effect, self.monitor);
+        let mut prospects: Vec<Prospect> = absent.par_iter().map(score).collect::<Result<_>>()?;
+        prospects.sort_by(|a, b| b.score.total_cmp(&a.score));
+        prospects.truncate(REFITTED);
+        Ok(prospects)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::search;
+    use crate::diagnose::testing::{self, choice, setup, speeds};
+    use crate::drive::Manoeuvre;
+    use crate::effects::EffectId;
+
+    #[test]
+    fn a_drag_that_the_recording_hides_in_the_viscous_friction_is_found_by_the_validation_run() {
+        let run = |manoeuvre: Manoeuvre| {
+            let present = vec![choice("quadratic_drag", "k", 2e-5)];
+            testing::data(&setup(manoeuvre, present))
+        };
+        // Between two speeds the drag is a line; from one of them to a standstill it is not.
+        let near = [(0.0, 100.0), (0.3, 90.0), (0.5, 100.0), (0.7, 90.0), (0.9, 100.0)];
+        let (data, base) = run(speeds(1.1, &near));
+        let (other, _) = run(speeds(1.1, &[(0.1, 110.0), (0.4, 5.0), (0.7, 110.0), (0.9, 30.0)]));
+        let mut search = search(&data);
+        search.held_out = vec![&other];
+        let bare = search.judge(base).unwrap();
+        let absent = [EffectId::CoggingTorque, EffectId::QuadraticDrag, EffectId::TimeVaryingLoad];
+        let larger = search.called_for_elsewhere(&bare, &absent).unwrap();
+        assert!(bare.fitted.squares.iter().all(|(_, s)| *s < 1.5), "{:?}", bare.fitted.squares);
+        assert_eq!(larger.unwrap().fitted.effects(), [EffectId::QuadraticDrag]);
+        // Where the other run leaves nothing nothing is called for.
+        search.held_out = vec![&data];
+        let same = search.judge(bare.fitted.clone()).unwrap();
+        assert!(search.called_for_elsewhere(&same, &absent).unwrap().is_none());
+    }
+}
