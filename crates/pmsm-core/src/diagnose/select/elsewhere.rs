@@ -15,7 +15,8 @@ impl Search<'_> {
     /// The set with most evidence of those with one of the `absent` effects more that a recording calls for which is not used for fitting, if
     /// it has more than `best`. The effects are scored there, and the set is refitted to the recording with each of those that lead.
     pub(super) fn called_for_elsewhere(&self, best: &Judged, absent: &[EffectId]) -> Result<Option<Judged>> {
-        if best.fitted.effects().len() >= self.most {
+        // The other half of the recording itself shows nothing else.
+        if best.fitted.effects().len() >= self.most || self.data.held_out.is_some() {
             return Ok(None);
         }
         let evidence = self.evidence().limited(std::iter::once(best));
