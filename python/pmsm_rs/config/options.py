@@ -49,7 +49,7 @@ class DiagnosisOptions(Settings):
     mismatch_held_out : float
         The same on another recording.
     explained : float
-        Excess mean square below which a channel is explained. An effect must take away more than that.
+        Excess mean square below which a channel is explained. An effect must gain more.
     refuted_times : float
         A model is refuted where its mean square on another recording exceeds that of the dq-model this many
         times, plus `refuted_by`.

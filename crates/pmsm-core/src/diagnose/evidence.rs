@@ -95,8 +95,8 @@ impl Evidence {
             && self.explains_excess(larger, smaller)
     }
 
-    /// Whether what `larger` has more takes away more of the excess of a channel than may be left of one that counts as explained, or spares a
-    /// step of the load. Less may be the error of a simulation, and a name for it would be one for that.
+    /// Whether the further effects of `larger` lower the mean square of some channel by more than `explained`, or save a load step. A
+    /// smaller gain may be the error of the simulation, which must not get a name.
     fn explains_excess(&self, larger: &Judged, smaller: &Judged) -> bool {
         fn runs(set: &Judged) -> impl Iterator<Item = &Hypothesis> {
             std::iter::once(&set.fitted).chain(&set.held_out)

@@ -38,8 +38,7 @@ pub struct DiagnosisOptions {
     pub mismatch: f64,
     /// The same on a recording that was not used for fitting.
     pub mismatch_held_out: f64,
-    /// Excess mean square that a channel may have and still count as explained; no less than that must an effect take away from a channel to be
-    /// worth a name.
+    /// Excess mean square that a channel may have and still count as explained. An effect is named only if it lowers a channel by more.
     pub explained: f64,
     /// A mean square on another recording beyond this multiple of the dq-model's, and beyond that by `refuted_by`, refutes a model.
     pub refuted_times: f64,

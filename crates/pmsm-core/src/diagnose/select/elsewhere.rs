@@ -1,5 +1,5 @@
-//! One effect more that another recording calls for: what the parameters of the others make up for on the fitted recording may stand out
-//! where the machine does something else.
+//! One more effect, found on the validation run. On the fitted recording other parameters may compensate for it; at other operating points
+//! they cannot.
 
 use super::Search;
 use super::grow::REFITTED;
@@ -12,10 +12,10 @@ use crate::error::Result;
 use rayon::prelude::*;
 
 impl Search<'_> {
-    /// The set with most evidence of those with one of the `absent` effects more that a recording calls for which is not used for fitting, if
-    /// it has more than `best`. The effects are scored there, and the set is refitted to the recording with each of those that lead.
+    /// Adds to `best` that one of the `absent` effects which explains its residual on the other recordings, if the evidence grows. The
+    /// effects are scored there. The set is refitted to the fitted recording with each of the leading ones.
     pub(super) fn called_for_elsewhere(&self, best: &Judged, absent: &[EffectId]) -> Result<Option<Judged>> {
-        // The other half of the recording itself shows nothing else.
+        // Both halves of one recording hold the same operating points.
         if best.fitted.effects().len() >= self.most || self.data.held_out.is_some() {
             return Ok(None);
         }
@@ -39,8 +39,8 @@ impl Search<'_> {
         Ok(better)
     }
 
-    /// The effects that explain most of what a set leaves on the recording `data`, where it shows what it does `there`, beside all that its
-    /// fitted parameters could make up for there.
+    /// The effects with the highest scores on another recording `data`, beside the fitted parameters of `set`. `there` is the set as it
+    /// predicts that recording.
     fn leading_there(
         &self,
         data: &Data,

@@ -92,7 +92,7 @@ impl<W: Several<Dual<1>>> Restart<W> for Given<'_> {
     }
     fn forget(&self, state: &mut W) {
         if self.by == By::Start {
-            // What the window before began with is not what this one does.
+            // The derivative belongs to the start of its own window.
             let mut lanes = [Dual::zero(); LANES];
             state.put(&mut lanes);
             *state = W::of(&lanes.map(|x| Dual::constant(x.re)));
