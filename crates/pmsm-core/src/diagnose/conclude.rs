@@ -1,7 +1,7 @@
 //! The answer: what was found, where, what else it could be, and what it is worth.
 
 use super::answer::{
-    Answer, BeforeAfter, Candidate, Columns, Estimate, FitTable, FoundModel, SCHEMA, Step, Traces, Verdict,
+    Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, SCHEMA, Step, Traces, Verdict,
 };
 use super::budget::Ends;
 use super::data::Data;
@@ -17,7 +17,7 @@ use super::{
     able, agree, baseline, budget, each, fault, plausible, power, prescribe, reach, remaining, stated_load,
     unmodelled, verdict,
 };
-use crate::effect::{Role, Site};
+use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
 use crate::machine::BaseParameter;
@@ -95,7 +95,7 @@ pub fn conclude(
     }
     monitor.go_on()?;
     let own = Outputs::new(data, &outcome.best.fitted);
-    if verdict == Verdict::Named && moves_nothing(&outcome.best.fitted, &own) {
+    if verdict == Verdict::Named && outcome.best.fitted.effects().iter().any(|e| own.moves_nothing(*e)) {
         verdict = Verdict::Unknown;
         decide::doubt(&mut ranked, data.options.ceiling_unknown);
     }
@@ -288,25 +288,6 @@ fn cannot_tell(data: &Data, set: &Hypothesis) -> bool {
     data.poor && (electrical || reach::stays_at_one_point(&data.signals))
 }
 
-/// Whether the model owes its place to a mechanical effect none of whose parameters exceeds its own standard error: what it takes away is
-/// real, and something else.
-fn moves_nothing(hypothesis: &Hypothesis, outputs: &Outputs) -> bool {
-    let effects = hypothesis.effects().into_iter();
-    let mut mechanical = effects.filter(|e| e.info().site == Site::Mechanical);
-    mechanical.any(|e| hypothesis.vanishes(e) || within_errors(e, &outputs.effect(e)))
-}
-
-/// Whether none of an effect's estimates exceeds its standard error. A whole number, which has none, says nothing of a strength; what else
-/// has none counts as beyond it.
-fn within_errors(effect: EffectId, estimates: &BTreeMap<String, Estimate>) -> bool {
-    let chosen = |name: &String| {
-        effect.info().parameters.iter().any(|p| p.name == name.as_str() && p.role == Role::Fixed)
-    };
-    let within =
-        |x: &Estimate| matches!((x.value, x.stderr), (Some(value), Some(error)) if value.abs() < error);
-    estimates.iter().filter(|(name, _)| !chosen(name)).all(|(_, x)| within(x))
-}
-
 fn step(data: &Data, hypothesis: &Hypothesis) -> Step {
     let outputs = Outputs::new(data, hypothesis);
     let effects = hypothesis.effects();
@@ -467,37 +448,4 @@ fn table(columns: &Columns, data: &Data) -> BeforeAfter {
             .collect()
     };
     BeforeAfter { before: rms("before"), after: rms("after") }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
-    use crate::drive::Choice;
-
-    #[test]
-    fn an_order_without_an_error_is_no_strength() {
-        let estimate = |(name, value, stderr): (&str, f64, Option<f64>)| {
-            let unit = "1".into();
-            (name.to_string(), Estimate { value: Some(value), stderr, ci95: None, unit, why_none: None })
-        };
-        let within = |second: Option<f64>| {
-            let cogging =
-                [("tau_cog", 0.06, Some(0.08)), ("tau_cog_2", 0.04, second), ("order_mech", 24.0, None)];
-            within_errors(EffectId::CoggingTorque, &cogging.map(estimate).into())
-        };
-        assert!(within(Some(0.05)) && !within(Some(0.03)) && !within(None));
-    }
-
-    #[test]
-    fn an_effect_of_the_motion_that_its_own_error_exceeds_moves_nothing() {
-        let nothing = |effects: Vec<Choice>| {
-            let manoeuvre = speeds(1.0, &[(0.1, 90.0), (0.4, -80.0), (0.8, 60.0)]);
-            let (data, base) = data(&setup(manoeuvre, effects));
-            let fitted = fitted(&data, &base, EffectId::QuadraticDrag);
-            moves_nothing(&fitted, &Outputs::new(&data, &fitted))
-        };
-        assert!(nothing(Vec::new()));
-        assert!(!nothing(vec![choice("quadratic_drag", "k", 1e-4)]));
-    }
 }

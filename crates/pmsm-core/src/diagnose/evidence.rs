@@ -95,6 +95,11 @@ impl Evidence {
             && self.explains_excess(larger, smaller)
     }
 
+    /// The one of `sets` that costs least, of those that are preferred to `best`.
+    pub fn best_of<'s>(&self, sets: impl Iterator<Item = &'s Judged>, best: &Judged) -> Option<&'s Judged> {
+        sets.filter(|set| self.prefers(set, best)).min_by(|a, b| self.cost(a).total_cmp(&self.cost(b)))
+    }
+
     /// Whether the further effects of `larger` lower the mean square of some channel by more than `explained`, or save a load step. A
     /// smaller gain may be the error of the simulation, which must not get a name.
     fn explains_excess(&self, larger: &Judged, smaller: &Judged) -> bool {
@@ -117,7 +122,7 @@ impl Evidence {
     pub fn more_than_remains(&self, larger: &Judged, smaller: &Judged) -> bool {
         let excess = |set: &Hypothesis| verdict::beyond_chance(set).map(|x| x.max(0.0)).sum::<f64>();
         let most = verdict::largest_excess(&larger.fitted).max(larger.held_out_excess());
-        let of_forms = most <= self.options.remaining_times.powi(2) - 1.0;
+        let of_forms = most <= self.options.form_error();
         let explains = |larger: &Hypothesis, smaller: &Hypothesis| {
             let left = excess(larger);
             left <= self.options.explained || excess(smaller) - left > self.options.beside_remainder * left

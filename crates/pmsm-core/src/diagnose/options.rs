@@ -105,6 +105,11 @@ impl Default for DiagnosisOptions {
 }
 
 impl DiagnosisOptions {
+    /// Excess mean square that errors of the forms of right effects may leave. Beyond it a further cause is missing.
+    pub fn form_error(&self) -> f64 {
+        self.remaining_times.powi(2) - 1.0
+    }
+
     /// Checks that each is a number with which a diagnosis can be made.
     ///
     /// # Errors

@@ -6,7 +6,7 @@ use super::hypothesis::Hypothesis;
 use super::ties::{self, Tie};
 use super::torque_noise;
 use crate::base::Base;
-use crate::effect::Role;
+use crate::effect::{Role, Site};
 use crate::effects::EffectId;
 use crate::machine::BaseParameter;
 use crate::numerics::dual::Dual;
@@ -226,6 +226,24 @@ impl<'a> Outputs<'a> {
             })
             .collect()
     }
+
+    /// Whether `effect` acts on the motion with a strength that its own standard error exceeds: what it takes away is real, and something
+    /// else.
+    pub fn moves_nothing(&self, effect: EffectId) -> bool {
+        let mechanical = effect.info().site == Site::Mechanical;
+        mechanical && (self.hypothesis.vanishes(effect) || within_errors(effect, &self.effect(effect)))
+    }
+}
+
+/// Whether none of an effect's estimates exceeds its standard error. A whole number, which has none, says nothing of a strength; what else
+/// has none counts as beyond it.
+fn within_errors(effect: EffectId, estimates: &BTreeMap<String, Estimate>) -> bool {
+    let chosen = |name: &String| {
+        effect.info().parameters.iter().any(|p| p.name == name.as_str() && p.role == Role::Fixed)
+    };
+    let within =
+        |x: &Estimate| matches!((x.value, x.stderr), (Some(value), Some(error)) if value.abs() < error);
+    estimates.iter().filter(|(name, _)| !chosen(name)).all(|(_, x)| within(x))
 }
 
 /// The interval of what cannot be negative, as its lowest value tells, does not reach below zero. Other bounds are where it was sought.
@@ -285,6 +303,7 @@ fn estimate(value: f64, variance: f64, unit: &str, why: Option<String>) -> Estim
 mod tests {
     use super::*;
     use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
+    use crate::drive::Choice;
 
     #[test]
     fn a_parameter_that_may_be_anything_within_its_bounds_has_no_uncertainty() {
@@ -325,5 +344,31 @@ mod tests {
         assert!((of(&base, 0.0) / BETWEEN_ROWS - 1.0).abs() < 1e-9);
         let (alone, beside) = (of(&base, 0.1), of(&found, 0.1));
         assert!((beside / alone / FORM - 1.0).abs() < 0.01, "{alone} {beside}");
+    }
+
+    #[test]
+    fn an_order_without_an_error_is_no_strength() {
+        let estimate = |(name, value, stderr): (&str, f64, Option<f64>)| {
+            let unit = "1".into();
+            (name.to_string(), Estimate { value: Some(value), stderr, ci95: None, unit, why_none: None })
+        };
+        let within = |second: Option<f64>| {
+            let cogging =
+                [("tau_cog", 0.06, Some(0.08)), ("tau_cog_2", 0.04, second), ("order_mech", 24.0, None)];
+            within_errors(EffectId::CoggingTorque, &cogging.map(estimate).into())
+        };
+        assert!(within(Some(0.05)) && !within(Some(0.03)) && !within(None));
+    }
+
+    #[test]
+    fn an_effect_of_the_motion_that_its_own_error_exceeds_moves_nothing() {
+        let nothing = |effects: Vec<Choice>| {
+            let manoeuvre = speeds(1.0, &[(0.1, 90.0), (0.4, -80.0), (0.8, 60.0)]);
+            let (data, base) = data(&setup(manoeuvre, effects));
+            let fitted = fitted(&data, &base, EffectId::QuadraticDrag);
+            Outputs::new(&data, &fitted).moves_nothing(EffectId::QuadraticDrag)
+        };
+        assert!(nothing(Vec::new()));
+        assert!(!nothing(vec![choice("quadratic_drag", "k", 1e-4)]));
     }
 }

@@ -94,7 +94,7 @@ impl Seen {
     }
 
     fn is_a_further_cause(&self, options: &DiagnosisOptions) -> bool {
-        self.excess > options.remaining_times.powi(2) - 1.0 && self.p_value < options.remaining_chance
+        self.excess > options.form_error() && self.p_value < options.remaining_chance
     }
 
     fn larger(self, other: Self) -> Self {

@@ -135,16 +135,14 @@ impl Search<'_> {
             }
             let (absent, poor) = (absent(&able, &best), self.most < self.data.options.most_effects);
             shown = traces.survey(&absent, evidence.samples(), poor, self.monitor)?;
-            swaps = quick.exchange(&best, &worth, &shown, &mut seen)?;
-            let better = swaps.iter().filter(|s| evidence.prefers(&s.judged, &best));
-            let better = better.min_by(|a, b| evidence.cost(&a.judged).total_cmp(&evidence.cost(&b.judged)));
-            let better = match better {
-                Some(swap) => Some(swap.judged.clone()),
-                None => match quick.friction_for_steps(&best, &absent)? {
-                    Some(better) => Some(better),
-                    None => quick.called_for_elsewhere(&best, &absent)?,
-                },
-            };
+            swaps = quick.exchange(&best, (&worth, &over), &shown, &mut seen)?;
+            let mut better = evidence.best_of(swaps.iter().map(|swap| &swap.judged), &best).cloned();
+            if better.is_none() {
+                better = quick.friction_for_steps(&best, &absent, &evidence)?;
+            }
+            if better.is_none() {
+                better = quick.called_for_elsewhere(&best, &absent, &evidence)?;
+            }
             let Some(better) = better else { break };
             best = better;
         }

@@ -4,6 +4,7 @@
 use super::Search;
 use super::grow::REFITTED;
 use crate::diagnose::data::Data;
+use crate::diagnose::evidence::Evidence;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::shortlist::{Prospect, Scorer};
 use crate::diagnose::verdict::{self, Judged};
@@ -13,14 +14,21 @@ use rayon::prelude::*;
 
 impl Search<'_> {
     /// Adds to `best` that one of the `absent` effects which explains its residual on the other recordings, if the evidence grows. The
-    /// effects are scored there. The set is refitted to the fitted recording with each of the leading ones.
-    pub(super) fn called_for_elsewhere(&self, best: &Judged, absent: &[EffectId]) -> Result<Option<Judged>> {
+    /// effects are scored there. The set is refitted to the fitted recording with each of the leading ones. Where a set does not explain the
+    /// fitted recording either, that one has been asked already.
+    pub(super) fn called_for_elsewhere(
+        &self,
+        best: &Judged,
+        absent: &[EffectId],
+        evidence: &Evidence,
+    ) -> Result<Option<Judged>> {
         // Both halves of one recording hold the same operating points.
-        if best.fitted.effects().len() >= self.most || self.data.held_out.is_some() {
+        let same_points = self.data.held_out.is_some();
+        let explained = best.excess() <= self.data.options.form_error();
+        if best.fitted.effects().len() >= self.most || same_points || !explained {
             return Ok(None);
         }
-        let evidence = self.evidence().limited(std::iter::once(best));
-        let mut better: Option<Judged> = None;
+        let mut sets: Vec<Judged> = Vec::new();
         for (data, there) in self.held_out.iter().zip(&best.held_out) {
             if verdict::largest_excess(there) <= self.data.options.mismatch {
                 continue;
@@ -29,14 +37,10 @@ impl Search<'_> {
             let refit = |prospect: &Prospect| -> Result<Option<Judged>> {
                 self.refit(best, prospect)?.map(|fitted| self.judge(fitted)).transpose()
             };
-            let sets: Vec<Option<Judged>> = prospects.par_iter().map(refit).collect::<Result<_>>()?;
-            for set in sets.into_iter().flatten().filter(|set| evidence.prefers(set, best)) {
-                if better.as_ref().is_none_or(|so_far| evidence.cost(&set) < evidence.cost(so_far)) {
-                    better = Some(set);
-                }
-            }
+            let refitted: Vec<Option<Judged>> = prospects.par_iter().map(refit).collect::<Result<_>>()?;
+            sets.extend(refitted.into_iter().flatten());
         }
-        Ok(better)
+        Ok(evidence.best_of(sets.iter(), best).cloned())
     }
 
     /// The effects with the highest scores on another recording `data`, beside the fitted parameters of `set`. `there` is the set as it
@@ -63,9 +67,9 @@ impl Search<'_> {
 #[cfg(test)]
 mod tests {
     use super::super::tests::search;
+    use super::*;
     use crate::diagnose::testing::{self, choice, setup, speeds};
     use crate::drive::Manoeuvre;
-    use crate::effects::EffectId;
 
     #[test]
     fn a_drag_that_the_recording_hides_in_the_viscous_friction_is_found_by_the_validation_run() {
@@ -81,12 +85,16 @@ mod tests {
         search.held_out = vec![&other];
         let bare = search.judge(base).unwrap();
         let absent = [EffectId::CoggingTorque, EffectId::QuadraticDrag, EffectId::TimeVaryingLoad];
-        let larger = search.called_for_elsewhere(&bare, &absent).unwrap();
+        let asked = |search: &Search, set: &Judged| {
+            let evidence = search.evidence().limited(std::iter::once(set));
+            search.called_for_elsewhere(set, &absent, &evidence).unwrap()
+        };
+        let larger = asked(&search, &bare);
         assert!(bare.fitted.squares.iter().all(|(_, s)| *s < 1.5), "{:?}", bare.fitted.squares);
         assert_eq!(larger.unwrap().fitted.effects(), [EffectId::QuadraticDrag]);
         // Where the other run leaves nothing nothing is called for.
         search.held_out = vec![&data];
         let same = search.judge(bare.fitted.clone()).unwrap();
-        assert!(search.called_for_elsewhere(&same, &absent).unwrap().is_none());
+        assert!(asked(&search, &same).is_none());
     }
 }

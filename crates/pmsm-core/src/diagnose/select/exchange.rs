@@ -119,10 +119,11 @@ impl Search<'_> {
     }
 
     /// Sets beside the best one that may have as much evidence to first order: without one of its effects, or with another in its place.
+    /// An effect that explains less than what remains beside a further cause gets no name, and no other is tried in its place.
     pub(super) fn exchange(
         &self,
         best: &Judged,
-        worth: &[(EffectId, f64)],
+        (worth, over): (&OfEach, &OfEach),
         shown: &[Shown],
         seen: &mut Vec<Judged>,
     ) -> Result<Vec<Swap>> {
@@ -130,7 +131,13 @@ impl Search<'_> {
         let open = |found: EffectId, nats: f64| {
             nats < SURE || shown.iter().any(|s| loses(s, found, nats) < FIRST_ORDER)
         };
-        let asked: Vec<(EffectId, f64)> = worth.iter().copied().filter(|(e, nats)| open(*e, *nats)).collect();
+        let explained = best.excess() <= self.data.options.form_error();
+        let large = |(e, times): &(EffectId, f64), effect| {
+            *e == effect && *times >= self.data.options.beside_remainder
+        };
+        let named = |effect: EffectId| explained || over.iter().any(|one| large(one, effect));
+        let asked: Vec<(EffectId, f64)> =
+            worth.iter().copied().filter(|(e, nats)| named(*e) && open(*e, *nats)).collect();
         let ways: Vec<(EffectId, Option<EffectId>)> = asked.iter().map(|(e, _)| (*e, None)).collect();
         let without = self.each(best, &ways, seen)?;
         let mut out: Vec<Swap> = Vec::new();

@@ -83,7 +83,7 @@ impl Search<'_> {
         let excess = |set: &Hypothesis| verdict::beyond_chance(set).map(|x| x.max(0.0)).collect::<Vec<f64>>();
         let (before, after) = (excess(smaller), excess(larger));
         let options = &self.data.options;
-        if before.iter().all(|x| *x <= options.remaining_times.powi(2) - 1.0) {
+        if before.iter().all(|x| *x <= options.form_error()) {
             return true;
         }
         let room = options.most_effects.saturating_sub(smaller.effects().len()).max(1) as f64;

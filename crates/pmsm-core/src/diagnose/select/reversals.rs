@@ -1,6 +1,7 @@
 //! A friction in place of the steps that an unknown load has where the rotor reverses. Both do the same; the friction needs one number.
 
 use super::Search;
+use crate::diagnose::evidence::Evidence;
 use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::motion;
@@ -13,25 +14,26 @@ use crate::model::Model;
 impl Search<'_> {
     /// Tries a friction in place of the load steps at reversals: each of the `absent` effects whose torque jumps there. The set with most
     /// evidence comes back, if it has more than `best`. A fit that begins without friction beside these steps does not find it.
-    pub(super) fn friction_for_steps(&self, best: &Judged, absent: &[EffectId]) -> Result<Option<Judged>> {
+    pub(super) fn friction_for_steps(
+        &self,
+        best: &Judged,
+        absent: &[EffectId],
+        evidence: &Evidence,
+    ) -> Result<Option<Judged>> {
         if best.fitted.effects().len() >= self.most {
             return Ok(None);
         }
         let Some((under, height)) = motion::without_reversals(self.data, &best.fitted) else {
             return Ok(None);
         };
-        let evidence = self.evidence().limited(std::iter::once(best));
-        let mut better: Option<Judged> = None;
+        let mut sets = Vec::new();
         for effect in absent.iter().copied().filter(|e| e.jumps()) {
             self.monitor.go_on()?;
-            let Some(fitted) = self.under(&best.fitted, effect, &under, height)? else { continue };
-            let set = self.judge(fitted)?;
-            let cost = better.as_ref().map_or(f64::INFINITY, |set| evidence.cost(set));
-            if evidence.prefers(&set, best) && evidence.cost(&set) < cost {
-                better = Some(set);
+            if let Some(fitted) = self.under(&best.fitted, effect, &under, height)? {
+                sets.push(self.judge(fitted)?);
             }
         }
-        Ok(better)
+        Ok(evidence.best_of(sets.iter(), best).cloned())
     }
 
     /// A set fitted with one effect more, which begins with a torque of this height, `under` a load that has no more steps than that.
@@ -75,7 +77,10 @@ mod tests {
         let count = |found: &Hypothesis| found.nuisances[0].steps();
         assert!(count(&base) > 3, "{:?}", base.parameters);
         let parent = Judged { fitted: base, held_out: Vec::new(), refuted: false };
-        let found = search(&data).friction_for_steps(&parent, &[EffectId::QuadraticDrag, friction]).unwrap();
+        let search = search(&data);
+        let evidence = search.evidence().limited(std::iter::once(&parent));
+        let asked = [EffectId::QuadraticDrag, friction];
+        let found = search.friction_for_steps(&parent, &asked, &evidence).unwrap();
         let found = found.expect("friction is there").fitted;
         assert_eq!((found.effects(), count(&found)), (vec![friction], 2), "{:?}", found.parameters);
         let slot = &found.model.slots()[0];

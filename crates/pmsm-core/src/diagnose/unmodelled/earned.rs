@@ -2,13 +2,15 @@
 //!
 //! Where a set has more than noise left, something else is missing, and it may have lent its shape to a name: a curve of friction that no
 //! catalogue holds looks like a sum of those that it holds. So each effect is held against smooth terms. One that such a term replaces has
-//! not earned its name. Saturation and the like are not asked: their name covers whatever a map of the flux shows.
+//! not earned its name. Saturation and the like are not asked: their name covers whatever a map of the flux shows. Nor has an effect of the
+//! motion whose strength its own standard error exceeds, as what is missing makes that large.
 
 use super::discrepancy::{Seen, beside_discrepancy, cost_beside_discrepancy, likely};
 use super::{Side, sides};
 use crate::diagnose::data::Data;
 use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::outputs::Outputs;
 use crate::diagnose::select::{in_place, reduced, special_cases};
 use crate::diagnose::transfer::transfer;
 use crate::effect::Site;
@@ -53,7 +55,8 @@ pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dy
     let (set, mut alternatives) = narrowed(&rough, best.clone(), &elsewhere, monitor)?;
     let (set, of_motion) = beside_a_smooth_term(&rough, set, Side::Mechanical, &elsewhere, monitor)?;
     let nearest = nearest(&rough, best, &set, monitor)?;
-    let (mut set, of_currents) = beside_a_smooth_term(&rough, set, Side::Electrical, &elsewhere, monitor)?;
+    let (set, of_currents) = beside_a_smooth_term(&rough, set, Side::Electrical, &elsewhere, monitor)?;
+    let mut set = beyond_error(&rough, set, monitor)?;
     if set.effects() != best.effects() {
         set = fitting::on_from(data, &set, monitor)?;
     }
@@ -149,6 +152,18 @@ fn beside_a_smooth_term<'a>(
         set = fitting::fit(data, &model, &start, false, monitor)?;
     }
     Ok((set, Vec::new()))
+}
+
+/// The set without the effects of the motion whose strength their own standard error exceeds, one after the other.
+fn beyond_error(data: &Data, mut set: Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
+    loop {
+        monitor.go_on()?;
+        let outputs = Outputs::new(data, &set);
+        let Some(effect) = set.effects().into_iter().find(|e| outputs.moves_nothing(*e)) else { break };
+        let (model, start) = reduced(&set, effect);
+        set = fitting::fit(data, &model, &start, false, monitor)?;
+    }
+    Ok(set)
 }
 
 /// The `kept` set with that one of the mechanical effects of `best` that explains most beside it, of those which a smooth torque replaces.
@@ -276,6 +291,21 @@ mod tests {
         let dead_time = vec![choice("dead_time", "v_err", 8.0)];
         let kept = kept_of_lagging(dead_time, EffectId::DeadTime);
         assert!(kept.len() == 1 && kept[0].1 > 0.9, "{kept:?}");
+    }
+
+    #[test]
+    fn an_effect_of_the_motion_that_its_own_error_exceeds_earns_no_name() {
+        let (data, base) = data(&setup(
+            speeds(1.0, &[(0.1, 90.0), (0.4, -80.0), (0.8, 60.0)]),
+            vec![choice("coulomb_friction", "tau_c", 0.3)],
+        ));
+        let effects = [EffectId::CoulombFriction, EffectId::QuadraticDrag];
+        let context = data.signals.context;
+        let typical = effects.iter().flat_map(|e| e.info().parameters).map(|p| (p.typical)(&context));
+        let start: Vec<f64> = base.own().iter().copied().chain(typical).collect();
+        let both = fitting::fit(&data, &Model::new(context, &effects), &start, false, &Silent).unwrap();
+        let set = beyond_error(&data, both, &Silent).unwrap();
+        assert_eq!(set.effects(), [EffectId::CoulombFriction]);
     }
 
     #[test]
