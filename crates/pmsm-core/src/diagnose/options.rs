@@ -105,7 +105,7 @@ impl Default for DiagnosisOptions {
 }
 
 impl DiagnosisOptions {
-    /// Excess mean square that errors of the forms of right effects may leave. Beyond it a further cause is missing.
+    /// Excess mean square up to which the forms of right effects may err. Beyond it a further cause is missing.
     pub fn form_error(&self) -> f64 {
         self.remaining_times.powi(2) - 1.0
     }
