@@ -165,11 +165,6 @@ impl Hypothesis {
         let all = self.squares.iter().filter(|(c, _)| *c == channel).map(|(_, s)| *s);
         all.reduce(f64::max).unwrap_or(f64::NAN)
     }
-
-    /// Number of recordings that it was fitted to.
-    pub fn runs(&self) -> usize {
-        self.nuisances.len().max(1)
-    }
 }
 
 /// Blocks over which the energy of a residual is compared.

@@ -227,8 +227,8 @@ impl<'a> Outputs<'a> {
             .collect()
     }
 
-    /// Whether `effect` acts on the motion with a strength that its own standard error exceeds: what it takes away is real, and something
-    /// else.
+    /// Whether `effect` acts on the motion and the standard error of its strength exceeds the strength. Something else is then the cause of
+    /// what it explains.
     pub fn moves_nothing(&self, effect: EffectId) -> bool {
         let mechanical = effect.info().site == Site::Mechanical;
         mechanical && (self.hypothesis.vanishes(effect) || within_errors(effect, &self.effect(effect)))

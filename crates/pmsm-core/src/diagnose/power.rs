@@ -277,9 +277,6 @@ impl Survey<'_> {
             variance += worth * worth * square / (samples * total * total);
             share = share.max(worth / samples);
         }
-        // The misfit is a mean over recordings.
-        let runs = self.best.runs() as f64;
-        (gain, variance) = (gain / runs, variance / (runs * runs));
         let options = &self.options;
         let needed = options.effect_cost + options.decisive + price(self.worth, options) * count as f64;
         let spread = (variance + 0.5 * count as f64 * share).sqrt();
@@ -305,7 +302,7 @@ impl Survey<'_> {
         let cosine = (1.0 - products.dot(&rest, &rest) / whole).clamp(0.0, 1.0).sqrt();
         let squares = products.squares(&rest);
         let nats: f64 = squares.iter().zip(self.worth).map(|(s, w)| 0.5 * w * (1.0 + s).ln()).sum();
-        (cosine, nats / self.best.runs() as f64)
+        (cosine, nats)
     }
 
     fn name(&self, index: usize) -> String {

@@ -229,9 +229,9 @@ fn pin_down(
             let Some(trial) = bench.run(fitted, candidate, monitor)? else { return Ok(None) };
             monitor.go_on()?;
             let spreads = known.spreads(&trial, &indices);
-            let worst =
-                spreads.iter().map(|s| s.1).fold(0.0, |a: f64, b| if b.is_nan() { b } else { a.max(b) });
-            Ok(worst.is_finite().then_some((candidate, spreads, worst)))
+            let known = spreads.iter().all(|(_, after)| after.is_finite());
+            let worst = spreads.iter().map(|(_, after)| *after).fold(0.0, f64::max);
+            Ok(known.then_some((candidate, spreads, worst)))
         })
         .collect();
     let best = tried?.into_iter().flatten().min_by(|a, b| a.2.total_cmp(&b.2));

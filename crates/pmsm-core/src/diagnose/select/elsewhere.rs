@@ -92,7 +92,10 @@ mod tests {
         let larger = asked(&search, &bare);
         assert!(bare.fitted.squares.iter().all(|(_, s)| *s < 1.5), "{:?}", bare.fitted.squares);
         assert_eq!(larger.unwrap().fitted.effects(), [EffectId::QuadraticDrag]);
-        // Where the other run leaves nothing nothing is called for.
+        // Nothing is added where the recording itself is not explained, nor where the other run is.
+        let mut far = bare.clone();
+        far.fitted.squares.iter_mut().for_each(|(_, square)| *square = 100.0);
+        assert!(asked(&search, &far).is_none());
         search.held_out = vec![&data];
         let same = search.judge(bare.fitted.clone()).unwrap();
         assert!(asked(&search, &same).is_none());

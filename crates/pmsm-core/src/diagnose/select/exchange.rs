@@ -132,10 +132,9 @@ impl Search<'_> {
             nats < SURE || shown.iter().any(|s| loses(s, found, nats) < FIRST_ORDER)
         };
         let explained = best.excess() <= self.data.options.form_error();
-        let large = |(e, times): &(EffectId, f64), effect| {
-            *e == effect && *times >= self.data.options.beside_remainder
-        };
-        let named = |effect: EffectId| explained || over.iter().any(|one| large(one, effect));
+        let least = self.data.options.beside_remainder;
+        let named =
+            |effect: EffectId| explained || over.iter().any(|(e, times)| *e == effect && *times >= least);
         let asked: Vec<(EffectId, f64)> =
             worth.iter().copied().filter(|(e, nats)| named(*e) && open(*e, *nats)).collect();
         let ways: Vec<(EffectId, Option<EffectId>)> = asked.iter().map(|(e, _)| (*e, None)).collect();
@@ -177,6 +176,7 @@ fn is_set(a: &[EffectId], b: &[EffectId]) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::search;
     use super::*;
     use crate::diagnose::data::Data;
     use crate::diagnose::hypothesis::Hypothesis;
@@ -231,6 +231,22 @@ mod tests {
         let friction = vec![choice("coulomb_friction", "tau_c", 0.3)];
         let narrower = simpler(reversing(), friction, &[EffectId::StribeckFriction]);
         assert_eq!(narrower, Some(vec![EffectId::CoulombFriction]));
+    }
+
+    #[test]
+    fn no_rival_is_tried_for_an_effect_that_explains_less_than_remains() {
+        let friction = vec![choice("coulomb_friction", "tau_c", 0.3)];
+        let (data, base) = data(&setup(reversing(), friction));
+        let dry = EffectId::CoulombFriction;
+        let mut best = set(&data, &base, &[dry]);
+        let search = search(&data);
+        let tried = |best: &Judged, times: f64| {
+            let (worth, over) = (vec![(dry, 0.5 * SURE)], vec![(dry, times)]);
+            search.exchange(best, (&worth, &over), &[], &mut Vec::new()).unwrap().len()
+        };
+        assert_eq!(tried(&best, 0.5), 1);
+        best.fitted.squares.iter_mut().for_each(|(_, square)| *square = 100.0);
+        assert_eq!((tried(&best, 0.5), tried(&best, 2.0)), (0, 1));
     }
 
     #[test]

@@ -2,8 +2,8 @@
 //!
 //! Where a set has more than noise left, something else is missing, and it may have lent its shape to a name: a curve of friction that no
 //! catalogue holds looks like a sum of those that it holds. So each effect is held against smooth terms. One that such a term replaces has
-//! not earned its name. Saturation and the like are not asked: their name covers whatever a map of the flux shows. Nor has an effect of the
-//! motion whose strength its own standard error exceeds, as what is missing makes that large.
+//! not earned its name. Saturation and the like are not asked: their name covers whatever a map of the flux shows. An effect of the
+//! motion earns no name either if the standard error of its strength exceeds the strength.
 
 use super::discrepancy::{Seen, beside_discrepancy, cost_beside_discrepancy, likely};
 use super::{Side, sides};
