@@ -31,7 +31,8 @@ def completed(
     floors = [entry["noise_floor"] for entry in data.get("recordings", ())]
     floors = floors or [data.get("noise_floor", {})] * len(recordings)
     each = zip(recordings, floors, strict=True)
-    complete = with_read(data, [_read(recording, steady="v_q" in own) for recording, own in each])
+    reads = [_read(recording, machine, steady="v_q" in own) for recording, own in each]
+    complete = with_read(data, reads)
     # Lines that undo a mistake are those of the first recording; only where all were read alike do they help.
     accounts = [_account(recording).columns for recording in recordings]
     if all(columns == accounts[0] for columns in accounts):
@@ -41,7 +42,7 @@ def completed(
         ]
         complete["data_quality"] += _of_convention(data, machine, accounts[0])
     if validation is not None:
-        other = _read(validation)
+        other = _read(validation, machine)
         complete["validation"] = other
         complete["data_quality"] += [_of("Validation run", finding) for finding in warnings(other)]
     complete["data_quality"] = coded(complete["data_quality"])
@@ -73,9 +74,14 @@ def _account(recording: Recording) -> Account:
     return getattr(recording, "account", None) or Account.of_arrays(recording.names)
 
 
-def _read(recording: Recording, *, steady: bool = True) -> dict[str, Any]:
+def _read(recording: Recording, machine: Machine | None, *, steady: bool = True) -> dict[str, Any]:
     account_of = told(
-        _account(recording), recording.column("t"), recording.kind, recording.load, steady=steady
+        _account(recording),
+        recording.column("t"),
+        recording.kind,
+        recording.load,
+        steady=steady,
+        machine=machine,
     )
     return dated(file_of(recording)) | account_of
 

@@ -17,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pmsm_rs.config.machine_file import read_machine
 from pmsm_rs.inspection.text import plain, text
+from pmsm_rs.io.reading import told
 from pmsm_rs.io.sampling import Sampling
 from pmsm_rs.io.signals import STRETCHES, Signal, course
 from pmsm_rs.plot.sparkline import ASCII, sparkline
@@ -327,6 +328,30 @@ def test_the_kind_and_the_questions_are_those_of_the_diagnosis(columns: Columns)
     assert found.kind == pm.load(log).kind == "mechanical"
     assert "voltages" in found.why_not
     assert "nothing can be asked of the voltages: the recording has none" in str(found)
+
+
+def test_rows_too_far_apart_for_the_voltages_are_told_as_in_the_diagnosis(columns: Columns) -> None:
+    slow = pm.Machine(n_p=3, r_s=10.0, l_d=0.01, l_q=0.02)
+    found = pm.inspect(columns, slow)
+    assert found.kind == "full"
+    assert "1 ms apart, 1 times the electrical time constant of 1 ms" in found.why_not["voltages"]
+    run = pm.load(columns, slow)
+    asked = told(run.account, columns["t"], run.kind, run.load, machine=slow)["questions"]
+    assert asked["electrical"] is json.loads(found.to_json())["questions"]["electrical"] is False
+    assert found.why_not["voltages"] in asked["why_not"]
+    # Each row of a drive at 1 kHz is one of its periods.
+    assert not pm.inspect(columns, pm.Machine(n_p=3, r_s=10.0, l_d=0.01, f_sample=1000.0)).why_not
+    unknown = pm.inspect(columns)
+    assert unknown.shortest_constant == pytest.approx(2e-3)
+    assert "yes, if l/r_s of the motor is above 2 ms" in str(unknown)
+    assert pm.inspect(columns, pm.Machine(n_p=3, r_s=1.0, l_d=0.01)).shortest_constant == 0.0
+
+
+def test_gaps_are_those_of_the_diagnosis(columns: Columns) -> None:
+    torn = {name: np.delete(values, [100, 101, 102]) for name, values in columns.items()}
+    assert pm.inspect(torn).sampling[0].gaps == 1
+    motion = {name: torn[name] for name in ("t", "i_d", "i_q", "theta_e", "omega_e")}
+    assert pm.inspect(motion).sampling[0].gaps == 0
 
 
 def test_a_rotor_that_stands_is_a_finding(columns: Columns) -> None:

@@ -20,9 +20,18 @@ from ..io.formats.source import MISSING_FIX, Source
 from ..io.loader import described_by, readable, recorded, source_of
 from ..io.motion import of_frames, of_motion, settled, stands
 from ..io.planning import Survey, surveyed
-from ..io.reading import there, told, warnings, why_not
+from ..io.reading import (
+    constant_of,
+    period_of,
+    shortest_constant,
+    there,
+    told,
+    too_far_apart,
+    warnings,
+    why_not,
+)
 from ..io.recording import DEFAULT_MAX_BYTES, Recording
-from ..io.sampling import Sampling
+from ..io.sampling import Sampling, gap_of
 from ..io.signals import Signal, signals
 from ..messages import coded
 from ..quantities.poles import pole_pairs
@@ -56,6 +65,9 @@ class Inspection(InspectionValues):
         What is known of the load.
     why_not : mapping of str to str
         Why nothing can be asked of the voltages, the motion or the rotor angle, by these words.
+    shortest_constant : float
+        Electrical time constant l/r_s in s that the motor needs, so that the rows are close enough for its
+        voltage equations. Zero where any motor will do, or the nameplate tells.
     tasks : tuple of Task
         What to settle before a diagnosis.
     findings : tuple of mapping
@@ -173,15 +185,18 @@ def _inspected(source: Source, described: MachineFile | Machine | None, max_byte
         recording = recorded(source, described, max_bytes)
     except DataError as error:
         refusal = error
+    known = described.machine if isinstance(described, MachineFile) else described
     columns = _canonical(recording, source, survey, raw)
     sampling = _sampling(recording, columns, source)
     pairs, still = pole_pairs(columns), stands(columns)
     if recording is not None:
         kind, load, account = recording.kind, recording.load, recording.account
         findings = warnings(told(account, columns["t"], kind, load))
-        reasons = why_not(kind, load, account)
+        period = period_of(columns["t"])
+        reasons = why_not(kind, load, account, apart=too_far_apart(kind, period, known))
+        needed = shortest_constant(kind, period, known) if constant_of(known) is None else 0.0
     else:
-        kind, load, reasons = None, None, {}
+        kind, load, reasons, needed = None, None, {}, 0.0
         findings = [remark._asdict() for remark in dict.fromkeys(source.remarks)]
     waveform = sampling[0].period if sampling and (sampling[0].period or np.inf) <= _POINTS else None
     frames = settled(found, source, raw, columns)
@@ -197,6 +212,7 @@ def _inspected(source: Source, described: MachineFile | Machine | None, max_byte
         kind,
         load,
         reasons,
+        needed,
         tuple(_tasks(survey, found, refusal)),
         tuple(
             coded([*findings, *of_frames(frames), *of_motion(described, pairs, load, still=still)]),
@@ -240,7 +256,7 @@ def _canonical(
 
 def _sampling(recording: Recording | None, columns: Columns, source: Source) -> list[Sampling]:
     """The sampling of the recording, and of each group of the file where there are several."""
-    out = [Sampling.of(columns["t"])] if "t" in columns else []
+    out = [Sampling.of(columns["t"], gap=gap_of(columns))] if "t" in columns else []
     if len(source.stamps) > 1 or not out:
         try:
             stamps = source.read(source.stamps.values())

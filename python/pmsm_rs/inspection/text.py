@@ -24,6 +24,8 @@ _MOST: Final = 40
 _NAMED: Final = 8
 """Columns that one reason names."""
 _NAMELESS: Final = "(no name)"
+_USUAL_CONSTANT: Final = 1e-3
+"""Electrical time constant of a motor, s, that goes without saying: few have a shorter one."""
 _CLOSE: Final = 0.005
 """Share of its ends that a range is small to."""
 _ASCII: Final = {
@@ -222,6 +224,10 @@ def _questions(found: InspectionValues) -> list[str]:
         why = found.why_not.get(what)
         if why is not None:
             lines.append(hung(f"  {question:<13}", f"no, nothing can be asked of the {what}: {why}"))
+        elif what == "voltages" and found.shortest_constant > _USUAL_CONSTANT:
+            needed = f"{1e3 * found.shortest_constant:.3g}"
+            told = f"yes, if l/r_s of the motor is above {needed} ms; else the rows lie too far apart"
+            lines.append(hung(f"  {question:<13}", told))
         elif what != "rotor angle":
             lines.append(f"  {question:<13}yes")
     return lines

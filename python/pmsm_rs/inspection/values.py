@@ -32,9 +32,11 @@ class InspectionValues:
 
     `kind` is full, electrical, mechanical, operating_points or open_circuit as in a diagnosis, and None where
     the recording cannot be diagnosed yet: `tasks` say why. `load` is what is known of the load. `why_not`
-    says why nothing can be asked of the voltages, the motion or the rotor angle, by these words. `findings`
-    are what was done to the data and what was seen in it: finding, consequence and fix. `machine_file` is the
-    text of a machine file to start from.
+    says why nothing can be asked of the voltages, the motion or the rotor angle, by these words.
+    `shortest_constant` is the electrical time constant l/r_s (s) that the motor needs, so that the rows are
+    close enough for its voltage equations. It is zero where any motor will do, or the nameplate tells.
+    `findings` are what was done to the data and what was seen in it: finding, consequence and fix.
+    `machine_file` is the text of a machine file to start from.
     """
 
     file: str | None
@@ -44,6 +46,7 @@ class InspectionValues:
     kind: str | None
     load: str | None
     why_not: Mapping[str, str]
+    shortest_constant: float
     tasks: tuple[Task, ...]
     findings: tuple[Mapping[str, str], ...]
     machine_file: str
@@ -76,6 +79,7 @@ class InspectionValues:
                     "mechanical": self.is_ready and "motion" not in self.why_not,
                     "why_not": dict(self.why_not),
                 },
+                "shortest_constant": self.shortest_constant,
                 "tasks": [vars(task) for task in self.tasks],
                 "findings": [dict(finding) for finding in self.findings],
                 "machine_file": self.machine_file,

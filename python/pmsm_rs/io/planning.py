@@ -403,7 +403,10 @@ def _ask(draft: _Draft) -> None:
     phases = have & {"v_a", "v_b", "v_c"}
     motion = have & {"omega_e", "omega_m", "n", "theta_e", "theta_m"} or phases
     if not motion and not doubtful & {"angle", "speed"}:
-        wanted = "omega_e (or omega_m, theta_e, theta_m)"
+        wanted = (
+            "omega_e (or omega_m, theta_e, theta_m), or v_a, v_b, i_a, i_b alone, which tell the angle of a "
+            "turning motor"
+        )
         fix = _how(draft, ("speed", "angle"), wanted)
         draft.problems.append(Problem(lacks, fix, "omega_e", brief=f"give {wanted}"))
     currents = {"i_d", "i_q"} <= have or len({"i_a", "i_b", "i_c"} & have) > 1

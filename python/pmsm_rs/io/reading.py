@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from .._core import Machine
 from ..config.rules import Rule, Rules
 from ..errors import shown
 from ..quantities.canonical import CANONICAL
@@ -21,6 +22,10 @@ _SHOWN: Final = 6
 """Names in a sentence; more make it unreadable."""
 _DIGITS: Final = 9
 """Significant digits of the sample period: a clock is not better than 1e-9, rounding of stamps is."""
+_COARSE: Final = 0.5
+"""Electrical time constants between rows from which the core takes voltages for too coarse."""
+_EVERY_PERIOD: Final = 1.05
+"""Control periods between rows below which each row is one period of the drive."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +88,42 @@ def there(have: set[str]) -> dict[str, bool]:
     }
 
 
+def period_of(stamps: NDArray[np.float64]) -> float:
+    """The sample period, s: the median step of the sample times `stamps` (s), shape (samples,)."""
+    return float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
+
+
+def shortest_constant(kind: str | None, period: float, machine: Machine | None) -> float:
+    """The electrical time constant l/r_s (s) that a motor needs for rows this `period` (s) apart to tell of
+    its voltage equations; zero where any motor will do.
+    """
+    rate = None if machine is None else machine.f_sample
+    every = rate is not None and period * rate < _EVERY_PERIOD
+    return 0.0 if kind != "full" or every else period / _COARSE
+
+
+def constant_of(machine: Machine | None) -> float | None:
+    """The electrical time constant l/r_s (s) of the faster axis, None where the nameplate does not tell."""
+    if machine is None or not machine.r_s:
+        return None
+    each = [inductance for inductance in (machine.l_d, machine.l_q) if inductance is not None]
+    return min(each) / machine.r_s if each else None
+
+
+def too_far_apart(kind: str | None, period: float, machine: Machine | None) -> str | None:
+    """Why only parameters can be asked of the voltages of a waveform whose rows lie a `period` (s) apart.
+
+    It is a clause by the nameplate, None where that does not tell or the rows are close enough.
+    """
+    constant = constant_of(machine)
+    if constant is None or constant >= shortest_constant(kind, period, machine):
+        return None
+    return (
+        f"the rows lie {1e3 * period:.3g} ms apart, {period / constant:.3g} times the electrical time "
+        f"constant of {1e3 * constant:.3g} ms; steady points show parameters at most"
+    )
+
+
 def told(
     account: Account,
     stamps: NDArray[np.float64],
@@ -90,20 +131,23 @@ def told(
     load: str | None,
     *,
     steady: bool = True,
+    machine: Machine | None = None,
 ) -> dict[str, Any]:
     """`read` of an answer: columns, ignored, rows, period (s), questions, `not_used` and `done`.
 
     `not_used` has the columns of which there is something to say, `done` what was done to the data. `stamps`
     are the sample times (s), shape (samples,); `kind` is that of the recording, None where it answers no
-    question. `steady` says whether a run without v_d has steady points, as far as is known.
+    question. `steady` says whether a run without v_d has steady points, as far as is known, and `machine` is
+    the nameplate.
     """
-    period = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
+    period = period_of(stamps)
+    why = why_not(kind, load, account, steady=steady, apart=too_far_apart(kind, period, machine))
     return {
         "columns": {name: _origin(rule) for name, rule in account.columns.items()},
         "ignored": list(account.ignored),
         "rows": len(stamps),
         "period": float(f"{period:.{_DIGITS}g}"),
-        "questions": _questions(kind, load, account, steady),
+        "questions": _questions(why, q_alone=kind == "mechanical" and steady and has_q_alone(account)),
         "not_used": [
             {
                 "column": entry.column,
@@ -177,13 +221,12 @@ _NOT_MOVING: Final = {
 }
 
 
-def _questions(kind: str | None, load: str | None, account: Account, steady: bool) -> dict[str, Any]:
+def _questions(why: Mapping[str, str], *, q_alone: bool) -> dict[str, Any]:
     """Whether the electrical and the mechanical equations could be asked about, and in `why_not` a sentence
     for each that could not and for the rotor angle, None where all could.
     """
-    why = why_not(kind, load, account, steady=steady)
     sentences = [f"Nothing was asked of the {what}: {reason}." for what, reason in why.items()]
-    if kind == "mechanical" and steady and has_q_alone(account):
+    if q_alone:
         sentences.insert(0, _Q_ALONE)
     return {
         "electrical": "voltages" not in why,
@@ -197,11 +240,19 @@ def has_q_alone(account: Account) -> bool:
     return {"v_q", "i_d", "i_q"} <= {*account.columns} and "v_d" not in account.columns
 
 
-def why_not(kind: str | None, load: str | None, account: Account, *, steady: bool = True) -> dict[str, str]:
+def why_not(
+    kind: str | None,
+    load: str | None,
+    account: Account,
+    *,
+    steady: bool = True,
+    apart: str | None = None,
+) -> dict[str, str]:
     """Why nothing can be asked of the voltages, the motion or the rotor angle, by these words; those of which
-    something can be asked are left out. `kind`, `load` and `steady` are those of the recording, as in `told`.
+    something can be asked are left out. `kind`, `load` and `steady` are those of the recording, as in `told`;
+    `apart` is what `too_far_apart` says of its rows.
     """
-    why = {}
+    why = {} if apart is None else {"voltages": apart}
     q_alone = kind == "mechanical" and steady and has_q_alone(account)
     if kind in {"mechanical", None} and not q_alone:
         why["voltages"] = _no_voltages(account)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -9,9 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 _GAP: Final = 1.5
-"""Sample times from which a step is a gap."""
+_GAP_OF_MOTION: Final = 6.0
+"""Sample times from which a step is a gap with and without voltages, as the core has them."""
+_VOLTAGES: Final = frozenset({"v_d", "v_q", "v_a"})
 _EVEN: Final = 0.02
 """Share of the sample time by which the steps of an even clock may differ."""
+
+
+def gap_of(names: Iterable[str]) -> float:
+    """Sample times from which a step of a recording with the canonical columns `names` is a gap."""
+    return _GAP_OF_MOTION if _VOLTAGES.isdisjoint(names) else _GAP
 
 
 @dataclass(frozen=True)
@@ -19,8 +27,9 @@ class Sampling:
     """Sample times of a recording or of one of its groups, in s.
 
     `period` is the median step, None with fewer than two rows, and `shortest` and `longest` are the extreme
-    ones. `gaps` steps are longer than 1.5 periods, the longest of them behind the time `longest_at`. `back`
-    steps do not go forward. `group` names the group, None where the file has one time only.
+    ones. `gaps` steps are longer than 1.5 periods (6 without voltages), the longest of them behind the time
+    `longest_at`. `back` steps do not go forward. `group` names the group, None where the file has one time
+    only.
     """
 
     rows: int
@@ -34,8 +43,10 @@ class Sampling:
     group: str | None = None
 
     @classmethod
-    def of(cls, stamps: NDArray[np.float64], group: str | None = None) -> Sampling:
-        """Of sample times in s, shape (rows,); those that are not finite are passed over."""
+    def of(cls, stamps: NDArray[np.float64], group: str | None = None, *, gap: float = _GAP) -> Sampling:
+        """Of sample times in s, shape (rows,); those that are not finite are passed over. A step of more
+        than `gap` sample times is a gap.
+        """
         known = stamps[np.isfinite(stamps)]
         steps = np.diff(known)
         forward = steps[steps > 0.0]
@@ -50,7 +61,7 @@ class Sampling:
             float(forward.min()),
             float(forward.max()),
             float(known[last]),
-            int(np.sum(steps > _GAP * period)),
+            int(np.sum(steps > gap * period)),
             int(np.sum(steps <= 0.0)),
             group,
         )
