@@ -334,7 +334,7 @@ def test_rows_too_far_apart_for_the_voltages_are_told_as_in_the_diagnosis(column
     slow = pm.Machine(n_p=3, r_s=10.0, l_d=0.01, l_q=0.02)
     found = pm.inspect(columns, slow)
     assert found.kind == "full"
-    assert "1 ms apart, 1 times the electrical time constant of 1 ms" in found.why_not["voltages"]
+    assert "rows 1 electrical time constants (l/r_s = 1 ms) apart" in found.why_not["voltages"]
     run = pm.load(columns, slow)
     asked = told(run.account, columns["t"], run.kind, run.load, machine=slow)["questions"]
     assert asked["electrical"] is json.loads(found.to_json())["questions"]["electrical"] is False

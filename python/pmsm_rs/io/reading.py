@@ -119,8 +119,8 @@ def too_far_apart(kind: str | None, period: float, machine: Machine | None) -> s
     if constant is None or constant >= shortest_constant(kind, period, machine):
         return None
     return (
-        f"the rows lie {1e3 * period:.3g} ms apart, {period / constant:.3g} times the electrical time "
-        f"constant of {1e3 * constant:.3g} ms; steady points show parameters at most"
+        f"rows {period / constant:.3g} electrical time constants (l/r_s = {1e3 * constant:.3g} ms) apart "
+        "show parameters at most"
     )
 
 
