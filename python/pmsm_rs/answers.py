@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any, overload
 
+from ._core import DataError, UsageError
+from .errors import opened, refuse
 from .model import Model
 from .results.estimates import IdentificationValues
 from .results.findings import DiagnosisValues
@@ -274,3 +276,39 @@ class Diagnosis(DiagnosisValues):
         from .view.notebook import diagnosis
 
         return diagnosis(self)
+
+
+def read_answer(
+    path: str | os.PathLike[str], trajectories: str | os.PathLike[str] | None = None
+) -> Diagnosis:
+    """The diagnosis in a file that --json wrote, with the traces of a file that --trajectories wrote.
+
+    Raises UsageError where there is no such file and where it is no answer, DataError for trajectories that
+    cannot be read.
+    """
+    with opened(str(path), "answer") as file:
+        text = file.read_text(encoding="utf-8", errors="replace")
+    try:
+        answer = Diagnosis.from_json(text)
+    except DataError as error:
+        raise refuse(
+            UsageError,
+            "this is no JSON answer",
+            file=str(path),
+            fix="write one with: pmsm-rs diagnose ... --json ANSWER.json",
+        ) from error
+    if trajectories is None:
+        return answer
+    from .io.formats import open_source
+    from .io.recording import DEFAULT_MAX_BYTES
+
+    source = open_source(trajectories, DEFAULT_MAX_BYTES)
+    if not {"t", *(f"{name}_after" for name in answer.noise_floor)} <= {*source.names}:
+        raise refuse(
+            UsageError,
+            "these are not the trajectories of the answer",
+            file=str(trajectories),
+            fix="write both at once: pmsm-rs diagnose ... --json ANSWER.json --trajectories OUT.parquet",
+        )
+    run = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
+    return Diagnosis.of(answer.data, {run: source.read(source.names)})

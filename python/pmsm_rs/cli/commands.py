@@ -7,7 +7,7 @@ import click
 from .completing import completion, man
 from .designing import design
 from .diagnosing import demo, diagnose, fleet
-from .exporting import export
+from .exporting import export, report
 from .help import Group, codes
 from .identifying import identify, track
 from .inspecting import inspect
@@ -27,7 +27,7 @@ def _version(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     cls=Group,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     sections={
-        "Start here": ("demo", "inspect", "diagnose"),
+        "Start here": ("demo", "inspect", "diagnose", "report"),
         "Parameters": ("identify", "track"),
         "Many recordings": ("fleet",),
         "The model": ("export", "design"),
@@ -39,7 +39,10 @@ def _version(context: click.Context, _parameter: click.Parameter, wanted: bool) 
         "pmsm-rs inspect run.csv --write machine.toml",
         "pmsm-rs diagnose run.csv --machine machine.toml --validate other.csv --report report.html",
     ),
-    exits=codes(c4="not identifiable, or not settled; the JSON answer says why"),
+    exits=codes(
+        c0="done; of a diagnosis whatever the verdict, also `undetermined`",
+        c4="no result: parameters that cannot be determined, or no convergence; the JSON answer says why",
+    ),
 )
 @click.option(
     "--version",
@@ -57,7 +60,7 @@ def cli() -> None:
 
 
 for _command in (
-    *(demo, inspect, diagnose, identify, track, fleet, export, design, simulate, reproduce),
+    *(demo, inspect, diagnose, report, identify, track, fleet, export, design, simulate, reproduce),
     *(explain, doctor, bundle, effects, completion, man),
 ):
     cli.add_command(_command)

@@ -1,11 +1,11 @@
-"""The command that writes a model for other tools: export."""
+"""The commands that write from a finished answer: export, report."""
 
 from __future__ import annotations
 
 import click
 
 from . import options, terminal
-from .help import Command
+from .help import Command, codes
 
 # Those of `pmsm_rs.export.KINDS`, which a test compares; the help needs no more of the package.
 _KINDS = ("machine", "python", "rust", "fmu", "modelica", "motulator", "gem", "mujoco", "c-header")
@@ -53,4 +53,44 @@ def export(answer: str, kind: str, output: str, temperature: float | None) -> in
     given = {} if temperature is None else {"temperature": temperature}
     left_out = write(Model.read(answer), kind, output, **given)
     terminal.show("\n".join([f"{output}: {kind}", *left_out]))
+    return 0
+
+
+@click.command(
+    cls=Command,
+    short_help="Write the report of an answer as one HTML page.",
+    examples=(
+        "pmsm-rs report answer.json -o report.html",
+        "pmsm-rs report answer.json --trajectories curves.parquet -o report.html",
+    ),
+    exits=codes(c3="trajectories refused", without=(130,)),
+)
+@click.argument("answer", type=options.FILE, metavar="ANSWER.json")
+@click.option(
+    "-o", "--output", type=options.OUTPUT, required=True, metavar="OUT.html", help="Where the report goes."
+)
+@click.option(
+    "--trajectories",
+    type=options.FILE,
+    metavar="T.parquet",
+    help="What --trajectories of diagnose wrote: adds the pictures over time.",
+)
+@click.option("--title", metavar="TEXT", help="Heading of the page; by default the name of the answer.")
+@options.QUIET
+def report(answer: str, output: str, trajectories: str | None, title: str | None) -> int:
+    """Write the report of ANSWER.json as one HTML page, without computing anything.
+
+    Make ANSWER.json with `pmsm-rs diagnose ... --json ANSWER.json`, and the file of --trajectories with the
+    same command. Without it the report has no pictures over time. `diagnose --report` writes the whole report
+    at once.
+    """
+    from pathlib import Path
+
+    from ..answers import read_answer
+    from ..atomic import apart
+
+    apart([output], [answer, trajectories])
+    found = read_answer(answer, trajectories)
+    found.report(output, title=title or Path(answer).name)
+    terminal.show(f"Report: {output}")
     return 0

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from .._core import DataError, Machine, Recording, UsageError
-from ..answers import Diagnosis
-from ..errors import expect_whole, opened, refuse
+from .._core import Machine, Recording, UsageError
+from ..answers import Diagnosis, read_answer
+from ..errors import expect_whole, refuse
 from ..given import machine_of, recording_of
 from ..model import Model
 from . import certainty, formula_rivals, limits, rivals
@@ -226,17 +226,7 @@ def _answer(given: object) -> Diagnosis:
 
         return Diagnosis.from_json(json.dumps(given))
     if isinstance(given, str | os.PathLike):
-        with opened(str(given), "answer") as file:
-            text = file.read_text(encoding="utf-8", errors="replace")
-        try:
-            return Diagnosis.from_json(text)
-        except DataError as error:
-            raise refuse(
-                UsageError,
-                "this is no JSON answer",
-                file=str(given),
-                fix="write one with: pmsm-rs diagnose ... --json ANSWER.json",
-            ) from error
+        return read_answer(given)
     raise refuse(
         UsageError,
         f"a {type(given).__name__} was given where an answer is expected",
