@@ -12,7 +12,8 @@ from .help import Command, codes
 if TYPE_CHECKING:
     from ..answers import Diagnosis
 
-_NOT_IDENTIFIABLE: Final = "not identifiable; the JSON answer is undetermined and says why"
+_WHATEVER: Final = "done, whatever the verdict, also `undetermined`"
+_NOT_IDENTIFIABLE: Final = "the dq-model itself cannot be determined; the JSON answer says why"
 
 AHEAD: Final = 4
 """Files that are opened side by side at most: each may have a decoder of its own."""
@@ -77,7 +78,7 @@ def demo(report_file: str, json_file: str | None, threads: int | None, seed: int
         "pmsm-rs diagnose run.csv --machine machine.toml --json - | jq .verdict",
     ),
     exits=codes(
-        c0="done, whatever the verdict",
+        c0=_WHATEVER,
         c4=_NOT_IDENTIFIABLE,
         c130="interrupted; the answer so far is still written",
     ),
@@ -145,18 +146,22 @@ def diagnose(
     from ..config.options import DiagnosisOptions
     from ..io.loader import load
     from ..run import diagnose as run
-    from ..run import refused, unanswered
+    from ..run import of_validation, refused, unanswered
 
     settings = None if constants is None else DiagnosisOptions.parse(constants)
     machine = read_machine(machine_file, allow_outside=allow_outside)
     try:
-        runs = [load(file, machine) for file in [*ahead, *files[AHEAD:]]]
+        opened = [*ahead, *files[AHEAD:]]
+        runs = [load(file, machine) for file in opened[: len(recordings)]]
+        other = None
+        if validation is not None:
+            with of_validation():
+                other = load(opened[-1], machine)
     except NothingToAsk as error:
         if len(files) > 1 and not (len(recordings) == 1 and error.of(recordings[0])):
             raise
         answer = unanswered(error, seed=seed)
         return _write(answer, recordings, json_file, report_file, trajectories)
-    other = None if validation is None else runs.pop()
     try:
         answer = run(
             runs,

@@ -28,10 +28,10 @@ def hung(head: str, text: str) -> str:
 
 
 def diagnosis(answer: DiagnosisValues) -> str:
-    """A diagnosis as text: the finding, what was read, where it sits, candidates, parameters, fit, what is
-    left, what is not seen, what next.
+    """A diagnosis as text: verdict, headline, what was read, where it sits, candidates, parameters, fit, what
+    remains, what is not seen, what next.
     """
-    lines = [hung("", headline(answer))]
+    lines = [f"Verdict: {answer.verdict}", hung("", headline(answer))]
     if answer.interrupted:
         lines.append("Interrupted: this is the best so far.")
     for item in answer.data_quality:
