@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from ._core import UsageError
+from ._core import PmsmError, UsageError
 from .config.effect_text import Effect
-from .errors import did_you_mean, refuse
+from .errors import refuse
 from .messages import entries
 from .results.registry import effect, effects
 from .results.words import EQUATIONS, number, unit
@@ -67,7 +67,7 @@ def messages(code: str | None) -> str:
     known = entries()
     if code is not None:
         if code.upper() not in known:
-            raise refuse(UsageError, f"there is no code '{code}'", fix=did_you_mean(code, known))
+            raise _no_code(code)
         return str(known[code.upper()])
     lines: list[str] = []
     group = None
@@ -77,3 +77,13 @@ def messages(code: str | None) -> str:
             lines += ["", f"{group} ({item.kind}s)"]
         lines.append(f"  {item.code}  {item.title}")
     return "\n".join([*lines[1:], "", "pmsm-rs explain CODE shows one of them."])
+
+
+def _no_code(given: str) -> PmsmError:
+    """That nothing has the code `given`, with the command that shows it where it is an effect."""
+    if given in {item["id"] for item in effects()}:
+        return refuse(
+            UsageError, f"'{given}' is an effect, not a code", fix=f"pmsm-rs effects {given} shows it"
+        )
+    fix = "give the code behind a message, such as PR072; pmsm-rs explain lists all of them"
+    return refuse(UsageError, f"there is no code '{given}'", fix=fix)

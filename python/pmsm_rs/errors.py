@@ -64,6 +64,13 @@ def refuse(
     return _annotate(error, file=file, row=row, place=place, column=column, problem=problem, fix=fix)
 
 
+def of_run(error: Refusal, run: str) -> Refusal:
+    """The same error with the `run` in front of its message; its facts are kept."""
+    mark = ": " if fact(error, "file") is None else ", "
+    named = type(error)(f"{run}{mark}{message(error)}")
+    return _annotate(named, **vars(error))
+
+
 class Problem(NamedTuple):
     """One of several things that are wrong with a file: its column, what it is, and the way out.
 

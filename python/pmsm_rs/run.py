@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from . import _core
-from ._core import DataError, Machine, NotIdentifiableError, Recording, UsageError
+from ._core import DataError, Machine, NotIdentifiableError, PmsmError, Recording, UsageError
 from .answers import Diagnosis, Identification
 from .completion import completed, file_of, with_read
 from .config.effect_text import Effect, together
 from .config.options import DiagnosisOptions
 from .config.swarm import ORDINARY, Swarm, expect_method, swarm_settings
-from .errors import NothingToAsk, did_you_mean, expect, expect_whole, fact, refuse
+from .errors import NothingToAsk, did_you_mean, expect, expect_whole, fact, of_run, refuse
 from .given import machine_of, recording_of
 from .messages import coded
 from .progress import Progress
@@ -150,7 +153,7 @@ def diagnose(
         Effects given as text, see `effect`, which are asked about besides the catalogue and those of the
         machine file.
     seed : int, default 1
-        From 0 on. The same seed gives the same answer.
+        From 0 on. The answer records it and does not depend on it: a diagnosis draws no random numbers.
     threads : int or None, default None
         None uses every processor; the answer does not depend on it.
     progress : callable or None, default None
@@ -165,7 +168,8 @@ def diagnose(
     Raises
     ------
     UsageError
-        Without a recording, for what is none, and for an option out of range.
+        Without a recording, for what is none, for an option out of range, and for a validation run that is
+        one of the recordings.
     MachineError
         For a wrong machine file.
     DataError
@@ -196,7 +200,16 @@ def diagnose(
     known, converted = _nameplate(described)
     own = together(effects, () if isinstance(described, Machine) else described.effects)
     recordings = [recording_of(run, described) for run in runs]
-    other = None if validation is None else recording_of(validation, described)
+    other = None
+    if validation is not None:
+        with of_validation():
+            other = recording_of(validation, described)
+        if any(_is_same(other, one) for one in recordings):
+            raise refuse(
+                UsageError,
+                "the validation run is the recording itself: it checks nothing",
+                fix="give another run of the same machine, or none",
+            )
     try:
         answer, traces = _core.diagnose(
             recordings,
@@ -208,10 +221,30 @@ def diagnose(
             progress=progress,
         )
     except (DataError, NotIdentifiableError) as error:
-        raise _in_file(error, recordings) from error
+        named = _in_file(error, recordings)
+        if named is None:
+            raise
+        raise named from error
     data = completed(json.loads(answer), recordings, other, known) | converted
     data |= {"machine": stated(known, recordings)}
     return Diagnosis.of(_with_formulas(data, traces, recordings, other), traces)
+
+
+@contextmanager
+def of_validation() -> Iterator[None]:
+    """Raises what is raised while the validation run is read with that in front of its message."""
+    try:
+        yield
+    except PmsmError as error:
+        raise of_run(error, "validation run") from error
+
+
+def _is_same(one: Recording, other: Recording) -> bool:
+    """Whether two recordings hold the same samples."""
+    names = {*one.names}
+    return names == {*other.names} and all(
+        np.array_equal(one.column(name), other.column(name)) for name in names
+    )
 
 
 def _with_formulas(
@@ -251,12 +284,12 @@ def unanswered(error: NothingToAsk, *, seed: int = 1) -> Diagnosis:
 
 def _in_file(
     error: DataError | NotIdentifiableError, recordings: Sequence[Recording]
-) -> DataError | NotIdentifiableError:
-    """The core's refusal of one of several recordings with the name of its file."""
+) -> DataError | NotIdentifiableError | None:
+    """The core's refusal of one of several recordings with the name of its file, None where it is of none."""
     number, problem, fix = fact(error, "recording"), fact(error, "problem"), fact(error, "fix")
     file = file_of(recordings[number - 1]) if isinstance(number, int) else None
     if file is None or not isinstance(problem, str) or not isinstance(fix, str):
-        return error
+        return None
     row, column = fact(error, "row"), fact(error, "column")
     named = refuse(
         type(error),

@@ -150,6 +150,43 @@ def test_diagnose_writes_json_report_and_trajectories(tmp_path: Path, run: Run) 
         left = table[f"{name}_measured"].to_numpy() - table[f"{name}_after"].to_numpy()
         assert np.sqrt(np.nanmean(left**2)) == pytest.approx(value, rel=1e-3), "anyone can recompute the fit"
     assert {path.name for path in tmp_path.iterdir()} == set(names.values()), "no temporary file is left"
+    assert ran.out.startswith(f"Verdict: {answer['verdict']}\n")
+    pages = {}
+    for name, curves in (("bare.html", []), ("b.html", ["--trajectories", tmp_path / "a.parquet"])):
+        again = run("report", tmp_path / "a.json", *curves, "-o", tmp_path / name, "--title", "Again")
+        assert again.code == 0, again.err
+        pages[name] = (tmp_path / name).read_text(encoding="utf-8")
+    assert "Before and after" in pages["b.html"]
+    assert "Before and after" not in pages["bare.html"]
+    refused = run("report", tmp_path / "a.json", "--trajectories", recording, "-o", tmp_path / "c.html")
+    assert refused.code == 2
+    assert "these are not the trajectories" in refused.err
+
+
+def test_a_report_is_made_of_an_answer_alone(machine_file: Path, tmp_path: Path, run: Run) -> None:
+    ran = run("report", machine_file, "-o", tmp_path / "a.html")
+    assert ran.code == 2
+    assert "no JSON answer" in ran.err
+    assert not (tmp_path / "a.html").exists()
+
+
+def test_a_missing_machine_file_says_how_one_is_made(recording: Path, run: Run) -> None:
+    ran = run("diagnose", recording)
+    assert ran.code == 2
+    assert "inspect RECORDING --write machine.toml" in ran.err
+    assert "[PR018]" in ran.err
+    assert "see pmsm-rs diagnose --help" in run("diagnose").err
+
+
+def test_explain_says_what_is_no_code(run: Run) -> None:
+    assert "pmsm-rs effects dead_time shows it" in run("explain", "dead_time").err
+    assert "pmsm-rs explain lists all" in run("explain", "PR9999").err
+
+
+def test_the_recording_is_no_validation_run(machine_file: Path, recording: Path, run: Run) -> None:
+    ran = run("diagnose", recording, "--machine", machine_file, "--validate", recording)
+    assert ran.code == 2
+    assert "the validation run is the recording itself" in ran.err
 
 
 def test_an_unwritable_answer_is_a_usage_error(machine_file: Path, tmp_path: Path, run: Run) -> None:
@@ -240,7 +277,11 @@ def test_the_machine_file_is_read_for_every_recording(tmp_path: Path, run: Run) 
     machine.write_text(MACHINE + '\n[columns]\ni_d = "a"\n')
     ran = run("diagnose", good, "--machine", machine, "--validate", bad)
     assert ran.code == 3
-    assert str(bad) in ran.err
+    assert f"validation run, {bad}" in ran.err
+    with pytest.raises(pm.DataError, match=r"validation run, .*bad\.csv") as caught:
+        pm.diagnose(good, machine, validation=bad)
+    assert caught.value.file == str(bad)  # type: ignore[attr-defined]
+    assert caught.value.code
 
 
 def test_what_cannot_be_diagnosed_is_answered_all_the_same(tmp_path: Path, run: Run) -> None:

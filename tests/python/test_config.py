@@ -14,7 +14,22 @@ BAD = {
     "no TOML": ("[machine\nn_p = 3", ["TOML", "line 1"]),
     "binary": ("\udcff\udcfe", ["UTF-8"]),
     "no machine table": ("[drive]\nv_dc = 540", ["machine", "missing"]),
-    "no pole pairs": ("[machine]\nr_s = 1.0", ["machine.n_p", "missing"]),
+    "no pole pairs": (
+        "[machine]\nr_s = 1.0",
+        ["machine.n_p: is missing", "number of pole pairs", "8 poles", "n_p = 4 under [machine]", "[PR036]"],
+    ),
+    "a decimal comma": ("[machine]\nn_p = 3\nr_s = 0,27 # ohm", ["line 3", "0,27", "write 0.27", "[PR032]"]),
+    "a decimal comma in a column": (
+        "[machine]\nn_p = 3\n[columns]\ni_d = { value = 0,5 }",
+        ["line 4", "write 0.5"],
+    ),
+    "a value that is not there": (
+        "[machine]\nn_p =   # pole pairs",
+        ["line 2", "n_p has no value", "[PR032]"],
+    ),
+    "a number in quotes": ('[machine]\nn_p = "15"', ["machine.n_p", "'15'", "write 15 without quotes"]),
+    "a comma in quotes": ('[machine]\nn_p = 3\nr_s = "0,27"', ["write 0.27 without quotes"]),
+    "a name without its sign": ('[machine]\nn_p = 3\n[columns]\niq = "x"', ["did you mean 'i_q'"]),
     "pole pairs of nought": ("[machine]\nn_p = 0", ["machine.n_p"]),
     "broken pole pairs": ("[machine]\nn_p = 3.5", ["machine.n_p", "3.5"]),
     "pole pairs of thousands": ("[machine]\nn_p = 3000", ["n_p", "200"]),

@@ -36,6 +36,18 @@ def test_a_wrong_option_is_named_with_its_cure(text: str, named: str) -> None:
         pm.DiagnosisOptions.parse(text)
 
 
+def test_a_number_with_a_decimal_comma_is_told() -> None:
+    with pytest.raises(pm.UsageError, match=r"'95' is a number without a name.*named=0.95"):
+        pm.DiagnosisOptions.parse("named=0,95")
+
+
+@pytest.mark.parametrize(("given", "name"), [("nan", "named"), ("inf", "mismatch"), ("-1", "run_up")])
+def test_what_is_no_number_above_zero_is_refused_by_its_name(given: str, name: str) -> None:
+    options = pm.DiagnosisOptions.parse(f"{name}={given}")
+    with pytest.raises(pm.UsageError, match=f"the option {name} is .*give a finite number above zero"):
+        options.with_effects(())
+
+
 @pytest.mark.parametrize(
     "options",
     [

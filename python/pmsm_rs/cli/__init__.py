@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from . import process
 
 if TYPE_CHECKING:
+    import click
+
     from .commands import cli
 
 
@@ -47,14 +49,29 @@ def _run(arguments: list[str] | None) -> int:
         error.show()
         return terminal.USAGE
     except click.ClickException as error:
-        message = error.format_message().rstrip(".")
-        terminal.say(f"{message}{' See' if message.endswith('?') else '; see'} pmsm-rs --help [PR001]")
+        terminal.say(_wrong_usage(error))
         return terminal.USAGE
     except click.Abort:
         raise KeyboardInterrupt from None
     except Exception as error:
         return terminal.said(error)
     return code if isinstance(code, int) else 0
+
+
+def _wrong_usage(error: click.ClickException) -> str:
+    """What a wrong call says, and where its help is."""
+    import click
+
+    if isinstance(error, click.MissingParameter) and getattr(error.param, "name", "") == "machine_file":
+        return (
+            "no machine file was named, a TOML file with what is known of the motor; "
+            "pmsm-rs inspect RECORDING --write machine.toml makes one, --machine machine.toml names it "
+            "[PR018]"
+        )
+    context = getattr(error, "ctx", None)
+    command = "pmsm-rs" if context is None else context.command_path
+    message = error.format_message().rstrip(".")
+    return f"{message}{' See' if message.endswith('?') else '; see'} {command} --help [PR001]"
 
 
 def __getattr__(name: str) -> Any:

@@ -38,6 +38,8 @@ _ENDS = {
     '"""': re.compile(r'(?:[^"\\]|\\.|"{1,2}+(?!"))*+"{3,5}', re.DOTALL),
     "'''": re.compile(r"(?:[^']|'{1,2}+(?!'))*+'{3,5}"),
 }
+_DECIMAL_COMMA = re.compile(r"(?<==)\s*[-+]?\d+,\d+(?:[eE][-+]?\d+)?(?=\s*(?:#|\}|$))")
+_NO_VALUE = re.compile(r"\s*([\w.-]+)\s*=\s*(?:#|$)")
 # A whole number beyond 64 bits has at least as many digits, be they hexadecimal.
 _LONG_NUMBER = re.compile(r"[0-9A-Fa-f_]{16,}")
 LoadKind = Literal["none", "known_constant", "measured", "unknown_constant", "unknown_piecewise", "locked"]
@@ -182,6 +184,9 @@ def read_toml(name: str, role: str = "machine file", kind: type[PmsmError] = Mac
             if isinstance(error, UnicodeDecodeError)
             else str(error) or "nested too deeply"
         )
+        if isinstance(error, tomllib.TOMLDecodeError) and (slip := _slip(text)) is not None:
+            row, what, fix = slip
+            raise refuse(kind, what, file=name, row=row, place=f"line {row}", fix=fix) from error
         raise refuse(
             kind, f"this is no valid TOML ({what})", file=name, fix="correct it at that place"
         ) from error
@@ -197,6 +202,18 @@ def read_toml(name: str, role: str = "machine file", kind: type[PmsmError] = Mac
                 fix="leave out what does not belong there",
             )
     return content
+
+
+def _slip(text: str) -> tuple[int, str, str] | None:
+    """A usual slip in TOML that cannot be read: its line, what it is, and the way out; None without one."""
+    for row, line in enumerate(text.splitlines(), start=1):
+        if (found := _DECIMAL_COMMA.search(line)) is not None:
+            fix = f"write {found[0].strip().replace(',', '.')}, with a decimal point"
+            return row, f"{found[0].strip()} has a decimal comma", fix
+        if (found := _NO_VALUE.match(line)) is not None:
+            fix = "write a value behind the =, or put # in front of the line"
+            return row, f"{shown(found[1])} has no value", fix
+    return None
 
 
 def _check_nesting(text: str, name: str, kind: type[PmsmError]) -> None:

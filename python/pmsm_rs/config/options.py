@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Final
 
 from .. import _core
 from .._core import UsageError
-from ..errors import did_you_mean, refuse
+from ..errors import did_you_mean, number_of, refuse
 from .settings import Settings, assignments
 
 _CORE: Final[dict[str, Any]] = json.loads(_core.diagnosis_options())
@@ -29,7 +30,8 @@ class DiagnosisOptions(Settings):
     fewest_samples : float
         Independent samples that a channel has at least.
     floor_known_to : float
-        A mean square below this times that of the noise gains nothing.
+        Mean square, in times that of the noise, below which a model gains nothing: the noise is known to a
+        tenth.
     effect_cost : float
         Prior cost of an effect, nats.
     coefficient_cost : float
@@ -39,30 +41,32 @@ class DiagnosisOptions(Settings):
     unknown : float
         Prior probability of physics outside the catalogue.
     named : float
-        Probability from which an effect is named beside something else.
+        Probability from which an effect is named although something else remains.
     beside_remainder : float
-        It then explains at least this times what remains.
+        Excess mean square that an effect explains, over the excess that remains, from which it is named
+        although something else is missing.
     most_effects : int
         Most effects of a set.
     mismatch : float
         Excess mean square of a channel, in times that of the noise, from which it is mismatched.
     mismatch_held_out : float
-        The same on another recording.
+        As `mismatch`, on another recording.
     explained : float
         Excess mean square below which a channel is explained. An effect must gain more.
     refuted_times : float
         A model is refuted where its mean square on another recording exceeds that of the dq-model this many
         times, plus `refuted_by`.
     refuted_by : float
-        See `refuted_times`.
+        Mean square, in times that of the noise, that `refuted_times` adds.
     remaining_times : float
-        Residual in times the noise from which something remains.
+        Residual, in times the noise, from which something remains.
     remaining_chance : float
-        It remains only where chance does that more rarely.
+        Probability below which noise alone must give such a residual, or nothing is said to remain.
     ceiling_unknown : float
-        Largest probability of a name where none is given.
+        Largest probability of an effect where none is named, or where another recording contradicts it.
     ceiling_doubtful : float
-        Largest probability of a name where something else remains.
+        Largest probability of an effect in doubt: something else remains, or another recording is not
+        predicted.
     nameplate_spread : float
         Standard deviation of the logarithm of a nameplate value.
     friction_spread : float
@@ -72,9 +76,9 @@ class DiagnosisOptions(Settings):
     run_up_spread : float
         Standard deviation of the logarithm of `run_up`.
     worse_than_constant : float
-        A fit whose residual exceeds this times a signal's own variation is no model.
+        A fit is no model where its residual exceeds the variation of the signal itself by this factor.
     still : float
-        Not so where the signal varies by less than this times its noise.
+        `worse_than_constant` is not applied to a signal that varies by less than this times its noise.
 
     Raises
     ------
@@ -114,13 +118,8 @@ class DiagnosisOptions(Settings):
     worse_than_constant: float = _CORE["worse_than_constant"]
     still: float = _CORE["still"]
 
-    @property
-    def settings(self) -> str:
-        """As the core reads it: JSON text."""
-        return json.dumps(asdict(self), allow_nan=True)
-
     def with_effects(self, definitions: Sequence[Mapping[str, Any]]) -> str:
-        """The same with definitions of effects given as text.
+        """Gives the options as the core reads them, with definitions of effects given as text.
 
         Parameters
         ----------
@@ -131,10 +130,18 @@ class DiagnosisOptions(Settings):
         -------
         str
             JSON text.
+
+        Raises
+        ------
+        UsageError
+            Naming an option that is no finite number above zero.
         """
-        if not definitions:
-            return self.settings
-        return json.dumps(asdict(self) | {"effects": list(definitions)}, allow_nan=True)
+        for name, value in asdict(self).items():
+            if not 0.0 < number_of(f"the option {name}", value) < math.inf:
+                raise refuse(
+                    UsageError, f"the option {name} is {value}", fix="give a finite number above zero"
+                )
+        return json.dumps(asdict(self) | ({"effects": list(definitions)} if definitions else {}))
 
     @classmethod
     def parse(cls, text: str) -> DiagnosisOptions:
@@ -157,13 +164,21 @@ class DiagnosisOptions(Settings):
         """
         known = [field.name for field in fields(cls)]
         given: dict[str, Any] = {}
-        for part, name, _, value in assignments(text):
+        for part, name, mark, value in assignments(text):
+            if not mark and name[0].isdigit():
+                raise refuse(
+                    UsageError,
+                    f"'{part}' is a number without a name",
+                    fix="part options by a comma, and write numbers with a decimal point, as in named=0.95",
+                )
             if name not in known:
                 raise refuse(UsageError, f"a diagnosis has no option '{name}'", fix=did_you_mean(name, known))
             try:
                 given[name] = int(value) if name == "most_effects" else float(value)
             except ValueError:
                 raise refuse(
-                    UsageError, f"'{part}' gives the option {name} no number", fix=f"write {name}=..."
+                    UsageError,
+                    f"'{part}' gives the option {name} no number",
+                    fix=f"write a number behind it, as in {name}={_CORE[name]:g}, which is the default",
                 ) from None
         return cls(**given)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, TypeVar
+from typing import Annotated, Final, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -22,12 +22,19 @@ class Table(BaseModel):
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
+_PLAIN: Final = re.compile(r"[-+]?\d+(\.\d+)?([eE][-+]?\d+)?")
+_POLE_PAIRS: Final = (
+    "n_p is the number of pole pairs, half the number of poles on the nameplate or data sheet: "
+    "a motor with 8 poles has the line n_p = 4 under [machine]"
+)
+"""What is to be said of the only key that is always needed."""
+
 
 def validated(model: type[_Model], name: str, content: object, errors: list[str]) -> _Model | None:
     """The table `name` as a `model`; None, with clauses added to `errors`, where it is none."""
     if content is None:
         if name == "machine":
-            errors.append("machine: this table is missing; at least n_p is needed")
+            errors.append(f"machine: this table is missing; {_POLE_PAIRS}")
             return None
         content = {}
     if not isinstance(content, dict):
@@ -55,13 +62,26 @@ def words(name: str, model: type[BaseModel], error: ValidationError) -> list[str
             known = [field.alias or key for key, field in model.model_fields.items()]
             text = f"unknown key ({did_you_mean(str(item['loc'][-1]), known)})"
         elif item["type"] == "missing":
-            text = "is missing"
+            text = f"is missing; {_POLE_PAIRS}" if path == "machine.n_p" else "is missing"
         elif item["type"] == "literal_error":
             choices = re.findall("'([^']*)'", item["ctx"]["expected"])
             text = f"'{item['input']}' is not known ({did_you_mean(str(item['input']), choices)})"
         elif item["type"] == "value_error":
             text = str(item["ctx"]["error"])
+        elif item["type"].startswith(("int_", "float_")):
+            text = _no_number(item["input"], whole=item["type"].startswith("int_"))
         else:
             text = f"{item['msg'][0].lower()}{item['msg'][1:]}, not {item['input']!r}"
         out.append(f"{path}: {text}")
     return out
+
+
+def _no_number(given: object, *, whole: bool) -> str:
+    """That a value is no number, or no whole one, with the way out where it shows."""
+    text = f"{given!r} is no {'whole ' if whole else ''}number"
+    if not isinstance(given, str):
+        return text
+    plain = given.strip().replace(",", ".", 1)
+    if not _PLAIN.fullmatch(plain):
+        return text
+    return f"{text}; write {plain} without quotes{' and with a decimal point' if ',' in given else ''}"
