@@ -237,6 +237,46 @@ def test_the_machine_file_says_what_the_recording_tells(columns: Columns, tmp_pa
         assert unit in line
 
 
+def test_a_slow_log_offers_no_rate_of_the_control(columns: Columns) -> None:
+    slow = {**columns, "t": columns["t"] * 20.0}
+    assert "#f_sample =         # Hz, rate of the control; this log is slower, at 50 Hz" in (
+        pm.inspect(slow).machine_file
+    )
+    motion = {name: columns[name] for name in ("t", "i_d", "i_q", "theta_e", "omega_e")}
+    assert "#f_sample =    " in pm.inspect(motion).machine_file
+
+
+def test_only_columns_that_may_add_something_are_offered(columns: Columns, tmp_path: Path) -> None:
+    header = {"omega_e": "speed", "theta_e": "angle", "i_q": "Test motor q-axis current"}
+    log = {
+        **columns,
+        "Reference Velocity": np.linspace(0.0, 1.0, 400),
+        "Absorber q-axis current": columns["i_d"],
+        "N": np.full(400, 2500.0),
+    }
+    text = pm.inspect(written(log, tmp_path, header)).machine_file
+    assert '#omega_m = { from = "speed"' in text
+    assert "check the unit, which the file does not state" in text
+    assert "Take one line of each name at most." in text
+    assert "Reference Velocity" not in text
+    assert '"N"' not in text
+    del log["omega_e"], log["theta_e"]
+    assert (
+        '#omega_e = { from = "Reference Velocity"' in pm.inspect(written(log, tmp_path, header)).machine_file
+    )
+    # What was given leaves nothing to take.
+    settled = 'i_q = "Test motor q-axis current"\nomega_m = { from = "speed", unit = "rad/s" }\n'
+    (tmp_path / "m.toml").write_text(f"[machine]\nn_p = 3\n[columns]\n{settled}")
+    log |= {"omega_e": columns["omega_e"]}
+    text = pm.inspect(written(log, tmp_path, header), tmp_path / "m.toml").machine_file
+    assert "Absorber" not in text
+
+
+def test_the_columns_of_an_array_are_offered(columns: Columns) -> None:
+    found = pm.inspect({"data": np.stack([*columns.values()], axis=1)})
+    assert '#NAME = { from = "data[:,0]", unit = "..." }' in found.machine_file
+
+
 def test_the_lines_that_settle_a_file_make_it_readable(columns: Columns, tmp_path: Path) -> None:
     header = {"omega_e": "speed [rad/s]", "theta_e": "Theta [rad]"}
     file = written(columns, tmp_path, header)
