@@ -101,7 +101,7 @@ class Diagnosis(DiagnosisValues):
     reason : str or None
         Why a verdict is `undetermined`; None otherwise.
     ranking : tuple of Candidate
-        Candidates with their probabilities, the most probable first.
+        Candidates with their probabilities: the effects of the model first, then by probability.
     effects : tuple of str
         Ids of the effects of the model.
     base : mapping of str to Estimate

@@ -35,9 +35,9 @@ def test_a_budget_is_said_in_one_sentence_without_what_is_nothing() -> None:
     budget = Budget.of(ENTRY)
     assert sentence(budget) == (
         "Of 5.4 times the noise in i_q: inverter dead time 61 %, saturation of the q axis 22 %, "
-        "shared by several 12 %, left 5 %."
+        "shared by several 12 %, rest 5 %."
     )
-    assert [name for name, _ in shares(budget)][-1] == "left"
+    assert [name for name, _ in shares(budget)][-1] == "rest"
 
 
 def test_the_validation_run_is_told_where_there_is_one() -> None:

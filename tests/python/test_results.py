@@ -211,7 +211,8 @@ def test_the_first_sentence_says_what_remains_beside_the_effects(verdict: str, t
     first = " ".join(str(answer).split("\n\n")[0].split())
     for text in [first, (tmp_path / "r.html").read_text(encoding="utf-8")]:
         assert (
-            "14.8 times the noise is left in the q-axis voltage equation, so another cause is at work" in text
+            "the q-axis voltage equation has a residual of 14.8 times the noise, so another cause is at work"
+            in text
         )
 
 
@@ -219,14 +220,14 @@ def test_an_effect_that_explains_most_and_leaves_more_than_noise_is_told_with_bo
     ranking = [{**ANSWER["ranking"][0], "gain_held_out": 0.93, "probability": 0.5}]
     model = {**ANSWER["model"], "effects": []}
     answer = diagnosis(verdict="unknown", remaining=[REMAINING], ranking=ranking, model=model)
-    said = "explains 93 % of the mismatch; 14.8 times the noise is left"
+    said = "explains 93 % of the mismatch; the q-axis voltage equation has a residual of 14.8 times the noise"
     assert said in " ".join(str(answer).split("\n\n")[0].split())
 
 
 def test_an_all_clear_that_the_validation_run_does_not_share_says_so_first() -> None:
     answer = diagnosis(verdict="no_mismatch", remaining=[{**REMAINING, "beside": []}])
     first = " ".join(str(answer).split("\n\n")[0].split())
-    assert "but not the validation run: 14.8 times the noise is left" in first
+    assert "but not the validation run: the q-axis voltage equation has a residual of 14.8" in first
     assert "Nothing is missing" not in first
 
 
@@ -235,8 +236,47 @@ def test_an_undetermined_answer_begins_with_its_reason() -> None:
         verdict="undetermined", reason="the torque counts with the opposite sign; turn it round"
     )
     assert str(answer).startswith(
-        "Nothing can be said of the motor: the torque counts with the opposite sign"
+        "Verdict: undetermined\nNothing can be said of the motor: the torque counts with the opposite sign"
     )
+
+
+def test_a_finding_that_is_the_reason_is_told_once() -> None:
+    quality = [
+        {"finding": "the torque is odd", "consequence": "nothing is asked of it", "fix": "turn it round"}
+    ]
+    reason = "the torque is odd; turn it round"
+    text = str(diagnosis(verdict="undetermined", reason=reason, data_quality=quality))
+    assert text.count("the torque is odd") == text.count("turn it round") == 1
+    assert "  ! nothing is asked of it" in text
+    assert "  ! the torque is odd: nothing is asked of it; turn it round" in str(
+        diagnosis(data_quality=quality)
+    )
+
+
+def test_the_limit_on_a_name_in_doubt_is_explained() -> None:
+    ranking = [{**ANSWER["ranking"][0], "probability": 0.5}]
+    limits = {"ceiling_doubtful": 0.5, "ceiling_unknown": 0.4}
+    told = "50 % is the most that is given"
+    assert told in str(diagnosis(verdict="ambiguous", ranking=ranking, options=limits))
+    assert told not in str(diagnosis(options=limits))
+
+
+def test_units_in_sentences_have_the_signs_of_the_tables() -> None:
+    text = str(diagnosis(next_experiment="Hold 3 N m at 0.5 Ohm, 2 V s, 1 N m/A and 4 kg m^2; no N m alone."))
+    assert "Hold 3 N·m at 0.5 Ω, 2 V·s, 1 N·m/A and 4 kg·m²; no N m alone." in text
+
+
+def test_a_reason_that_speaks_of_one_effect_is_told_of_each() -> None:
+    why = "at its typical strength it would add nothing"
+    cannot_see = [{"effect": name, "why": why, "power": 0.0} for name in ("iron_loss", "dead_time")]
+    assert f"iron_loss and dead_time, each: {why}" in str(diagnosis(cannot_see=cannot_see))
+
+
+def test_a_parameter_that_is_not_determined_has_no_value_in_the_text() -> None:
+    base = {"l_q": estimate(0.01, 310.0, "H"), "r_s": estimate(0.5, 0.01, "ohm")}
+    text = str(diagnosis(model={**ANSWER["model"], "base": base}))
+    assert re.search(r"l_q +–\n", text)
+    assert "not determined: l_q" in text
 
 
 def test_text_of_an_answer_cannot_become_markup(tmp_path: Path) -> None:
@@ -312,7 +352,7 @@ def test_text_of_an_answer_cannot_become_markup(tmp_path: Path) -> None:
         ),
         (
             {"verdict": "undetermined", "ranking": [], "model": {"effects": [], "base": {}}},
-            "More than the noise is left in the",
+            "has a residual of more than the noise, but",
         ),
         ({"interrupted": True}, "leaves out"),
         ({"next_experiment": None, "data_quality": [], "cannot_see": []}, "leaves out"),

@@ -26,6 +26,8 @@ _NAMED: Final = 8
 _NAMELESS: Final = "(no name)"
 _USUAL_CONSTANT: Final = 1e-3
 """Electrical time constant of a motor, s, that goes without saying: few have a shorter one."""
+_READABLE: Final = 1e9
+"""Numbers below this are written without a power of ten, as times in ms are."""
 _CLOSE: Final = 0.005
 """Share of its ends that a range is small to."""
 _ASCII: Final = {
@@ -180,8 +182,14 @@ def _span(low: float | None, high: float | None) -> str:
     if low is None or high is None:
         return ""
     close = high / 2.0 - low / 2.0 <= _CLOSE * max(abs(low), abs(high))
-    first, last = (f"{value:.{7 if close else 4}g}" for value in (low, high))
+    first, last = (_short(value, 7 if close else 4) for value in (low, high))
     return first if low == high else f"{first} … {last}"
+
+
+def _short(value: float, digits: int) -> str:
+    """A number with so many digits, and with all of those before the point where a person can read them."""
+    whole = 1e4 <= abs(value) < _READABLE
+    return f"{value:.0f}" if whole and len(f"{abs(value):.0f}") > digits else f"{value:.{digits}g}"
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:

@@ -48,7 +48,7 @@ PARTS: Final = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#f0e442"
 """Fills of the parts of a whole, the same on light and dark paper; each has an outline in `faint`."""
 SHARED: Final = "#b8c0c8"
 UNNAMED: Final = "#6b7480"
-LEFT: Final = "#e3e7ea"
+REST: Final = "#e3e7ea"
 MAP: Final = ("#7f3b08", "#b35806", "#e08214", "#fdb863", "#fee0b6", "#f7f7f7", "#d8daeb", "#b2abd2")
 _MAP_END: Final = ("#8073ac", "#542788", "#2d004b")
 DIVERGING: Final = (*reversed(_MAP_END), *reversed(MAP))

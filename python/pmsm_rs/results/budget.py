@@ -12,19 +12,19 @@ LEAST: Final = 0.005
 """Shares below this are not told."""
 SHARED: Final = "shared by several"
 UNNAMED: Final = "map without a name"
-LEFT: Final = "left"
+REST: Final = "rest"
 
 
 def shares(budget: Budget) -> list[tuple[str, float]]:
-    """What takes which share away, in words; what is left comes last."""
+    """What takes which share away, in words; the rest comes last."""
     named = [(title(part.effect), part.beside) for part in budget.parts]
     plain = [(SHARED, budget.shared), (UNNAMED, budget.unmodelled)]
-    told = [*named, *plain, (LEFT, budget.rest)]
+    told = [*named, *plain, (REST, budget.rest)]
     return [(name, share) for name, share in told if share >= LEAST]
 
 
 def sentence(budget: Budget) -> str:
-    """In plain words: "Of 5.4 times the noise in i_q: dead time 61 %, saturation 22 %, left 5 %"."""
+    """In plain words: "Of 5.4 times the noise in i_q: dead time 61 %, saturation 22 %, rest 5 %"."""
     told = ", ".join(f"{lower_first(name)} {percent(share)}" for name, share in shares(budget))
     return f"Of {budget.before:.3g} times the noise in {channel(budget.channel)[0]}: {told}."
 

@@ -39,7 +39,7 @@ class Location:
     frequency_hz : float or None
         Frequency, Hz.
     trend : str or None
-        Whether it grows or falls in time.
+        `grows` or `fades`, where it changes over the recording.
     p_value : float or None
         Probability of so much by chance.
     recordings : tuple of int
@@ -182,7 +182,7 @@ class Candidate:
     probability : float
         Its posterior probability, 0 to 1.
     sentence : str
-        What it explains, in words.
+        The effect in words, as in the catalogue.
     equation : str
         Its equation.
     parameters : mapping of str to Estimate
@@ -190,7 +190,8 @@ class Candidate:
     equivalent_to : tuple of str
         Effects that this recording cannot tell from it.
     gain_held_out : float or None
-        Share of the held-out excess that it explains.
+        Share of the residual's squares above the noise that it removes on data not used for fitting, -1 to
+        1. It is negative where the prediction gets worse.
     """
 
     effect: str

@@ -97,7 +97,8 @@ class Unmodelled:
     sentence : str
         The same in words.
     gain_held_out : float or None
-        Share of the held-out excess that it explains; None without a map.
+        Share of the residual's squares above the noise that it removes: on the validation run, or on the
+        recording itself without one. None without a map.
     terms : tuple of Term
         Its terms; none if no map improves the prediction.
     """

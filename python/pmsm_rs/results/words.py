@@ -21,6 +21,10 @@ _UNITS = {
     "degC": "°C",
     "1": "",
 }
+_SPELLED = re.compile(r"(?<=\d )(?:N m s\^2|N m s|N m|V s|kg m\^2|[Oo]hm)\b(?!\^)")
+"""Units as the core spells them in sentences, behind a number."""
+_VAGUE = 10.0
+"""Standard errors over values from which a positive parameter is not determined."""
 _PREFIXED = {"H", "Ω", "V·s", "s", "V", "A", "N·m"}
 EQUATIONS = {
     "d": "d-axis voltage equation",
@@ -46,6 +50,16 @@ _PERSONS = ("Coulomb", "Stribeck")
 def unit(text: str) -> str:
     """A unit with its proper signs."""
     return _UNITS.get(text, text.replace("^2", "²").replace("^3", "³").replace(" ", "·"))
+
+
+def with_signs(text: str) -> str:
+    """A sentence whose units behind numbers have their proper signs, as in "0.6 Ω" and "3 N·m/A"."""
+    return _SPELLED.sub(lambda found: unit(found[0].lower() if found[0] == "Ohm" else found[0]), text)
+
+
+def is_vague(entry: Estimate) -> bool:
+    """Whether the standard error is so many times the value that a positive parameter is not determined."""
+    return entry.value is not None and (entry.stderr or 0.0) > _VAGUE * abs(entry.value)
 
 
 def channel(name: str) -> tuple[str, str]:
@@ -79,6 +93,8 @@ class Written(NamedTuple):
 
     def __str__(self) -> str:
         """Such as "7.3994 ± 0.0021 mH" or "(2.0998 ± 0.0001)·10⁻³ N·m·s"."""
+        if self.value == "–":
+            return self.value
         both = f"{self.value} ± {self.spread}" if self.spread else self.value
         if self.power:
             both = f"({both})·{self.power}" if self.spread else f"{both}·{self.power}"

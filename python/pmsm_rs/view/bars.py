@@ -20,7 +20,7 @@ _LINEAR: Final = 12.0
 
 
 def ratios(rows: Sequence[FitRow]) -> Picture | None:
-    """What is left in each channel before and after, in times its noise, as bars; None where no noise is
+    """The residual of each channel before and after, in times its noise, as bars; None where no noise is
     known. The scale is linear, and logarithmic where one channel stands far above the others.
     """
     known = [row for row in rows if row.before_ratio]
@@ -122,7 +122,7 @@ def budget_fills(answer: DiagnosisValues) -> dict[str, str]:
     plain = {
         mismatch.SHARED: palette.SHARED,
         mismatch.UNNAMED: palette.UNNAMED,
-        mismatch.LEFT: palette.LEFT,
+        mismatch.REST: palette.REST,
     }
     names = [name for entry in mismatch.judged(answer.budget) for name, _ in mismatch.shares(entry)]
     effects = [name for name in dict.fromkeys(names) if name not in plain]

@@ -80,7 +80,7 @@ def _first_sentence(answer: DiagnosisValues) -> str:
         worst = max(answer.remaining, key=lambda at: at.times)
         return (
             f"The dq-model explains {these} down to the noise, but not the validation run: "
-            f"{_left(worst)}, by a parameter that stays open here or by what is missing."
+            f"{_residual(worst)} there. A parameter that stays open here or missing physics is the cause."
         )
     rest = _rest(answer)
     if rest and answer.verdict == "unknown" and (found := _mostly_explained(answer)):
@@ -102,12 +102,14 @@ def _rest(answer: DiagnosisValues) -> str:
     beside = [at for at in answer.remaining if at.beside]
     if not beside:
         return ""
-    return _left(max(beside, key=lambda at: at.times))
+    return _residual(max(beside, key=lambda at: at.times))
 
 
-def _left(at: Remaining) -> str:
-    """How much is left of an equation."""
-    return f"{number(at.times)} times the noise is left in the {EQUATIONS.get(at.equation, at.equation)}"
+def _residual(at: Remaining) -> str:
+    """How large the residual of an equation is."""
+    return (
+        f"the {EQUATIONS.get(at.equation, at.equation)} has a residual of {number(at.times)} times the noise"
+    )
 
 
 def _mostly_explained(answer: DiagnosisValues) -> str:
@@ -147,10 +149,9 @@ def _verdict(answer: DiagnosisValues) -> str:
     where = EQUATIONS.get(answer.located[0].equation, "") if answer.located else ""
     if answer.verdict == "unknown":
         return f"Something is missing{f' in the {where}' if where else ''} that is not in the catalogue."
-    short = "do not allow" if several else "is too poor"
-    poor = f"{these} {short} to say what the model leaves out."
+    poor = f"{these} {'are' if several else 'is'} too poor to say what the model leaves out."
     if where and not answer.interrupted:
-        return f"More than the noise is left in the {where}, but {poor}"
+        return f"The {where} has a residual of more than the noise, but {poor}"
     return poor[0].upper() + poor[1:]
 
 

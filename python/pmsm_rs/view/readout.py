@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from ..errors import shown
 from ..quantities.canonical import CANONICAL
-from ..results.words import number, unit
+from ..results.words import unit
 
 _NAMED: Final = 12
 """Ignored columns that are named; files of thousands of columns exist."""
@@ -18,9 +18,9 @@ _TOGETHER: Final = 4
 def origin(name: str, entry: Mapping[str, Any]) -> str:
     """Where one canonical column came from, without its unit."""
     if entry.get("period") is not None:
-        return f"every {number(entry['period'])} s"
+        return f"every {entry['period']:.6g} s"
     if entry.get("value") is not None:
-        return f"the constant {number(entry['value'])}"
+        return f"the constant {entry['value']:.6g}"
     source = shown(str(entry["from"]))
     if entry.get("file"):
         source += f" of {shown(entry['file'])}"
@@ -36,9 +36,15 @@ def origins(read: Mapping[str, Any]) -> list[str]:
     out = []
     for name, entry in read["columns"].items():
         given = origin(name, entry)
+        if entry.get("period") is not None:
+            out.append(f"{name} {given}")
+            continue
+        if entry.get("value") is not None:
+            out.append(f"{name} as {given} {entry['unit']}")
+            continue
         plain = given == name and entry["unit"] == CANONICAL[name].unit
-        mark = "" if entry.get("period") is not None else f" ({entry['unit']})"
-        out.append(f"{name}{mark}" if plain else f"{name} from {given}{mark}")
+        source = "" if plain else f" from {given}"
+        out.append(f"{name}{source} ({entry['unit']})")
     return out
 
 

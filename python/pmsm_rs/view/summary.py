@@ -2,19 +2,34 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import PurePath
-from typing import Any
+from typing import Any, Final
 
 from ..messages import behind
 from ..results.budget import judged, sentence
 from ..results.estimates import Estimate, IdentificationValues, json_text
 from ..results.findings import DiagnosisValues, Location, leading
-from ..results.words import channel, estimate, listed, lower_first, number, percent
+from ..results.words import (
+    channel,
+    estimate,
+    is_vague,
+    listed,
+    lower_first,
+    number,
+    percent,
+    unit,
+    with_signs,
+)
 from .headline import headline
 from .readout import converted, extent, ignored, origins, reasons
 
+_POSITIVE: Final = frozenset({"r_s", "l_d", "l_q", "psi_m", "j"})
+"""Parameters that no motor has near zero."""
+_OF_ONE: Final = re.compile(r"\bits?\b")
+"""What shows that a reason speaks of one effect."""
 WIDTH = 100
 """Columns of a line on a terminal."""
 
@@ -22,7 +37,7 @@ WIDTH = 100
 def hung(head: str, text: str) -> str:
     """`text` behind `head`, wrapped to the width of a terminal with the later lines below the first."""
     # textwrap breaks no line at a no-break space: a number stays with its sign of percent.
-    kept = text.replace(" %", "\u00a0%")
+    kept = with_signs(text).replace(" %", "\u00a0%")
     filled = textwrap.fill(kept, WIDTH, initial_indent=head, subsequent_indent=" " * len(head))
     return filled.replace("\u00a0%", " %")
 
@@ -34,17 +49,14 @@ def diagnosis(answer: DiagnosisValues) -> str:
     lines = [f"Verdict: {answer.verdict}", hung("", headline(answer))]
     if answer.interrupted:
         lines.append("Interrupted: this is the best so far.")
-    for item in answer.data_quality:
-        consequence = lower_first(item["consequence"]).rstrip(".")
-        text = f"{item['finding'].rstrip('.')}: {consequence}; {lower_first(item['fix'])}{behind(item)}"
-        lines.append(hung("  ! ", text))
+    lines += [hung("  ! ", _finding(item, answer.reason or "")) for item in answer.data_quality]
     lines += _read(answer)
     if answer.located:
         lines += ["", "Where it sits"]
         places = told_once(answer.located)[:4]
         lines += [hung(f"  {share_of(place):>6}  ", place.sentence) for place in places]
     if answer.ranking:
-        lines += ["", "Candidates"]
+        lines += ["", "Candidates, with the probability that the model leaves them out"]
         for candidate in leading(answer, 5):
             twins = (
                 f"   cannot be told from {', '.join(candidate.equivalent_to)}"
@@ -52,6 +64,7 @@ def diagnosis(answer: DiagnosisValues) -> str:
                 else ""
             )
             lines.append(f"  {percent(candidate.probability):>6}  {candidate.effect}{twins}")
+        lines += _ceiling(answer)
     if answer.unmodelled is not None:
         lines += ["", "Unmodelled", hung("  ", answer.unmodelled.sentence)]
     lines += formulas(answer)
@@ -80,6 +93,24 @@ def diagnosis(answer: DiagnosisValues) -> str:
     return "\n".join(lines)
 
 
+def _finding(item: Mapping[str, str], reason: str) -> str:
+    """A finding with consequence and fix, without what the `reason` of the verdict says already."""
+    parts = [item["finding"].rstrip("."), item["consequence"].rstrip("."), item["fix"]]
+    first, *others = [part for part in parts if not part or part not in reason] or parts
+    mark = ": " if first == parts[0] else "; "
+    return f"{first}{mark if others else ''}{'; '.join(map(lower_first, others))}{behind(item)}"
+
+
+def _ceiling(answer: DiagnosisValues) -> list[str]:
+    """Why no candidate is more probable, where a limit on names in doubt is what holds them."""
+    limits = {answer.options.get(name) for name in ("ceiling_doubtful", "ceiling_unknown")}
+    highest = max(candidate.probability for candidate in answer.ranking)
+    if highest not in limits:
+        return []
+    why = "is the most that is given while something else is missing, or another recording is not predicted"
+    return [hung(" " * 10, f"{percent(highest)} {why}.")]
+
+
 def formulas(answer: DiagnosisValues) -> list[str]:
     """Formulas for a torque that has no name; nothing where that was not asked."""
     if answer.formulas is None:
@@ -91,8 +122,11 @@ def formulas(answer: DiagnosisValues) -> list[str]:
         share = min(entry["explains"].values())
         twin = "   cannot be told from the first" if entry["equivalent"] else ""
         lines.append(f"  {percent(share):>6}  {entry['formula']}{twin}")
-        values = (f"{name} = {number(x['value'])} {x['unit']}" for name, x in entry["parameters"].items())
-        lines.append(hung(" " * 10, ", ".join(values).replace(" 1,", ",").removesuffix(" 1")))
+        values = (
+            f"{name} = {number(x['value'])} {unit(x['unit'])}".rstrip()
+            for name, x in entry["parameters"].items()
+        )
+        lines.append(hung(" " * 10, ", ".join(values)))
     return lines
 
 
@@ -143,23 +177,28 @@ def _unseen(answer: DiagnosisValues) -> list[str]:
     return [
         "All effects of the catalogue, for the reason above."
         if len(grouped) == 1 and told.startswith(why)
-        else f"{listed(effects)}: {why}"
+        else f"{listed(effects)}{', each' if len(effects) > 1 and _OF_ONE.search(why) else ''}: {why}"
         for why, effects in grouped.items()
     ]
 
 
 def _parameters(entries: Sequence[tuple[str, Estimate]]) -> list[str]:
     rows = [(name, estimate(entry), entry.why_none) for name, entry in entries]
+    vague = [name for name, entry in entries if name in _POSITIVE and is_vague(entry)]
     if not rows:
         return []
     wide = max(len(row[0]) for row in rows)
     lines = ["", "Parameters"]
     reasons: dict[str, list[str]] = {}
     for name, written, why in rows:
-        lines.append(f"  {name:<{wide}}  {written}")
+        lines.append(f"  {name:<{wide}}  {'–' if name in vague else written}".rstrip())
         if why and not written.spread:
             reasons.setdefault(why, []).append(name)
     lines += [hung("  ", f"no uncertainty for {listed(names)}: {why}") for why, names in reasons.items()]
+    if vague:
+        lines.append(
+            hung("  ", f"not determined: {listed(vague)}: the standard error is many times the value")
+        )
     return lines
 
 
@@ -184,7 +223,7 @@ def _run(answer: DiagnosisValues, run: str) -> str:
 
 
 def _each(answer: DiagnosisValues) -> list[str]:
-    """A line for each of several recordings: what is left in its channels, in units of its own noise."""
+    """A line for each of several recordings: the residual of its channels, in units of its own noise."""
     lines = []
     for count, entry in enumerate(answer.recordings, 1):
         noise, fit = entry["noise_floor"], entry["fit"]
