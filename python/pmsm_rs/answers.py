@@ -9,7 +9,7 @@ from ._core import DataError, UsageError
 from .errors import opened, refuse
 from .model import Model
 from .results.estimates import IdentificationValues
-from .results.findings import DiagnosisValues
+from .results.findings import DiagnosisValues, compared
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -310,5 +310,4 @@ def read_answer(
             file=str(trajectories),
             fix="write both at once: pmsm-rs diagnose ... --json ANSWER.json --trajectories OUT.parquet",
         )
-    run = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
-    return Diagnosis.of(answer.data, {run: source.read(source.names)})
+    return Diagnosis.of(answer.data, {compared(answer): source.read(source.names)})

@@ -211,6 +211,23 @@ def number_of(name: str, value: object) -> float:
         raise refuse(UsageError, f"{name} is {value!r}", fix="give a number") from None
 
 
+def bounds_of(name: str, pair: object) -> tuple[float, float]:
+    """The bounds `pair` of a parameter as (low, high). Raises UsageError where they are no finite range."""
+    try:
+        low, high = (float(bound) for bound in pair)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        raise refuse(
+            UsageError, f"the bounds of {name} are {pair!r}", fix="give (low, high), in SI units"
+        ) from None
+    if not -float("inf") < low < high < float("inf"):
+        raise refuse(
+            UsageError,
+            f"the bounds of {name} are ({low}, {high})",
+            fix="give two finite numbers, the lower one first",
+        )
+    return low, high
+
+
 @contextmanager
 def written_by(writer: str) -> Iterator[None]:
     """Raises DataError where what is read within is not what `writer` has written."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 from . import _core
 from ._core import Machine, UsageError
 from .errors import did_you_mean, refuse
+from .quantities.parameters import BASE
 from .results.estimates import Estimate, estimates
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     Columns = dict[str, NDArray[np.float64]]
 
 REFERENCE_TEMPERATURE = 20.0
-_BASE = ("r_s", "l_d", "l_q", "psi_m", "j", "b")
 
 
 class Model(Mapping[str, Any]):
@@ -211,7 +211,7 @@ class Model(Mapping[str, Any]):
             n_p=int(scales["n_p"]),
             v_dc=scales["v_dc"] or None,
             i_rated=scales["i_max"] or None,
-            **{name: specification["base"][name] for name in _BASE},
+            **{name: specification["base"][name] for name in BASE},
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -16,17 +16,18 @@ from .completion import completed, file_of, with_read
 from .config.effect_text import Effect, together
 from .config.options import DiagnosisOptions
 from .config.swarm import ORDINARY, Swarm, expect_method, swarm_settings
-from .errors import NothingToAsk, did_you_mean, expect, expect_whole, fact, of_run, refuse
+from .errors import NothingToAsk, bounds_of, did_you_mean, expect, expect_whole, fact, of_run, refuse
 from .given import machine_of, recording_of
 from .messages import coded
 from .progress import Progress
+from .quantities.parameters import BASE
 from .results.provenance import stated
 
 if TYPE_CHECKING:
     from .config.machine_file import MachineFile
     from .given import Described, Run
 
-PARAMETERS = ("r_s", "l_d", "l_q", "psi_m", "j", "b", "tau_load")
+PARAMETERS = (*BASE, "tau_load")
 
 
 def _nameplate(described: Machine | MachineFile) -> tuple[Machine, dict[str, Any]]:
@@ -321,20 +322,5 @@ def fit_bounds(
             raise refuse(
                 UsageError, f"there is no parameter '{name}'", fix=did_you_mean(str(name), PARAMETERS)
             )
-        if bounds is None:
-            checked[name] = None
-            continue
-        try:
-            low, high = (float(bound) for bound in bounds)
-        except (TypeError, ValueError):
-            raise refuse(
-                UsageError, f"the bounds of {name} are {bounds!r}", fix="give (low, high) in SI units"
-            ) from None
-        if not -float("inf") < low < high < float("inf"):
-            raise refuse(
-                UsageError,
-                f"the bounds of {name} are ({low}, {high})",
-                fix="give two finite numbers, the lower one first",
-            )
-        checked[name] = (low, high)
+        checked[name] = None if bounds is None else bounds_of(name, bounds)
     return checked

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _core
 from ._core import DataError, UsageError
 from .config.swarm import METHODS, ORDINARY, Swarm
-from .errors import did_you_mean, expect_whole, refuse
+from .errors import bounds_of, did_you_mean, expect_whole, refuse
 from .progress import Progress
 from .results.estimates import Fit
 
@@ -185,7 +185,7 @@ def identify_system(
     """
     if method not in METHODS:
         raise refuse(UsageError, f"there is no method '{method}'", fix=did_you_mean(method, METHODS))
-    names, bounds = list(parameters), [_bounds(name, pair) for name, pair in parameters.items()]
+    names, bounds = list(parameters), [bounds_of(name, pair) for name, pair in parameters.items()]
     for name in [*(start or {}), *(entry for entry in x0 if isinstance(entry, str))]:
         if name not in parameters:
             raise refuse(UsageError, f"there is no parameter '{name}'", fix=did_you_mean(name, names))
@@ -210,20 +210,6 @@ def identify_system(
         progress=progress,
     )
     return SystemFit.of(answer, run.outputs)
-
-
-def _bounds(name: str, pair: object) -> tuple[float, float]:
-    try:
-        low, high = (float(bound) for bound in pair)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
-        raise refuse(UsageError, f"the bounds of {name} are {pair!r}", fix="give (low, high)") from None
-    if not -float("inf") < low < high < float("inf"):
-        raise refuse(
-            UsageError,
-            f"the bounds of {name} are ({low}, {high})",
-            fix="give two finite numbers, the lower one first",
-        )
-    return low, high
 
 
 def _columns(data: object, what: str, samples: int) -> tuple[list[str], Array]:

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from ..errors import did_you_mean, shown
 from ..quantities.compound import EXAMPLES, compound, suggested
+from ..quantities.parameters import BASE
 from ..results.words import number
 from .flux import BARE, FLUX, Given, agree, ambiguous, contradiction, flux, matching, peak
 from .schema import Number, Table, validated
@@ -46,13 +47,8 @@ _GEAR: Final = (
 
 _SI: Final = {
     "n_p": "1",
-    "r_s": "ohm",
-    "l_d": "H",
-    "l_q": "H",
-    "psi_m": "V s",
-    "j": "kg m^2",
-    "b": "N m s",
-    "b_at_most": "N m s",
+    **BASE,
+    "b_at_most": BASE["b"],
     "i_rated": "A",
     "omega_m": "rad/s",
     "tau_friction": "N m",

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from .._core import Machine
+from ..quantities.parameters import BASE
 
-PARAMETERS = ("n_p", "r_s", "l_d", "l_q", "psi_m", "j", "b")
+PARAMETERS = ("n_p", *BASE)
 RATINGS = ("v_dc", "i_rated", "f_sample")
 
 

@@ -5,17 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from ..quantities.parameters import BASE
+
 if TYPE_CHECKING:
     from ..model import Model
-
-_BASE = {
-    "r_s": "ohm",
-    "l_d": "H",
-    "l_q": "H",
-    "psi_m": "V s",
-    "j": "kg m^2",
-    "b": "N m s",
-}
 
 
 def header(model: Model) -> list[str]:
@@ -28,7 +21,7 @@ def header(model: Model) -> list[str]:
         f"Permanent-magnet synchronous motor with {int(specification['scales']['n_p'])} pole pairs, "
         "as pmsm-rs identified it.",
         "SI units; amplitude-invariant Park transform; d axis on the magnet flux; motor convention.",
-        ", ".join(f"{name} = {base[name]:.6g} {unit}" for name, unit in _BASE.items()),
+        ", ".join(f"{name} = {base[name]:.6g} {unit}" for name, unit in BASE.items()),
     ]
     for choice in specification["effects"]:
         about = of_choice(choice)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ..quantities.parameters import BASE
 from .common import commented, header
 
 if TYPE_CHECKING:
     from ..model import Model
-
-_BASE = ("r_s", "l_d", "l_q", "psi_m", "j", "b")
 
 
 def text(model: Model) -> str:
@@ -21,7 +20,7 @@ def text(model: Model) -> str:
         "[machine]",
         f"n_p = {int(model.specification['scales']['n_p'])}",
     ]
-    for name in _BASE:
+    for name in BASE:
         entry = told.get(name)
         if entry is None or entry["value"] is None:
             why = (entry or {}).get("why_none") or "the recording does not contain it"

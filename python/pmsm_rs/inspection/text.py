@@ -10,11 +10,10 @@ from typing import Final
 from ..errors import printable, shown
 from ..io.reading import there as quantities
 from ..io.signals import Signal
-from ..messages import behind
 from ..plot.sparkline import ASCII, BLOCKS, sparkline
 from ..quantities.canonical import CANONICAL
-from ..results.words import listed, lower_first
-from ..view.summary import hung
+from ..results.words import listed, with_signs
+from ..view.summary import finding, hung
 from .values import InspectionValues, Task
 
 _LONGEST: Final = 25
@@ -68,9 +67,7 @@ def text(found: InspectionValues, *, blocks: bool = True, machine_file: bool = T
     if found.findings:
         lines += ["", "Findings"]
         for item in found.findings:
-            consequence = lower_first(item["consequence"]).rstrip(".")
-            told = f"{item['finding'].rstrip('.')}: {consequence}; {lower_first(item['fix'])}{behind(item)}"
-            lines.append(hung("  ! ", told))
+            lines.append(hung("  ! ", with_signs(finding(item))))
     if machine_file:
         lines += ["", "Machine file to start from"]
         lines += [f"  {line}".rstrip() for line in found.machine_file.splitlines()]

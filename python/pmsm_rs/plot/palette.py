@@ -42,8 +42,6 @@ DARK: Final = {
 }
 TEXT: Final = ("ink", "soft", "faint", "good", "found", "doubt", "poor")
 """Roles of words, which stand on `paper` and on `wash`."""
-DATA: Final = ("measured", "before", "after", "noise")
-"""Roles of lines of data, which are drawn on `paper`."""
 PARTS: Final = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#f0e442", "#d55e00")
 """Fills of the parts of a whole, the same on light and dark paper; each has an outline in `faint`."""
 SHARED: Final = "#b8c0c8"

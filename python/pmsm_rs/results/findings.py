@@ -386,6 +386,16 @@ def _candidate(entry: Mapping[str, Any]) -> Candidate:
     )
 
 
+def chosen(answer: DiagnosisValues) -> list[Candidate]:
+    """The candidates that the model holds."""
+    return [candidate for candidate in answer.ranking if candidate.effect in answer.effects]
+
+
+def compared(answer: DiagnosisValues) -> str:
+    """The run on which the model is compared: "validation" where there is one, else "recording"."""
+    return "validation" if answer.fit.get("validation", {}).get("before") else "recording"
+
+
 def leading(answer: DiagnosisValues, most: int) -> list[Candidate]:
     """The first `most` candidates, and all further ones that the model holds."""
     return [c for at, c in enumerate(answer.ranking) if at < most or c.effect in answer.effects]

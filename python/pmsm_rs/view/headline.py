@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from ..errors import shown
-from ..results.findings import DiagnosisValues, Remaining
+from ..results.findings import DiagnosisValues, Remaining, chosen
 from ..results.words import EQUATIONS, listed, lower_first, number, percent, title
 
 _NAMED: Final = 3
@@ -163,6 +163,5 @@ def _alternatives(answer: DiagnosisValues) -> list[list[str]]:
     """For each effect of the model, or the first candidate of none: its title and those of its equals."""
     if not answer.ranking:
         return [["something"]]
-    chosen = [candidate for candidate in answer.ranking if candidate.effect in answer.effects]
-    each = [dict.fromkeys([c.effect, *c.equivalent_to]) for c in chosen or answer.ranking[:1]]
+    each = [dict.fromkeys([c.effect, *c.equivalent_to]) for c in chosen(answer) or answer.ranking[:1]]
     return [[lower_first(title(effect)) for effect in effects] for effects in each]

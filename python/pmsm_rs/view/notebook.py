@@ -15,6 +15,7 @@ from .. import atomic
 from ..messages import behind
 from ..plot import palette
 from ..results import words
+from ..results.findings import compared
 from . import figures, report, tables
 from .headline import headline
 from .readout import ignored, origins
@@ -71,9 +72,7 @@ class Page:
 def diagnosis(answer: DiagnosisValues) -> str:
     """The card of a diagnosis."""
     chip, tone = report.chip(answer)
-    chosen = [candidate for candidate in answer.ranking if candidate.effect in answer.effects]
-    found = [(words.title(c.effect), tables.rows(c)) for c in chosen if c.parameters]
-    judged = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
+    judged = compared(answer)
     part = answer.fit.get(judged, {})
     fit = [
         (
@@ -97,7 +96,7 @@ def diagnosis(answer: DiagnosisValues) -> str:
         tone=TONES[tone],
         headline=headline(answer),
         notes=notes,
-        tables=found,
+        tables=report.effect_rows(answer),
         fit=fit,
         fit_of=f"Measured minus model on the {'validation run' if judged == 'validation' else judged}",
         fit_heads=["before", "after", "noise"],

@@ -15,7 +15,7 @@ import numpy as np
 from ..model import Model
 from ..plot import palette
 from ..results import budget, words
-from ..results.findings import Candidate, DiagnosisValues, leading
+from ..results.findings import Candidate, DiagnosisValues, chosen, compared, leading
 from . import bars, figures, plot_data, tables
 from .advice import next_step
 from .charts import Picture
@@ -55,8 +55,8 @@ def render(answer: DiagnosisValues, title: str | None = None, command: str | Non
     """
     label, tone = chip(answer)
     verdict, *beside = sentences(answer)
-    judged = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
-    found = [(words.title(c.effect), tables.rows(c)) for c in _chosen(answer) if c.parameters]
+    judged = compared(answer)
+    found = effect_rows(answer)
     motor = tables.motor_rows(answer)
     fit = tables.fit(answer, judged)
     style, script = _style(), _source("report.js")
@@ -105,14 +105,14 @@ def render(answer: DiagnosisValues, title: str | None = None, command: str | Non
     )
 
 
-def _chosen(answer: DiagnosisValues) -> list[Candidate]:
-    """The candidates that the model holds."""
-    return [candidate for candidate in answer.ranking if candidate.effect in answer.effects]
+def effect_rows(answer: DiagnosisValues) -> list[tuple[str, list[tables.ParameterRow]]]:
+    """The title and the parameters of each effect of the model that has any."""
+    return [(words.title(c.effect), tables.rows(c)) for c in chosen(answer) if c.parameters]
 
 
 def _first(answer: DiagnosisValues) -> list[tuple[Candidate, str, list[tables.ParameterRow]]]:
     """What the first screen shows of effects: those of the model, else the likeliest where none is sure."""
-    candidates = _chosen(answer)
+    candidates = chosen(answer)
     if not candidates and answer.verdict in {"named", "partial", "ambiguous"}:
         candidates = list(answer.ranking[:1])
     return [(c, words.title(c.effect), tables.rows(c)) for c in candidates[:_AT_FIRST]]

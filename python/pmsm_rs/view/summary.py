@@ -11,7 +11,7 @@ from typing import Any, Final
 from ..messages import behind
 from ..results.budget import judged, sentence
 from ..results.estimates import Estimate, IdentificationValues, json_text
-from ..results.findings import DiagnosisValues, Location, leading
+from ..results.findings import DiagnosisValues, Location, chosen, compared, leading
 from ..results.words import (
     channel,
     estimate,
@@ -37,24 +37,29 @@ WIDTH = 100
 def hung(head: str, text: str) -> str:
     """`text` behind `head`, wrapped to the width of a terminal with the later lines below the first."""
     # textwrap breaks no line at a no-break space: a number stays with its sign of percent.
-    kept = with_signs(text).replace(" %", "\u00a0%")
+    kept = text.replace(" %", "\u00a0%")
     filled = textwrap.fill(kept, WIDTH, initial_indent=head, subsequent_indent=" " * len(head))
     return filled.replace("\u00a0%", " %")
+
+
+def _said(head: str, text: str) -> str:
+    """A sentence of the core behind `head`, wrapped, with the signs of its units."""
+    return hung(head, with_signs(text))
 
 
 def diagnosis(answer: DiagnosisValues) -> str:
     """A diagnosis as text: verdict, headline, what was read, where it sits, candidates, parameters, fit, what
     remains, what is not seen, what next.
     """
-    lines = [f"Verdict: {answer.verdict}", hung("", headline(answer))]
+    lines = [f"Verdict: {answer.verdict}", _said("", headline(answer))]
     if answer.interrupted:
         lines.append("Interrupted: this is the best so far.")
-    lines += [hung("  ! ", _finding(item, answer.reason or "")) for item in answer.data_quality]
+    lines += [_said("  ! ", finding(item, answer.reason or "")) for item in answer.data_quality]
     lines += _read(answer)
     if answer.located:
         lines += ["", "Where it sits"]
         places = told_once(answer.located)[:4]
-        lines += [hung(f"  {share_of(place):>6}  ", place.sentence) for place in places]
+        lines += [_said(f"  {share_of(place):>6}  ", place.sentence) for place in places]
     if answer.ranking:
         lines += ["", "Candidates, with the probability that the model leaves them out"]
         for candidate in leading(answer, 5):
@@ -66,13 +71,11 @@ def diagnosis(answer: DiagnosisValues) -> str:
             lines.append(f"  {percent(candidate.probability):>6}  {candidate.effect}{twins}")
         lines += _ceiling(answer)
     if answer.unmodelled is not None:
-        lines += ["", "Unmodelled", hung("  ", answer.unmodelled.sentence)]
+        lines += ["", "Unmodelled", _said("  ", answer.unmodelled.sentence)]
     lines += formulas(answer)
-    chosen = [c for c in answer.ranking if c.effect in answer.effects]
-    found = [(f"{c.effect}.{name}", entry) for c in chosen for name, entry in c.parameters.items()]
+    found = [(f"{c.effect}.{name}", entry) for c in chosen(answer) for name, entry in c.parameters.items()]
     lines += _parameters([*found, *answer.base.items()])
-    run = "validation" if answer.fit.get("validation", {}).get("before") else "recording"
-    lines += _fit(answer, run)
+    lines += _fit(answer, compared(answer))
     lines += _each(answer)
     budgets = judged(answer.budget)
     if budgets:
@@ -83,17 +86,17 @@ def diagnosis(answer: DiagnosisValues) -> str:
         lines += [hung("  ", sentence(budget)) for budget in budgets]
     if answer.remaining:
         lines += ["", "What remains"]
-        lines += [hung("  ", at.sentence) for at in answer.remaining]
+        lines += [_said("  ", at.sentence) for at in answer.remaining]
     if answer.cannot_see:
         what = "these recordings" if answer.recordings else "this recording"
         lines += ["", f"What {what} cannot see"]
-        lines += [hung("  ", text) for text in _unseen(answer)]
+        lines += [_said("  ", text) for text in _unseen(answer)]
     if answer.next_experiment:
-        lines += ["", "Next", hung("  ", answer.next_experiment)]
+        lines += ["", "Next", _said("  ", answer.next_experiment)]
     return "\n".join(lines)
 
 
-def _finding(item: Mapping[str, str], reason: str) -> str:
+def finding(item: Mapping[str, str], reason: str = "") -> str:
     """A finding with consequence and fix, without what the `reason` of the verdict says already."""
     parts = [item["finding"].rstrip("."), item["consequence"].rstrip("."), item["fix"]]
     first, *others = [part for part in parts if not part or part not in reason] or parts
@@ -260,5 +263,5 @@ def identification(answer: IdentificationValues) -> str:
         ]
     if answer.cannot_show:
         lines += ["", "What this recording cannot show"]
-        lines += [hung("  ", f"{listed(item['parameters'])}: {item['why']}") for item in answer.cannot_show]
+        lines += [_said("  ", f"{listed(item['parameters'])}: {item['why']}") for item in answer.cannot_show]
     return "\n".join(lines)
