@@ -24,7 +24,16 @@ LONGEST: Final = 30
 """Most words of a sentence."""
 FEWEST: Final = 4
 """Words from which a string literal is a message."""
-PAGES: Final = ("README.md", "SECURITY.md", "docs/*.md", "proof/README.md", "benches/README.md")
+PAGES: Final = (
+    "README.md",
+    "SECURITY.md",
+    "CONTRIBUTING.md",
+    "ARCHITECTURE.md",
+    "CHANGELOG.md",
+    "docs/*.md",
+    "proof/README.md",
+    "benches/README.md",
+)
 PYTHON: Final = ("python/pmsm_rs/**/*.py", "docs/*.py", "docs/examples/*.py")
 NO_PROSE: Final = ("vocabulary.py",)
 """Python files whose strings are lists of words."""

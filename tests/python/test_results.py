@@ -21,6 +21,7 @@ from pmsm_rs import Diagnosis, Identification, plot
 from pmsm_rs.results import traces as reduced
 from pmsm_rs.results import words
 from pmsm_rs.results.estimates import Estimate
+from pmsm_rs.view.tables import motor_rows
 
 
 def estimate(value: float, stderr: float | None, unit: str) -> dict[str, Any]:
@@ -274,9 +275,13 @@ def test_a_reason_that_speaks_of_one_effect_is_told_of_each() -> None:
 
 def test_a_parameter_that_is_not_determined_has_no_value_in_the_text() -> None:
     base = {"l_q": estimate(0.01, 310.0, "H"), "r_s": estimate(0.5, 0.01, "ohm")}
-    text = str(diagnosis(model={**ANSWER["model"], "base": base}))
-    assert re.search(r"l_q +–\n", text)
-    assert "not determined: l_q" in text
+    answer = diagnosis(model={**ANSWER["model"], "base": base})
+    assert re.search(r"l_q +–\n", str(answer))
+    assert "not determined: l_q" in str(answer)
+    assert "310" not in str(answer)
+    row = next(row for row in motor_rows(answer) if row.name == "l_q")
+    assert (row.value, row.spread) == ("–", "")
+    assert "not determined" in row.why_none
 
 
 def test_text_of_an_answer_cannot_become_markup(tmp_path: Path) -> None:

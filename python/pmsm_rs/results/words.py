@@ -23,6 +23,10 @@ _UNITS = {
 }
 _SPELLED = re.compile(r"(?<=\d )(?:N m s\^2|N m s|N m|V s|kg m\^2|[Oo]hm)\b(?!\^)")
 """Units as the core spells them in sentences, behind a number."""
+VAGUE = "the standard error is many times the value"
+"""Why a positive parameter is not determined."""
+_POSITIVE = frozenset({"r_s", "l_d", "l_q", "psi_m", "j"})
+"""Parameters that no motor has near zero."""
 _VAGUE = 10.0
 """Standard errors over values from which a positive parameter is not determined."""
 _PREFIXED = {"H", "Ω", "V·s", "s", "V", "A", "N·m"}
@@ -57,9 +61,10 @@ def with_signs(text: str) -> str:
     return _SPELLED.sub(lambda found: unit(found[0].lower() if found[0] == "Ohm" else found[0]), text)
 
 
-def is_vague(entry: Estimate) -> bool:
+def is_vague(name: str, entry: Estimate) -> bool:
     """Whether the standard error is so many times the value that a positive parameter is not determined."""
-    return entry.value is not None and (entry.stderr or 0.0) > _VAGUE * abs(entry.value)
+    known = name in _POSITIVE and entry.value is not None
+    return known and (entry.stderr or 0.0) > _VAGUE * abs(entry.value or 0.0)
 
 
 def channel(name: str) -> tuple[str, str]:

@@ -13,6 +13,7 @@ from ..results.budget import judged, sentence
 from ..results.estimates import Estimate, IdentificationValues, json_text
 from ..results.findings import DiagnosisValues, Location, chosen, compared, leading
 from ..results.words import (
+    VAGUE,
     channel,
     estimate,
     is_vague,
@@ -26,8 +27,6 @@ from ..results.words import (
 from .headline import headline
 from .readout import converted, extent, ignored, origins, reasons
 
-_POSITIVE: Final = frozenset({"r_s", "l_d", "l_q", "psi_m", "j"})
-"""Parameters that no motor has near zero."""
 _OF_ONE: Final = re.compile(r"\bits?\b")
 """What shows that a reason speaks of one effect."""
 WIDTH = 100
@@ -187,7 +186,7 @@ def _unseen(answer: DiagnosisValues) -> list[str]:
 
 def _parameters(entries: Sequence[tuple[str, Estimate]]) -> list[str]:
     rows = [(name, estimate(entry), entry.why_none) for name, entry in entries]
-    vague = [name for name, entry in entries if name in _POSITIVE and is_vague(entry)]
+    vague = [name for name, entry in entries if is_vague(name, entry)]
     if not rows:
         return []
     wide = max(len(row[0]) for row in rows)
@@ -199,9 +198,7 @@ def _parameters(entries: Sequence[tuple[str, Estimate]]) -> list[str]:
             reasons.setdefault(why, []).append(name)
     lines += [hung("  ", f"no uncertainty for {listed(names)}: {why}") for why, names in reasons.items()]
     if vague:
-        lines.append(
-            hung("  ", f"not determined: {listed(vague)}: the standard error is many times the value")
-        )
+        lines.append(hung("  ", f"not determined: {listed(vague)}: {VAGUE}"))
     return lines
 
 

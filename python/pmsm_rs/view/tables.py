@@ -64,6 +64,9 @@ HEADS: Final = ("parameter", "nameplate", "found", "standard error", "unit", "95
 
 def row(name: str, entry: Estimate, meaning: str) -> ParameterRow:
     """The row of an estimate without a nameplate."""
+    if words.is_vague(name, entry):
+        sign = words.unit(entry.unit)
+        return ParameterRow(name, meaning, "–", "", sign, "", f"not determined: {words.VAGUE}", "–")
     shown = words.estimate(entry)
     unit = f"{shown.power} {shown.unit}".strip()
     interval = words.interval(entry)
@@ -90,6 +93,8 @@ def _motor_row(name: str, entry: Estimate, plate: float | None, usual: float) ->
     found = row(name, entry, _meaning(name))
     if plate is None or entry.value is None or not is_finite(entry.value):
         return found
+    if words.is_vague(name, entry):
+        return replace(found, nameplate=words.number(plate, 4))
     stated = words.estimate_like(entry, plate)
     difference, far = "", False
     # A value that was held at the nameplate's was not found.
