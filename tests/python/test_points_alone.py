@@ -45,7 +45,9 @@ def test_five_shorted_points_show_the_winding_where_the_flux_is_known() -> None:
         assert answer.base[name].value == pytest.approx(true, rel=0.03)
     assert (answer.verdict, answer.effects, answer.ranking) == ("undetermined", (), ())
     assert headline(answer).startswith("Only parameters can be told: the terminals are shorted")
-    assert str(answer).count("the terminals are shorted") == 2, "in the headline and in the data's quality"
+    assert str(answer).count("the terminals are shorted") == 1, "in the headline, and not again below it"
+    [finding] = [f for f in answer.data_quality if f["finding"] in (answer.reason or "")]
+    assert f"  ! {finding['consequence'][:40]}" in str(answer), "its consequence is told all the same"
     assert "All effects of the catalogue, for the reason above." in str(answer)
 
 
@@ -114,6 +116,10 @@ def test_a_torque_map_shows_flux_and_friction(outliers: int) -> None:
     wild = [f for f in answer.data_quality if f["consequence"] == "they have no weight"]
     assert bool(wild) == bool(outliers)
     assert "Only parameters can be told" in headline(answer)
+    found = pm.inspect(dyno(outliers), machine)
+    assert "Steady points of torque" in str(found)
+    assert found.why_not["motion"] in answer.read[0]["questions"]["why_not"]
+    assert not answer.read[0]["questions"]["mechanical"]
 
 
 def test_a_torque_map_that_contradicts_the_nameplate_says_so() -> None:

@@ -26,7 +26,6 @@ from ..io.reading import (
     shortest_constant,
     there,
     told,
-    too_far_apart,
     warnings,
     why_not,
 )
@@ -193,7 +192,7 @@ def _inspected(source: Source, described: MachineFile | Machine | None, max_byte
         kind, load, account = recording.kind, recording.load, recording.account
         findings = warnings(told(account, columns["t"], kind, load))
         period = period_of(columns["t"])
-        reasons = why_not(kind, load, account, apart=too_far_apart(kind, period, known))
+        reasons = why_not(kind, load, account, period=period, machine=known)
         needed = shortest_constant(kind, period, known) if constant_of(known) is None else 0.0
     else:
         kind, load, reasons, needed = None, None, {}, 0.0

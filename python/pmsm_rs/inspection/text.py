@@ -8,6 +8,7 @@ from pathlib import PurePath
 from typing import Final
 
 from ..errors import printable, shown
+from ..io.reading import TORQUE_POINTS
 from ..io.reading import there as quantities
 from ..io.signals import Signal
 from ..plot.sparkline import ASCII, BLOCKS, sparkline
@@ -49,6 +50,7 @@ KINDS: Final = {
     "derived": "A waveform with voltages and currents, from which the angle is taken.",
     "mechanical": "Motion with torque or currents, without a voltage vector.",
     "operating_points": "Steady operating points: the rows are too far apart to show a transient.",
+    "torque_points": "Steady points of torque, without a voltage vector.",
     "open_circuit": "Voltages of open terminals, with the rotor turned from outside.",
 }
 
@@ -108,7 +110,8 @@ def _head(found: InspectionValues) -> list[str]:
     if found.kind is not None:
         held = found.load == "locked" and found.kind != "electrical"
         derived = found.kind == "electrical" and found.load != "locked"
-        kind = "derived" if derived else found.kind
+        torque = found.why_not.get("motion") == TORQUE_POINTS
+        kind = "derived" if derived else "torque_points" if torque else found.kind
         lines.append(f"  {KINDS[kind]}" + (" The rotor is held." if held else ""))
     else:
         lines.append(hung("  ", f"It cannot be diagnosed yet: {_so_far(found)}"))

@@ -24,6 +24,10 @@ _DIGITS: Final = 9
 """Significant digits of the sample period: a clock is not better than 1e-9, rounding of stamps is."""
 _COARSE: Final = 0.5
 """Electrical time constants between rows from which the core takes voltages for too coarse."""
+_WINDOW: Final = 0.25
+"""Length of a window of the motion, s: rows further apart with a measured torque are steady points."""
+TORQUE_POINTS: Final = "the rows are steady points of torque, which show parameters alone"
+"""Why nothing else is asked of the motion in a map of torque."""
 _EVERY_PERIOD: Final = 1.05
 """Control periods between rows below which each row is one period of the drive."""
 
@@ -141,7 +145,7 @@ def told(
     the nameplate.
     """
     period = period_of(stamps)
-    why = why_not(kind, load, account, steady=steady, apart=too_far_apart(kind, period, machine))
+    why = why_not(kind, load, account, steady=steady, period=period, machine=machine)
     return {
         "columns": {name: _origin(rule) for name, rule in account.columns.items()},
         "ignored": list(account.ignored),
@@ -246,17 +250,22 @@ def why_not(
     account: Account,
     *,
     steady: bool = True,
-    apart: str | None = None,
+    period: float = 0.0,
+    machine: Machine | None = None,
 ) -> dict[str, str]:
     """Why nothing can be asked of the voltages, the motion or the rotor angle, by these words; those of which
-    something can be asked are left out. `kind`, `load` and `steady` are those of the recording, as in `told`;
-    `apart` is what `too_far_apart` says of its rows.
+    something can be asked are left out. `kind`, `load`, `steady` and `machine` are those of the recording, as
+    in `told`; `period` is its sample period (s).
     """
+    apart = too_far_apart(kind, period, machine)
     why = {} if apart is None else {"voltages": apart}
     q_alone = kind == "mechanical" and steady and has_q_alone(account)
     if kind in {"mechanical", None} and not q_alone:
         why["voltages"] = _no_voltages(account)
-    if kind not in {"full", "mechanical"} or (q_alone and load == "locked"):
+    has_torque = "tau_m" in account.columns and "tau_e" not in account.columns
+    if kind == "mechanical" and period > _WINDOW and has_torque:
+        why["motion"] = TORQUE_POINTS
+    elif kind not in {"full", "mechanical"} or (q_alone and load == "locked"):
         why["motion"] = _no_motion(kind, load, account)
     elif {"theta_e", "theta_m"}.isdisjoint(account.columns):
         why["rotor angle"] = _none("angle", account, "none")
