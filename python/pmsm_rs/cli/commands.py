@@ -41,7 +41,7 @@ def _version(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     ),
     exits=codes(
         c0="done; of a diagnosis whatever the verdict, also `undetermined`",
-        c4="no result: parameters that cannot be determined, or no convergence; the JSON answer says why",
+        c4="parameters cannot be determined, or a search did not converge; the JSON answer says why",
     ),
 )
 @click.option(
