@@ -4,53 +4,53 @@
 //! evidence, each refitted by simulation and held against samples that it was not fitted to. Where several sets do as well, the answer is
 //! ambiguous. Where none reaches the noise, effects that a smooth map cannot replace are named beside one; else the answer is unknown.
 
-mod able;
-mod agree;
-mod anew;
+mod adequacy;
+mod angle_alignment;
+mod angle_quantisation;
 pub mod answer;
-mod bare;
+mod attribution;
 mod baseline;
 mod between_rows;
 pub mod budget;
+mod collinearity;
 mod conclude;
-mod counts;
+mod consistency;
+mod coverage;
 pub mod data;
 mod decide;
-mod each;
+mod decimation;
 pub mod evidence;
-mod fault;
+mod experiment_design;
 mod fitting;
-mod hold;
 pub mod hypothesis;
+mod identifiability;
+mod incumbent;
 pub mod join;
 pub mod locate;
 mod motion;
+mod noise_update;
 mod options;
 mod outputs;
-mod pace;
 mod parameters_alone;
+mod per_recording;
 mod plausible;
 mod power;
 mod predict;
-mod prescribe;
-mod reach;
 pub mod remaining;
-mod searching;
+pub mod score;
+mod search;
 pub mod select;
 mod short_circuit;
-pub mod shortlist;
-mod so_far;
 mod stated_load;
 #[cfg(test)]
 mod testing;
-mod ties;
 mod torque_noise;
 mod torque_points;
 mod torque_sign;
 mod transfer;
-mod turns;
 pub mod unmodelled;
 pub mod verdict;
+mod voltage_frame;
 mod wiring;
 
 use crate::error::{Error, Result};
@@ -59,12 +59,12 @@ use crate::monitor::Monitor;
 use crate::recording::Recording;
 use answer::Answer;
 use data::Data;
-use hold::Held;
+use incumbent::Incumbent;
 pub use options::DiagnosisOptions;
 pub use predict::{Horizon, predict};
-use so_far::SoFar;
 use transfer::transfer;
-use verdict::Judged;
+use verdict::Validated;
+use voltage_frame::Frame;
 
 /// What shows nearly everything.
 const RICH: &str = "Record a rich manoeuvre: reversals, two levels of i_q, steps of i_d.";
@@ -100,7 +100,7 @@ pub fn diagnose(
         }
     }
     let mut whole = join::prepare(recordings, machine, options)?;
-    let found = SoFar::default();
+    let found = Incumbent::default();
     match in_stages(&mut whole, (recordings, machine, validation, options), (monitor, &found)) {
         Err(Error::Interrupted) => Ok(found.answer(&whole)),
         ended => ended,
@@ -116,35 +116,35 @@ fn in_stages(
         Option<&Recording>,
         &DiagnosisOptions,
     ),
-    (monitor, so_far): (&dyn Monitor, &SoFar),
+    (monitor, so_far): (&dyn Monitor, &Incumbent),
 ) -> Result<Answer> {
-    if let Some(finding) = bare::silent(whole) {
+    if let Some(finding) = baseline::silent(whole) {
         return Ok(conclude::undetermined(whole, finding, Some(RICH)));
     }
-    let mut base = bare::fit(whole, monitor)?;
+    let mut base = baseline::fit(whole, monitor)?;
     so_far.note(&base);
-    if let Some(finding) = bare::diverged(&base) {
+    if let Some(finding) = baseline::diverged(&base) {
         let mut answer = conclude::undetermined(whole, finding, None);
         answer.data_quality.extend(wiring::suspected(recordings, machine, &base, options, monitor)?);
         return Ok(answer);
     }
-    let counted = counts::settle(whole, &mut base, monitor)?;
+    let counted = angle_quantisation::select(whole, &mut base, monitor)?;
     if let Some(why) = between_rows::moved(whole, &base, monitor)? {
         if let Some(mistake) = wiring::suspected(recordings, machine, &base, options, monitor)? {
             return Ok(conclude::undetermined(whole, mistake, None));
         }
         *whole = join::motion_alone(recordings, machine, &why, options)?;
         if counted {
-            counts::to_middle(whole);
+            angle_quantisation::to_middle(whole);
         }
-        base = bare::fit(whole, monitor)?;
+        base = baseline::fit(whole, monitor)?;
     }
     if let Some(finding) = torque_sign::opposite(whole, &base, monitor)?
         && wiring::suspected(recordings, machine, &base, options, monitor)?.is_none()
     {
         return Ok(conclude::undetermined(whole, finding, None));
     }
-    if let Some(finding) = baseline::fault(whole, &base) {
+    if let Some(finding) = adequacy::lack_of_fit(whole, &base) {
         let mut answer = conclude::undetermined(whole, finding, None);
         answer.data_quality.extend(wiring::suspected(recordings, machine, &base, options, monitor)?);
         return Ok(answer);
@@ -154,22 +154,22 @@ fn in_stages(
         let signals = join::read(recording, machine, whole.signals.limits.coarse.as_ref())?;
         let mut data = Data::new(signals, machine, options)?;
         if counted {
-            counts::to_middle(&mut data);
+            angle_quantisation::to_middle(&mut data);
         }
         others.push(data);
     }
     let mut settled = None;
-    match hold::settle(whole, &mut others, &base, &[], monitor)? {
-        Held::InStator(held) => base = *held,
-        Held::InRotor(theirs) => settled = Some(theirs),
-        Held::Unasked => {}
+    match voltage_frame::select(whole, &mut others, &base, &[], monitor)? {
+        Frame::Stator(held) => base = *held,
+        Frame::Rotor(theirs) => settled = Some(theirs),
+        Frame::Untested => {}
     }
-    if turns::settle(whole, &base, monitor)? {
+    if angle_alignment::align(whole, &base, monitor)? {
         base = fitting::refit(whole, &base, monitor)?;
         settled = None;
     }
-    let weak = bare::weak_parameters(whole, &base);
-    whole.poor = bare::is_poor(whole, &weak);
+    let weak = baseline::weak_parameters(whole, &base);
+    whole.poor = baseline::is_poor(whole, &weak);
     if let Some(settled) = settled {
         others = settled;
     } else {
@@ -183,25 +183,25 @@ fn in_stages(
     }
     monitor.report("dq-model", 0.1);
     let watch = (monitor, so_far);
-    let mut outcome = searching::search(whole, &others, &base, None, watch)?;
+    let mut outcome = search::search(whole, &others, &base, None, watch)?;
     let (bare, best) = outcome.ends();
-    let Judged { fitted: found, held_out, .. } = best;
+    let Validated { fitted: found, held_out, .. } = best;
     let known = if held_out.len() == others.len() { &held_out[..] } else { &[] };
-    let again = anew::settled_anew(whole, &mut others, bare, best)
+    let again = noise_update::update(whole, &mut others, bare, best)
         || !found.effects().is_empty()
-            && matches!(hold::settle(whole, &mut others, found, known, monitor)?, Held::InStator(_))
-        || hold::in_place_of_one(whole, &mut others, &outcome, monitor)?;
+            && matches!(voltage_frame::select(whole, &mut others, found, known, monitor)?, Frame::Stator(_))
+        || voltage_frame::in_place_of_one(whole, &mut others, &outcome, monitor)?;
     so_far.note(found);
     if again {
         base = fitting::refit(whole, &base, monitor)?;
         let found = outcome.best.fitted;
-        outcome = searching::search(whole, &others, &base, Some(&found), watch)?;
-    } else if let Some(finer) = searching::judged_finer(whole, &others, &outcome, watch)? {
+        outcome = search::search(whole, &others, &base, Some(&found), watch)?;
+    } else if let Some(finer) = search::with_updated_noise(whole, &others, &outcome, watch)? {
         (*whole, others, outcome) = finer;
     }
     so_far.note(&outcome.ends().1.fitted);
     monitor.report("answer", 0.97);
-    let judge = others.last().filter(|_| validation.is_some());
+    let validation = others.last().filter(|_| validation.is_some());
     // A log that was wired or written wrong has no names of what the model leaves out.
     let mistake = match outcome.best.excess() > options.mismatch {
         true => wiring::suspected(recordings, machine, &outcome.ends().0.fitted, options, monitor)?,
@@ -210,7 +210,7 @@ fn in_stages(
     if mistake.is_some() {
         outcome.names_nothing();
     }
-    let mut answer = conclude::conclude(whole, judge, outcome, &weak, monitor)?;
+    let mut answer = conclude::conclude(whole, validation, outcome, &weak, monitor)?;
     answer.data_quality.splice(0..0, mistake);
     Ok(answer)
 }

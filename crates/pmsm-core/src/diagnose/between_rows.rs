@@ -31,7 +31,7 @@ pub fn moved(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result<Op
         let own = |p: BaseParameter| base.own()[p.index()];
         own(BaseParameter::RS) / own(BaseParameter::LD).min(own(BaseParameter::LQ))
     };
-    let sampled = |run: &Data| run.has(true) && run.has(false) && run.signals.within.is_none();
+    let sampled = |run: &Data| run.has_electrical() && run.has_mechanical() && run.signals.within.is_none();
     if !data.runs().iter().any(sampled) {
         return Ok(None);
     }

@@ -67,7 +67,12 @@ pub struct Ends<'a> {
 ///
 /// # Errors
 /// Those of the least-squares fits.
-pub fn budgets(data: &Data, judge: Option<&Data>, ends: &Ends, monitor: &dyn Monitor) -> Result<Vec<Budget>> {
+pub fn budgets(
+    data: &Data,
+    validation: Option<&Data>,
+    ends: &Ends,
+    monitor: &dyn Monitor,
+) -> Result<Vec<Budget>> {
     let effects = ends.set.effects();
     let mapped = !ends.told.0.model.map_parameters().is_empty();
     if effects.is_empty() && !mapped {
@@ -75,7 +80,7 @@ pub fn budgets(data: &Data, judge: Option<&Data>, ends: &Ends, monitor: &dyn Mon
     }
     let rough = data.roughly();
     let on = |fitted: Hypothesis| -> Result<On> {
-        let there = judge.map(|judge| transfer(judge, &fitted, monitor)).transpose()?;
+        let there = validation.map(|run| transfer(run, &fitted, monitor)).transpose()?;
         Ok((fitted, there))
     };
     let base = (ends.base.0.clone(), ends.base.1.cloned());
@@ -90,7 +95,7 @@ pub fn budgets(data: &Data, judge: Option<&Data>, ends: &Ends, monitor: &dyn Mon
             let rest = effects.iter().filter(|e| *e != effect);
             let only = rest.fold(set.0.clone(), |set, e| {
                 let (model, start) = reduced(&set, *e);
-                Hypothesis::bare(model, start)
+                Hypothesis::unfitted(model, start)
             });
             on(fitting::fit(&rough, &only.model, only.own(), false, monitor)?)
         };

@@ -4,18 +4,18 @@ use super::answer::{
     Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, SCHEMA, Step, Traces, Verdict,
 };
 use super::budget::Ends;
+use super::collinearity::{self, Collinearity};
 use super::data::Data;
 use super::decide::{self, Ranked};
 use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::outputs::Outputs;
 use super::select::Outcome;
-use super::ties::{self, Tie};
 use super::transfer::transfer;
 use super::unmodelled::Earned;
 use super::{
-    able, agree, baseline, budget, each, fault, plausible, power, prescribe, reach, remaining, stated_load,
-    unmodelled, verdict,
+    adequacy, attribution, budget, consistency, coverage, experiment_design, identifiability, per_recording,
+    plausible, power, remaining, stated_load, unmodelled, verdict,
 };
 use crate::effect::Site;
 use crate::effects::EffectId;
@@ -48,7 +48,7 @@ fn floors(data: &Data) -> BTreeMap<String, f64> {
 /// Writes the answer.
 pub fn conclude(
     data: &Data,
-    judge: Option<&Data>,
+    validation: Option<&Data>,
     mut outcome: Outcome,
     weak: &[String],
     monitor: &dyn Monitor,
@@ -56,7 +56,7 @@ pub fn conclude(
     if data.poor && outcome.base.excess() <= data.options.mismatch {
         // On a poor recording a small gain of one effect is no evidence against the bare machine.
         outcome.names_nothing();
-        let asked = able::able(data).0;
+        let asked = identifiability::identifiable(data).0;
         let worth = outcome.evidence.samples();
         let traces = power::Traces::new(data, &outcome.base.fitted);
         outcome.shown = traces.survey(&asked, worth, true, monitor)?;
@@ -69,21 +69,21 @@ pub fn conclude(
         outcome.path.truncate(1);
     }
     let last = outcome.path.len() - 1;
-    outcome.path.par_iter_mut().try_for_each(|judged| {
+    outcome.path.par_iter_mut().try_for_each(|set| {
         monitor.go_on()?;
-        judged.fitted = final_estimate(data, &judged.fitted, monitor)?;
+        set.fitted = final_estimate(data, &set.fitted, monitor)?;
         Ok(())
     })?;
     let (first, end) = (outcome.path[0].clone(), outcome.path[last].clone());
     // Rivals were compared by what they left to the search, which may have left samples out.
     let searched = outcome.base.held_out_squares();
     (outcome.base, outcome.best) = (first, end);
-    let contradiction = agree::contradiction(data, &outcome.best.fitted, monitor)?;
+    let contradiction = consistency::contradiction(data, &outcome.best.fitted, monitor)?;
     let mut reason = contradiction
         .as_ref()
         .filter(|c| c.concerns(&outcome.best.fitted.effects()))
         .map(|c| c.finding.reason());
-    let ran_away = baseline::fault(data, &outcome.base.fitted);
+    let ran_away = adequacy::lack_of_fit(data, &outcome.base.fitted);
     reason = ran_away.as_ref().map(Finding::reason).or(reason);
     if reason.is_some() {
         verdict = Verdict::Undetermined;
@@ -106,11 +106,12 @@ pub fn conclude(
     if verdict == Verdict::Named && ties.iter().any(|tie| tie.doubtful && !outcome.needs(tie.effect)) {
         verdict = Verdict::Ambiguous;
     }
-    let on_judge =
-        |fitted: &Hypothesis| judge.map(|judge| Ok((judge, transfer(judge, fitted, monitor)?))).transpose();
-    let (before, found) = rayon::join(|| on_judge(&outcome.base.fitted), || on_judge(&outcome.best.fitted));
+    let on_validation =
+        |fitted: &Hypothesis| validation.map(|run| Ok((run, transfer(run, fitted, monitor)?))).transpose();
+    let (before, found) =
+        rayon::join(|| on_validation(&outcome.base.fitted), || on_validation(&outcome.best.fitted));
     let (before, mut after): (Option<(&Data, Hypothesis)>, _) = (before?, found?);
-    let foreseen = after.as_ref().map(|(judge, found)| (*judge, found));
+    let foreseen = after.as_ref().map(|(run, found)| (*run, found));
     let mut remaining = remaining::beside(data, &outcome.best.fitted, foreseen);
     if data.poor && verdict == Verdict::Ambiguous && !remaining.is_empty() {
         // Beside another cause no name is sure, however much of the mismatch it explains.
@@ -118,8 +119,8 @@ pub fn conclude(
     }
     // What a set leaves on the validation run, and of each equation.
     let left_by = |set: &Hypothesis| -> Result<_> {
-        let after = on_judge(set)?;
-        let foreseen = after.as_ref().map(|(judge, found)| (*judge, found));
+        let after = on_validation(set)?;
+        let foreseen = after.as_ref().map(|(run, found)| (*run, found));
         let remaining = remaining::beside(data, set, foreseen);
         Ok((after, remaining))
     };
@@ -129,7 +130,7 @@ pub fn conclude(
         _ => verdict == Verdict::Unknown,
     };
     if found && open {
-        let mut earned = unmodelled::earned(data, judge, &outcome.best.fitted, monitor)?;
+        let mut earned = unmodelled::earned(data, validation, &outcome.best.fitted, monitor)?;
         earned.set = final_estimate(data, &earned.set, monitor)?;
         let nearest = earned.nearest.as_ref().map(|set| step(data, set));
         verdict = decide::beside_discrepancy(&mut outcome, &mut ranked, earned);
@@ -141,7 +142,7 @@ pub fn conclude(
         }
     }
     if matches!(verdict, Verdict::Named | Verdict::Partial)
-        && unmodelled::rival(data, judge, &outcome.best.fitted, monitor)?.is_some()
+        && unmodelled::rival(data, validation, &outcome.best.fitted, monitor)?.is_some()
     {
         // Of the motion nothing is named; what acts in the voltage equations stays.
         let set = unmodelled::without_motion(data, &outcome.best.fitted, monitor)?;
@@ -159,14 +160,14 @@ pub fn conclude(
         }
     }
     monitor.go_on()?;
-    let located = fault::located(data, judge, &outcome, verdict);
+    let located = attribution::located(data, validation, &outcome, verdict);
     if verdict == Verdict::Unknown {
         // No effect earns a name: what was found stays a candidate, and is no part of the model.
         outcome.best = outcome.base.clone();
         outcome.path.truncate(1);
         after = before.clone();
     }
-    let few = reach::held_at_few_currents(data);
+    let few = coverage::held_at_few_currents(data);
     if few.is_some() && verdict == Verdict::Unknown {
         // Two numbers explain two levels, whatever they stand for.
         verdict = Verdict::Undetermined;
@@ -174,32 +175,34 @@ pub fn conclude(
     let best = &outcome.best;
     // What stays unknown is at least described, so that the model predicts.
     let described = match verdict {
-        Verdict::Unknown | Verdict::Partial => Some(unmodelled::explain(data, judge, &best.fitted, monitor)?),
+        Verdict::Unknown | Verdict::Partial => {
+            Some(unmodelled::explain(data, validation, &best.fitted, monitor)?)
+        }
         _ => None,
     };
     if let Some((fitted, _)) = &described {
-        after = on_judge(fitted)?;
+        after = on_validation(fitted)?;
     }
     let settled = described.as_ref().map_or(&best.fitted, |(fitted, _)| fitted);
     monitor.go_on()?;
     let told = Outputs::new(data, settled);
     let model_outputs = &told;
     let specification = specified(data, settled);
-    let validation = before.zip(after).map(|((judge, before), (_, after))| (judge, before, after));
-    let (bare, left) = validation.as_ref().map(|(_, before, after)| (before, after)).unzip();
+    let validated = before.zip(after).map(|((run, before), (_, after))| (run, before, after));
+    let (bare, left) = validated.as_ref().map(|(_, before, after)| (before, after)).unzip();
     let ends = Ends { base: (&outcome.base.fitted, bare), set: &best.fitted, told: (settled, left) };
-    let budget = budget::budgets(data, judge, &ends, monitor)?;
+    let budget = budget::budgets(data, validation, &ends, monitor)?;
     monitor.go_on()?;
     let mut traces = Traces { recording: traces(data, &outcome.base.fitted, settled), ..Traces::default() };
     let mut fit = FitTable { recording: table(&traces.recording, data), ..FitTable::default() };
-    if let Some((judge, before, after)) = &validation {
-        traces.validation = self::traces(judge, before, after);
-        fit.validation = table(&traces.validation, judge);
+    if let Some((run, before, after)) = &validated {
+        traces.validation = self::traces(run, before, after);
+        fit.validation = table(&traces.validation, run);
     }
     // Of the model as it is told: the search may have compared it as fitted to both runs.
-    let predicted = validation.as_ref().filter(|_| described.is_none() && !outcome.base.held_out.is_empty());
+    let predicted = validated.as_ref().filter(|_| described.is_none() && !outcome.base.held_out.is_empty());
     let predicted = predicted.map(|(_, before, after)| (verdict::excess(before), verdict::excess(after)));
-    let others = validation.iter().filter(|_| data.poor && !refuted);
+    let others = validated.iter().filter(|_| data.poor && !refuted);
     let limit = data.options.mismatch_held_out;
     let unforeseen: Vec<Finding> = others.filter_map(|(_, _, after)| not_foreseen(after, limit)).collect();
     if !unforeseen.is_empty() {
@@ -212,7 +215,7 @@ pub fn conclude(
     };
     let ranking = ranked.par_iter().map(candidate).collect::<Result<_>>()?;
     let next_experiment =
-        prescribe::next_experiment(data, &ranked, &outcome, (verdict, &remaining), weak, monitor)?;
+        experiment_design::next_experiment(data, &ranked, &outcome, (verdict, &remaining), weak, monitor)?;
     let mut data_quality = quality(data, weak, &ties, refuted);
     data_quality.extend(few);
     let [r_s, psi_m] = [BaseParameter::RS, BaseParameter::PsiM].map(|p| best.fitted.own()[p.index()]);
@@ -221,19 +224,19 @@ pub fn conclude(
     data_quality.extend(stated_load::may_be_off(data, &asymmetric));
     data_quality.extend(contradiction.map(|c| c.finding));
     data_quality.splice(0..0, ran_away);
-    data_quality.extend(judge.and_then(|judge| reach::judges_the_motion_alone(data, judge)));
+    data_quality.extend(validation.and_then(|run| coverage::validates_the_motion_alone(data, run)));
     data_quality.extend(unforeseen);
-    let step = |judged: &verdict::Judged| {
+    let step = |set: &verdict::Validated| {
         monitor.go_on()?;
-        Ok(step(data, &judged.fitted))
+        Ok(step(data, &set.fitted))
     };
     let path = outcome.path.par_iter().map(step).collect::<Result<_>>()?;
     // What a model of the rest leaves on the validation run may be its own extrapolation, and so may what kept one from being believed.
-    let extrapolated = validation.iter().filter(|(_, _, after)| {
+    let extrapolated = validated.iter().filter(|(_, _, after)| {
         let more = verdict == Verdict::Unknown || !settled.effects().is_empty();
         !data.poor && more && verdict::largest_excess(after) > data.options.mismatch
     });
-    data_quality.extend(extrapolated.filter_map(|(judge, ..)| reach::beyond(&data.signals, &judge.signals)));
+    data_quality.extend(extrapolated.filter_map(|(run, ..)| coverage::beyond(&data.signals, &run.signals)));
     Ok(Answer {
         schema: SCHEMA,
         verdict,
@@ -257,7 +260,7 @@ pub fn conclude(
         noise_floor: floors(data),
         fit,
         recording_kind: Some(data.signals.kind),
-        recordings: each::recordings(data, &traces.recording),
+        recordings: per_recording::recordings(data, &traces.recording),
         traces,
     })
 }
@@ -266,8 +269,8 @@ pub fn conclude(
 fn specified(data: &Data, set: &Hypothesis) -> Specification {
     let signals = &data.leading().signals;
     let reading = Reading {
-        electrical: data.has(true),
-        mechanical: data.has(false),
+        electrical: data.has_electrical(),
+        mechanical: data.has_mechanical(),
         stator_held: signals.stator_held,
         middle_of_steps: signals.middle_of_steps,
     };
@@ -278,14 +281,14 @@ fn specified(data: &Data, set: &Hypothesis) -> Specification {
 /// they are left out.
 fn final_estimate(data: &Data, set: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
     let weighted = fitting::efficient(data, set, monitor)?;
-    Ok(if baseline::fault(data, &weighted).is_none() { weighted } else { set.clone() })
+    Ok(if adequacy::lack_of_fit(data, &weighted).is_none() { weighted } else { set.clone() })
 }
 
 /// Whether a recording is too poor to tell the effects of a set from what no catalogue holds: those of the voltage equations where these do
 /// not pin down the machine's own parameters, and all of them where it stays at one operating point.
 fn cannot_tell(data: &Data, set: &Hypothesis) -> bool {
     let electrical = set.effects().iter().any(|e| e.info().site != Site::Mechanical);
-    data.poor && (electrical || reach::stays_at_one_point(&data.signals))
+    data.poor && (electrical || coverage::stays_at_one_point(&data.signals))
 }
 
 fn step(data: &Data, hypothesis: &Hypothesis) -> Step {
@@ -331,10 +334,10 @@ fn candidate(
     let parameters = if in_model {
         model.effect(ranked.effect)
     } else {
-        Outputs::new(data, &ranked.judged.fitted).effect(ranked.effect)
+        Outputs::new(data, &ranked.validated.fitted).effect(ranked.effect)
     };
-    let judged = || (searched, ranked.judged.held_out_squares());
-    let (before, after) = predicted.filter(|_| in_model).unwrap_or_else(judged);
+    let compared = || (searched, ranked.validated.held_out_squares());
+    let (before, after) = predicted.filter(|_| in_model).unwrap_or_else(compared);
     Candidate {
         effect: info.id.into(),
         probability: ranked.probability,
@@ -346,11 +349,11 @@ fn candidate(
     }
 }
 
-fn quality(data: &Data, weak: &[String], found: &[Tie], refuted: bool) -> Vec<Finding> {
+fn quality(data: &Data, weak: &[String], found: &[Collinearity], refuted: bool) -> Vec<Finding> {
     let mut findings = data.signals.findings.clone();
     let noise: Vec<Vec<Finding>> = data.runs().iter().map(|run| run.input.findings(&run.signals)).collect();
     findings.extend(signals::join::findings(noise.iter().map(Vec::as_slice)));
-    findings.extend(ties::findings(found));
+    findings.extend(collinearity::findings(found));
     if data.signals.kind == Kind::OperatingPoints && data.signals.averaged == 1 {
         findings.push(Finding {
             finding: "the samples are far apart compared with the electrical time constants".into(),
@@ -369,7 +372,7 @@ fn quality(data: &Data, weak: &[String], found: &[Tie], refuted: bool) -> Vec<Fi
             fix: richer.into(),
         });
     }
-    if weak.is_empty() && reach::stays_at_one_point(&data.signals) {
+    if weak.is_empty() && coverage::stays_at_one_point(&data.signals) {
         findings.push(Finding {
             finding: "the machine was recorded at one speed and load".into(),
             consequence: "what has the same form there cannot be told apart, and nothing is said of other speeds and loads".into(),
@@ -411,7 +414,7 @@ fn traces(data: &Data, before: &Hypothesis, after: &Hypothesis) -> Columns {
     let mut columns = Columns::new();
     let s = &data.signals;
     columns.insert("t".into(), s.t.clone());
-    if let Some(number) = each::numbers(data) {
+    if let Some(number) = per_recording::numbers(data) {
         columns.insert("recording".into(), number);
     }
     let first = data.whole(before);
@@ -443,7 +446,7 @@ fn table(columns: &Columns, data: &Data) -> BeforeAfter {
                 let name = f.channel.name();
                 let (measured, model) =
                     (columns.get(&format!("{name}_measured"))?, columns.get(&format!("{name}_{when}"))?);
-                Some((name.to_string(), each::rms(measured, model)))
+                Some((name.to_string(), per_recording::rms(measured, model)))
             })
             .collect()
     };

@@ -146,7 +146,7 @@ impl Data {
 
     /// The recording that holds most: voltages before motion, then the longest.
     pub fn leading(&self) -> &Data {
-        let rank = |d: &&Data| (d.signals.kind == Kind::Full, d.has(true), d.signals.len());
+        let rank = |d: &&Data| (d.signals.kind == Kind::Full, d.has_electrical(), d.signals.len());
         self.runs().iter().rev().max_by_key(rank).expect("at least one recording")
     }
 
@@ -265,7 +265,7 @@ impl Data {
 
     /// Motor torque per sample from the measured currents (or as recorded), N·m; zero in a recording that does not show the motion.
     pub fn torque(&self, model: &Model, own: &[f64]) -> Vec<f64> {
-        let of = |part: &Data| match part.has(false) {
+        let of = |part: &Data| match part.has_mechanical() {
             true => mechanical::torque(model, &part.signals, own),
             false => vec![0.0; part.signals.len()],
         };
@@ -288,9 +288,14 @@ impl Data {
         self.runs().iter().any(|part| start::needed(&part.signals, parameter))
     }
 
-    /// Whether it holds electrical (or mechanical) channels.
-    pub fn has(&self, electrical: bool) -> bool {
-        self.floors.iter().any(|f| f.channel.is_electrical() == electrical)
+    /// Whether it holds electrical channels.
+    pub fn has_electrical(&self) -> bool {
+        self.floors.iter().any(|f| f.channel.is_electrical())
+    }
+
+    /// Whether it holds the speed.
+    pub fn has_mechanical(&self) -> bool {
+        self.floors.iter().any(|f| !f.channel.is_electrical())
     }
 }
 

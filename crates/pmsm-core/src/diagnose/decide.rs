@@ -3,7 +3,7 @@
 use super::answer::Verdict;
 use super::select::Outcome;
 use super::unmodelled::{Alternative, Earned};
-use super::verdict::Judged;
+use super::verdict::Validated;
 use crate::effects::EffectId;
 
 /// Candidates less probable than this are not listed.
@@ -19,7 +19,7 @@ pub struct Ranked {
     /// Effects that cannot be told from it here.
     pub equivalent: Vec<EffectId>,
     /// The model in which it stands.
-    pub judged: Judged,
+    pub validated: Validated,
 }
 
 /// Verdict and candidates, those of the model first, then by probability.
@@ -31,25 +31,25 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
     let options = outcome.evidence.options();
     let known = if outcome.best.refuted { options.ceiling_unknown } else { 1.0 - options.unknown };
     let least = outcome.evidence.cost(&outcome.best);
-    let weight = |judged: &Judged| (least - outcome.evidence.cost(judged)).min(50.0).exp();
-    let total = 1.0 + outcome.swaps.iter().map(|s| weight(&s.judged)).sum::<f64>();
+    let weight = |validated: &Validated| (least - outcome.evidence.cost(validated)).min(50.0).exp();
+    let total = 1.0 + outcome.swaps.iter().map(|s| weight(&s.validated)).sum::<f64>();
     let mut ranked: Vec<Ranked> = Vec::new();
     for &effect in &effects {
         let others = || outcome.swaps.iter().filter(|s| s.replaced == effect);
-        let without: f64 = others().map(|s| weight(&s.judged)).sum();
-        let close = |s: &&super::select::Swap| outcome.evidence.cost(&s.judged) < least + options.decisive;
+        let without: f64 = others().map(|s| weight(&s.validated)).sum();
+        let close = |s: &&super::select::Swap| outcome.evidence.cost(&s.validated) < least + options.decisive;
         let equivalent = others().filter(close).filter_map(|s| s.by).collect();
         let probability = known * (1.0 - without / total);
-        ranked.push(Ranked { effect, probability, equivalent, judged: outcome.best.clone() });
+        ranked.push(Ranked { effect, probability, equivalent, validated: outcome.best.clone() });
     }
     for swap in &outcome.swaps {
         let Some(rival) = swap.by.filter(|by| !effects.contains(by)) else { continue };
-        let probability = known * weight(&swap.judged) / total;
+        let probability = known * weight(&swap.validated) / total;
         match ranked.iter_mut().find(|r| r.effect == rival) {
             Some(known) => known.probability += probability,
             None if probability > LEAST_LISTED => {
-                let judged = swap.judged.clone();
-                ranked.push(Ranked { effect: rival, probability, equivalent: Vec::new(), judged });
+                let validated = swap.validated.clone();
+                ranked.push(Ranked { effect: rival, probability, equivalent: Vec::new(), validated });
             }
             None => {}
         }
@@ -83,17 +83,17 @@ pub fn beside_discrepancy(outcome: &mut Outcome, ranked: &mut Vec<Ranked>, earne
         doubt(ranked, options.ceiling_unknown);
         return Verdict::Unknown;
     }
-    let set = Judged { fitted: earned.set, held_out: Vec::new(), refuted: false };
+    let set = Validated { fitted: earned.set, held_out: Vec::new(), refuted: false };
     for &effect in &kept {
         if ranked.iter().all(|candidate| candidate.effect != effect) {
-            ranked.push(Ranked { effect, probability: 0.0, equivalent: Vec::new(), judged: set.clone() });
+            ranked.push(Ranked { effect, probability: 0.0, equivalent: Vec::new(), validated: set.clone() });
         }
     }
     for candidate in ranked.iter_mut() {
         match earned.probabilities.iter().find(|(effect, _)| *effect == candidate.effect) {
             Some((_, probability)) => {
                 candidate.probability = (1.0 - options.unknown) * probability;
-                candidate.judged = set.clone();
+                candidate.validated = set.clone();
             }
             None => candidate.probability = candidate.probability.min(options.ceiling_unknown),
         }
@@ -121,7 +121,7 @@ pub fn beside_discrepancy(outcome: &mut Outcome, ranked: &mut Vec<Ranked>, earne
             candidate.probability = candidate.probability.min(options.ceiling_doubtful);
         }
     }
-    let goes = |step: &Judged| step.fitted.effects().iter().all(|e| kept.contains(e));
+    let goes = |step: &Validated| step.fitted.effects().iter().all(|e| kept.contains(e));
     outcome.path.retain(|step| goes(step) && step.fitted.effects().len() < kept.len());
     outcome.path.push(set.clone());
     outcome.best = set;
@@ -155,10 +155,10 @@ fn unlikely(outcome: &Outcome) -> Vec<Ranked> {
     outcome
         .singles
         .iter()
-        .filter_map(|(prospect, judged)| {
-            let judged = judged.as_ref()?;
+        .filter_map(|(prospect, validated)| {
+            let validated = validated.as_ref()?;
             let odds = (outcome.evidence.cost_on_recording(&outcome.base.fitted)
-                - outcome.evidence.cost_on_recording(&judged.fitted))
+                - outcome.evidence.cost_on_recording(&validated.fitted))
             .min(0.0)
             .exp();
             let probability = 0.2 * odds;
@@ -166,7 +166,7 @@ fn unlikely(outcome: &Outcome) -> Vec<Ranked> {
                 effect: prospect.effect,
                 probability,
                 equivalent: Vec::new(),
-                judged: judged.clone(),
+                validated: validated.clone(),
             })
         })
         .collect()
@@ -184,25 +184,25 @@ mod tests {
     use crate::model::Model;
 
     /// A set of effects that leaves this mean square of the speed.
-    fn judged(effects: &[EffectId], square: f64) -> Judged {
-        let mut fitted = Hypothesis::bare(Model::new(CX, effects), Vec::new());
+    fn validated(effects: &[EffectId], square: f64) -> Validated {
+        let mut fitted = Hypothesis::unfitted(Model::new(CX, effects), Vec::new());
         (fitted.squares, fitted.samples) = (vec![(Channel::OmegaE, square)], vec![200.0]);
         fitted.chance = vec![0.0];
-        Judged { fitted, held_out: Vec::new(), refuted: false }
+        Validated { fitted, held_out: Vec::new(), refuted: false }
     }
 
-    fn outcome(base: Judged, best: Judged, swaps: Vec<Swap>) -> Outcome {
+    fn outcome(base: Validated, best: Validated, swaps: Vec<Swap>) -> Outcome {
         let mut path = vec![base.clone()];
         path.extend((!best.fitted.effects().is_empty()).then(|| best.clone()));
         let evidence = Evidence::counting(vec![50.0], vec![vec![50.0]]);
-        let (singles, unfit, shown) = (Vec::new(), Vec::new(), Vec::new());
-        Outcome { base, singles, best, swaps, unfit, shown, evidence, path }
+        let (singles, unidentifiable, shown) = (Vec::new(), Vec::new(), Vec::new());
+        Outcome { base, singles, best, swaps, unidentifiable, shown, evidence, path }
     }
 
     #[test]
     fn a_name_that_the_validation_run_refutes_is_unlikely_even_without_a_rival() {
         let probability = |refuted: bool| {
-            let (base, mut best) = (judged(&[], 9.0), judged(&[EffectId::CurrentGainImbalance], 1.0));
+            let (base, mut best) = (validated(&[], 9.0), validated(&[EffectId::CurrentGainImbalance], 1.0));
             best.refuted = refuted;
             let (verdict, ranked) = decide(&outcome(base, best, Vec::new()), true);
             assert_eq!((verdict, ranked.len()), (Verdict::Ambiguous, 1));
@@ -215,9 +215,11 @@ mod tests {
     fn the_posterior_of_all_sets_sums_to_what_is_not_kept_for_the_unknown() {
         let (dry, drag) = (EffectId::CoulombFriction, EffectId::QuadraticDrag);
         let told = |rival: f64, without: f64| {
-            let swap = |by, judged| Swap { replaced: dry, by, judged };
-            let swaps = vec![swap(None, judged(&[], without)), swap(Some(drag), judged(&[drag], rival))];
-            let (verdict, ranked) = decide(&outcome(judged(&[], 9.0), judged(&[dry], 1.0), swaps), false);
+            let swap = |by, validated| Swap { replaced: dry, by, validated };
+            let swaps =
+                vec![swap(None, validated(&[], without)), swap(Some(drag), validated(&[drag], rival))];
+            let (verdict, ranked) =
+                decide(&outcome(validated(&[], 9.0), validated(&[dry], 1.0), swaps), false);
             let probability =
                 |e: EffectId| ranked.iter().find(|r| r.effect == e).map_or(0.0, |r| r.probability);
             (verdict, ranked[0].equivalent.clone(), probability(dry), probability(drag))
@@ -244,10 +246,10 @@ mod tests {
         let (dry, wide, other) =
             (EffectId::CoulombFriction, EffectId::StribeckFriction, EffectId::VoltageDelay);
         let told = |share: f64| {
-            let mut outcome = outcome(judged(&[], 9.0), judged(&[wide, other], 3.0), Vec::new());
+            let mut outcome = outcome(validated(&[], 9.0), validated(&[wide, other], 3.0), Vec::new());
             let mut ranked = decide(&outcome, false).1;
             let earned = Earned {
-                set: judged(&[dry, other], 3.0).fitted,
+                set: validated(&[dry, other], 3.0).fitted,
                 probabilities: vec![(dry, 0.99), (other, 0.99)],
                 alternatives: vec![Alternative { present: dry, absent: wide, share }],
                 nearest: None,
@@ -269,8 +271,8 @@ mod tests {
     #[test]
     fn a_bare_machine_at_the_noise_on_every_recording_is_no_mismatch() {
         let told = |here: f64, elsewhere: f64| {
-            let mut base = judged(&[], here);
-            base.held_out = vec![judged(&[], elsewhere).fitted];
+            let mut base = validated(&[], here);
+            base.held_out = vec![validated(&[], elsewhere).fitted];
             decide(&outcome(base.clone(), base, Vec::new()), false).0
         };
         assert_eq!(told(1.0, 1.0), Verdict::NoMismatch);
@@ -287,7 +289,7 @@ mod tests {
                 effect,
                 probability,
                 equivalent,
-                judged: judged(&[], 1.0),
+                validated: validated(&[], 1.0),
             };
             let mut ranked = vec![
                 candidate(swing, 0.9, Vec::new()),

@@ -11,7 +11,7 @@
 use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::options::DiagnosisOptions;
-use super::verdict::{self, Judged};
+use super::verdict::{self, Validated};
 use crate::experiment::Channel;
 use crate::recording::Kind;
 use crate::simulate::mechanical::Nuisance;
@@ -35,9 +35,9 @@ impl Evidence {
     /// The same by what these sets have left: beyond noise it lasts, and counts as the few independent values that it is. The whitest
     /// residual of each channel tells.
     #[must_use]
-    pub fn limited<'a>(mut self, sets: impl Iterator<Item = &'a Judged> + Clone) -> Self {
+    pub fn limited<'a>(mut self, sets: impl Iterator<Item = &'a Validated> + Clone) -> Self {
         let fewest = self.options.fewest_samples;
-        let limit = |own: &mut [f64], left: &dyn Fn(&'a Judged) -> Option<&'a Hypothesis>| {
+        let limit = |own: &mut [f64], left: &dyn Fn(&'a Validated) -> Option<&'a Hypothesis>| {
             let mut most = vec![0.0f64; own.len()];
             for hypothesis in sets.clone().filter_map(left) {
                 for (most, samples) in most.iter_mut().zip(&hypothesis.samples) {
@@ -66,7 +66,7 @@ impl Evidence {
     }
 
     /// Cost of a set on all recordings, nats.
-    pub fn cost(&self, set: &Judged) -> f64 {
+    pub fn cost(&self, set: &Validated) -> f64 {
         self.cost_on_recording(&set.fitted) + self.cost_elsewhere(set)
     }
 
@@ -82,13 +82,13 @@ impl Evidence {
     }
 
     /// Cost of what a set predicts of the recordings that it was not fitted to, nats.
-    pub fn cost_elsewhere(&self, set: &Judged) -> f64 {
+    pub fn cost_elsewhere(&self, set: &Validated) -> f64 {
         set.held_out.iter().zip(&self.held_out).map(|(run, samples)| self.misfit(run, samples)).sum()
     }
 
     /// Whether `larger` is worth its further effects over `smaller`: by all recordings, and not by the fitted one alone where another one
     /// shows the channels in which it gains; and by more than counts as explained.
-    pub fn prefers(&self, larger: &Judged, smaller: &Judged) -> bool {
+    pub fn prefers(&self, larger: &Validated, smaller: &Validated) -> bool {
         let elsewhere = self.cost_elsewhere(larger) < self.cost_elsewhere(smaller);
         self.cost(larger) + self.options.decisive < self.cost(smaller)
             && (elsewhere || !self.shown_elsewhere(larger, smaller))
@@ -96,18 +96,22 @@ impl Evidence {
     }
 
     /// The one of `sets` that costs least, of those that are preferred to `best`.
-    pub fn best_of<'s>(&self, sets: impl Iterator<Item = &'s Judged>, best: &Judged) -> Option<&'s Judged> {
+    pub fn best_of<'s>(
+        &self,
+        sets: impl Iterator<Item = &'s Validated>,
+        best: &Validated,
+    ) -> Option<&'s Validated> {
         sets.filter(|set| self.prefers(set, best)).min_by(|a, b| self.cost(a).total_cmp(&self.cost(b)))
     }
 
     /// Whether the further effects of `larger` lower the mean square of some channel by more than `explained`, or save a load step. A
     /// smaller gain may be the error of the simulation, which must not get a name.
-    fn explains_excess(&self, larger: &Judged, smaller: &Judged) -> bool {
-        fn runs(set: &Judged) -> impl Iterator<Item = &Hypothesis> {
+    fn explains_excess(&self, larger: &Validated, smaller: &Validated) -> bool {
+        fn runs(set: &Validated) -> impl Iterator<Item = &Hypothesis> {
             std::iter::once(&set.fitted).chain(&set.held_out)
         }
-        let effects = |set: &Judged| set.fitted.model.slots().len();
-        let steps = |set: &Judged| set.fitted.nuisances.iter().map(Nuisance::steps).sum::<usize>();
+        let effects = |set: &Validated| set.fitted.model.slots().len();
+        let steps = |set: &Validated| set.fitted.nuisances.iter().map(Nuisance::steps).sum::<usize>();
         let takes_away = |(larger, smaller): (&Hypothesis, &Hypothesis)| {
             let mut channels = larger.squares.iter().zip(&smaller.squares);
             channels.any(|((_, after), (_, before))| before - after > self.options.explained)
@@ -119,7 +123,7 @@ impl Evidence {
 
     /// Whether `larger` explains more beyond `smaller` than it leaves, on each recording. It is asked only where more than noise is left, but
     /// no more than the forms of right effects may leave: no further effect is named for that.
-    pub fn more_than_remains(&self, larger: &Judged, smaller: &Judged) -> bool {
+    pub fn more_than_remains(&self, larger: &Validated, smaller: &Validated) -> bool {
         let excess = |set: &Hypothesis| verdict::beyond_chance(set).map(|x| x.max(0.0)).sum::<f64>();
         let most = verdict::largest_excess(&larger.fitted).max(larger.held_out_excess());
         let of_forms = most <= self.options.form_error();
@@ -132,7 +136,7 @@ impl Evidence {
     }
 
     /// Whether the other recordings hold the channels in which `larger` gains most on the fitted one.
-    fn shown_elsewhere(&self, larger: &Judged, smaller: &Judged) -> bool {
+    fn shown_elsewhere(&self, larger: &Validated, smaller: &Validated) -> bool {
         let (mut all, mut shown) = (0.0, 0.0);
         for (at, (channel, square)) in larger.fitted.squares.iter().enumerate() {
             let least = self.least_square(*channel, larger.fitted.chance[at]);
@@ -202,7 +206,7 @@ impl Evidence {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{hypothesis, judged};
+    use super::super::testing::{hypothesis, validated};
     use super::*;
     use crate::effects::EffectId;
     use crate::model::Model;
@@ -215,17 +219,17 @@ mod tests {
     #[test]
     fn what_the_simulation_may_be_off_by_is_worth_no_effect_however_many_samples_there_are() {
         let evidence = Evidence::counting(vec![500.0; 2], vec![vec![500.0; 2]]);
-        let with_effect = |mut set: Judged| {
+        let with_effect = |mut set: Validated| {
             set.fitted.model = Model::new(*set.fitted.model.context(), &[EffectId::VoltageDelay]);
             set
         };
-        let bare = |square: f64| judged(square, 1.0, square, 4);
-        let larger = with_effect(judged(1.0, 1.0, 1.0, 5));
+        let bare = |square: f64| validated(square, 1.0, square, 4);
+        let larger = with_effect(validated(1.0, 1.0, 1.0, 5));
         assert!(evidence.prefers(&larger, &bare(1.15)));
         assert!(evidence.cost(&larger) + evidence.options.decisive < evidence.cost(&bare(1.1)));
         assert!(!evidence.prefers(&larger, &bare(1.1)));
         // With one number less the same set is another matter.
-        assert!(evidence.prefers(&judged(1.0, 1.0, 1.0, 4), &bare(1.1)));
+        assert!(evidence.prefers(&validated(1.0, 1.0, 1.0, 4), &bare(1.1)));
         // So is one that spares a step of the load.
         let mut stepping = bare(1.1);
         stepping.fitted.nuisances = vec![Nuisance::unknown(1, 0)];
@@ -234,8 +238,8 @@ mod tests {
 
     #[test]
     fn what_explains_all_recordings_is_preferred_and_a_gain_on_the_fitted_one_alone_is_not_enough() {
-        let (bare, lucky) = (judged(2.0, 1.0, 2.0, 4), judged(1.0, 1.0, 2.0, 5));
-        let right = judged(1.0, 1.0, 1.0, 5);
+        let (bare, lucky) = (validated(2.0, 1.0, 2.0, 4), validated(1.0, 1.0, 2.0, 5));
+        let right = validated(1.0, 1.0, 1.0, 5);
         let evidence = evidence();
         assert!(evidence.prefers(&right, &bare) && !evidence.prefers(&bare, &right));
         assert!(evidence.cost(&lucky) + evidence.options.decisive < evidence.cost(&bare));
@@ -246,7 +250,7 @@ mod tests {
     fn an_effect_explains_more_than_the_forms_of_the_others_leave() {
         let evidence = evidence();
         let more = |with: f64, without: f64| {
-            evidence.more_than_remains(&judged(with, 1.0, with, 5), &judged(without, 1.0, without, 4))
+            evidence.more_than_remains(&validated(with, 1.0, with, 5), &validated(without, 1.0, without, 4))
         };
         assert!(!more(1.6, 2.0) && more(1.6, 2.4));
         // Of noise, and where something else is missing, others decide.
@@ -256,10 +260,10 @@ mod tests {
     #[test]
     fn a_recording_without_the_channel_cannot_speak_against_a_gain_in_it() {
         let of_motion = |d: f64| {
-            let mut judged = judged(d, 1.0, 1.0, 4);
-            let other = &mut judged.held_out[0];
+            let mut validated = validated(d, 1.0, 1.0, 4);
+            let other = &mut validated.held_out[0];
             (other.squares, other.chance) = (other.squares.split_off(1), vec![0.0]);
-            judged
+            validated
         };
         let evidence = Evidence::counting(vec![50.0; 2], vec![vec![50.0]]);
         assert!(evidence.prefers(&of_motion(1.0), &of_motion(9.0)));
@@ -268,10 +272,10 @@ mod tests {
 
     #[test]
     fn parameters_effects_and_steps_of_the_load_have_their_price() {
-        let (evidence, bare) = (evidence(), judged(1.0, 1.0, 1.0, 4));
-        let more = |set: &Judged| evidence.cost(set) - evidence.cost(&bare);
+        let (evidence, bare) = (evidence(), validated(1.0, 1.0, 1.0, 4));
+        let more = |set: &Validated| evidence.cost(set) - evidence.cost(&bare);
         assert!(
-            (more(&judged(1.0, 1.0, 1.0, 6)) - 2.0 * price(evidence.samples(), evidence.options())).abs()
+            (more(&validated(1.0, 1.0, 1.0, 6)) - 2.0 * price(evidence.samples(), evidence.options())).abs()
                 < 1e-9
         );
         let mut named = bare.clone();
@@ -283,12 +287,12 @@ mod tests {
         stepping.held_out[0].nuisances = vec![Nuisance::unknown(2, 0)];
         assert!((more(&stepping) - 5.0 * 50.0f64.ln()).abs() < 1e-9);
         // Small gains do not pay for them.
-        assert!(!evidence.prefers(&judged(1.0, 1.0, 1.0, 5), &judged(1.02, 1.0, 1.02, 4)));
+        assert!(!evidence.prefers(&validated(1.0, 1.0, 1.0, 5), &validated(1.02, 1.0, 1.02, 4)));
     }
 
     #[test]
     fn what_driven_noise_may_do_by_chance_decides_nothing() {
-        let (mut bare, mut other) = (judged(1.0, 1.3, 1.0, 4), judged(1.0, 1.0, 1.0, 5));
+        let (mut bare, mut other) = (validated(1.0, 1.3, 1.0, 4), validated(1.0, 1.0, 1.0, 5));
         let evidence = evidence();
         assert!(evidence.prefers(&other, &bare));
         for set in [&mut bare, &mut other] {
@@ -303,8 +307,8 @@ mod tests {
 
     #[test]
     fn what_is_not_a_number_never_wins_and_the_cost_is_one() {
-        let (evidence, bare) = (evidence(), judged(5.0, 1.0, 5.0, 4));
-        for broken in [judged(f64::NAN, 1.0, 1.0, 4), judged(1.0, 1.0, f64::INFINITY, 4)] {
+        let (evidence, bare) = (evidence(), validated(5.0, 1.0, 5.0, 4));
+        for broken in [validated(f64::NAN, 1.0, 1.0, 4), validated(1.0, 1.0, f64::INFINITY, 4)] {
             assert!(evidence.cost(&broken).is_finite());
             assert!(
                 !evidence.prefers(&broken, &bare)

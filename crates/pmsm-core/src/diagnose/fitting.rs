@@ -161,7 +161,7 @@ fn staged(
     let mut parameters = start.to_vec();
     let mut nuisances = vec![Nuisance::known(0); data.runs().len()];
     let mut free: Vec<usize> = reluctance(data).into_iter().collect();
-    if data.has(true) {
+    if data.has_electrical() {
         if !electrical_done {
             parameters = to_currents(data, model, start, held, monitor)?;
         }
@@ -170,7 +170,7 @@ fn staged(
             return Ok(Hypothesis::of_currents(data, model, &parameters, &free));
         }
     }
-    if data.has(false) {
+    if data.has_mechanical() {
         let fitted = match load {
             Unknown::Anew => motion::fit(data, model, &parameters, &rotor, None, monitor)?,
             Unknown::From(found) => motion::fit(data, model, &parameters, &rotor, Some(found), monitor)?,
@@ -180,7 +180,7 @@ fn staged(
         free.extend(fitted.free);
         if together(data, model) {
             parameters = fit_together(data, model, parameters, &free, &nuisances, monitor)?;
-        } else if data.has(true) && model.effects().iter().any(|e| e.info().site == Site::Electrical) {
+        } else if data.has_electrical() && model.effects().iter().any(|e| e.info().site == Site::Electrical) {
             let apart = Hypothesis::on(data, model.clone(), parameters, free, nuisances);
             return in_agreement(data, apart, monitor);
         }
@@ -253,7 +253,7 @@ pub fn refit(data: &Data, from: &Hypothesis, monitor: &dyn Monitor) -> Result<Hy
 /// Whether the electrical parameters are fitted to the motion, too: a sensor shows in both; and where the voltage is noisy or the
 /// manoeuvre poor, the torque tells more of the flux than the currents do.
 pub fn together(data: &Data, model: &Model) -> bool {
-    let both = data.has(true) && data.has(false);
+    let both = data.has_electrical() && data.has_mechanical();
     both && (model.has_sensor() || data.input.voltage > 0.0 || data.poor) || reluctance(data).is_some()
 }
 
@@ -264,7 +264,7 @@ fn reluctance(data: &Data) -> Option<usize> {
         let flows = |i: &[Vec<f64>; 2]| i[0].iter().zip(&i[1]).any(|(d, q)| d * q != 0.0);
         run.signals.tau_e.is_none() && run.signals.i.as_ref().is_some_and(flows)
     };
-    (!data.has(true) && data.has(false) && data.runs().iter().any(saliency_turns))
+    (!data.has_electrical() && data.has_mechanical() && data.runs().iter().any(saliency_turns))
         .then(|| BaseParameter::LQ.index())
 }
 
@@ -275,7 +275,7 @@ fn reluctance(data: &Data) -> Option<usize> {
 /// Those of the least-squares fit.
 pub fn efficient(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
     let model = &hypothesis.model;
-    if !data.has(false) || (model.has_sensor() && data.has(true)) {
+    if !data.has_mechanical() || (model.has_sensor() && data.has_electrical()) {
         return Ok(hypothesis.clone());
     }
     let (_, rotor, _) = free_parameters(data, model);
@@ -294,7 +294,7 @@ pub fn free_parameters(data: &Data, model: &Model) -> (Vec<usize>, Vec<usize>, V
     let wanted = |p: &BaseParameter| data.needs(*p);
     let mut electrical: Vec<usize> =
         BaseParameter::ELECTRICAL.iter().filter(|p| wanted(p)).map(|p| p.index()).collect();
-    if !data.has(true) {
+    if !data.has_electrical() {
         electrical.clear();
     }
     let mut rotor: Vec<usize> = BaseParameter::MECHANICAL.iter().map(|p| p.index()).collect();
@@ -343,7 +343,7 @@ mod tests {
         let nameplate = setup.machine.with(BaseParameter::LQ, 1.25 * l_q).unwrap();
         let signals = crate::signals::Signals::new(&recording, &nameplate).unwrap();
         let mut data = Data::new(signals, &nameplate, &Default::default()).unwrap();
-        let base = crate::diagnose::bare::fit(&mut data, &Silent).unwrap();
+        let base = crate::diagnose::baseline::fit(&mut data, &Silent).unwrap();
         assert!(
             crate::diagnose::verdict::largest_excess(&base) < data.options.mismatch,
             "{:?}",

@@ -82,7 +82,7 @@ pub struct Hypothesis {
 
 impl Hypothesis {
     /// A model at given parameters, before anything was fitted.
-    pub fn bare(model: Model, parameters: Vec<f64>) -> Self {
+    pub fn unfitted(model: Model, parameters: Vec<f64>) -> Self {
         Self {
             model,
             parameters,
@@ -102,13 +102,13 @@ impl Hypothesis {
         free: Vec<usize>,
         nuisances: Vec<Nuisance>,
     ) -> Self {
-        let mut out = Self { free, nuisances, ..Self::bare(model, parameters) };
+        let mut out = Self { free, nuisances, ..Self::unfitted(model, parameters) };
         let experiment = data.whole(&out);
         let residual = experiment.residual(&out.parameters);
-        let judged = experiment.mean_squares(&residual, independent_samples);
+        let seen = experiment.mean_squares(&residual, independent_samples);
         let channels = experiment.blocks().into_iter().map(|block| block.channel);
-        let squares = channels.zip(&judged).map(|(c, (square, _))| (c, *square)).collect();
-        let samples = judged.iter().map(|(_, samples)| *samples).collect();
+        let squares = channels.zip(&seen).map(|(c, (square, _))| (c, *square)).collect();
+        let samples = seen.iter().map(|(_, samples)| *samples).collect();
         (out.squares, out.samples) = (squares, samples);
         out.chance = data.runs().iter().flat_map(|run| run.floors.iter().map(Floor::chance)).collect();
         out
@@ -120,9 +120,10 @@ impl Hypothesis {
         let own = parameters[..model.parameter_count()].to_vec();
         let nuisances = vec![Nuisance::known(0); data.runs().len()];
         let experiment = data.experiment(model, &nuisances, data.channels(true, false));
-        let mut judged = experiment.mean_squares(&experiment.residual(&own), independent_samples).into_iter();
+        let mut electrical =
+            experiment.mean_squares(&experiment.residual(&own), independent_samples).into_iter();
         let floors = || data.runs().iter().flat_map(|run| &run.floors);
-        let seen = |floor: &Floor| if floor.channel.is_electrical() { judged.next() } else { None };
+        let seen = |floor: &Floor| if floor.channel.is_electrical() { electrical.next() } else { None };
         let seen: Vec<(f64, f64)> = floors().map(seen).map(|found| found.unwrap_or((1.0, 1.0))).collect();
         Self {
             free: free.to_vec(),
@@ -130,7 +131,7 @@ impl Hypothesis {
             squares: floors().map(|floor| floor.channel).zip(seen.iter().map(|s| s.0)).collect(),
             samples: seen.iter().map(|s| s.1).collect(),
             chance: floors().map(Floor::chance).collect(),
-            ..Self::bare(model.clone(), own)
+            ..Self::unfitted(model.clone(), own)
         }
     }
 
@@ -196,7 +197,7 @@ mod tests {
     #[test]
     fn a_shaft_without_a_load_on_it_is_no_shaft() {
         let with = |effects: &[EffectId], own: &[f64]| {
-            Hypothesis::bare(Model::new(CX, effects), [&[1.0; BASE], own].concat())
+            Hypothesis::unfitted(Model::new(CX, effects), [&[1.0; BASE], own].concat())
         };
         let shaft = |share: f64| {
             with(&[EffectId::TwoMassShaft], &[share, 3.0, 0.01]).vanishes(EffectId::TwoMassShaft)

@@ -288,7 +288,7 @@ impl Data {
                 let parameters = [hypothesis.own(), left_open].concat();
                 Hypothesis {
                     nuisances: vec![nuisance],
-                    ..Hypothesis::bare(hypothesis.model.clone(), parameters)
+                    ..Hypothesis::unfitted(hypothesis.model.clone(), parameters)
                 }
             })
             .collect();

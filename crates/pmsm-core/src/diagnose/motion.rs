@@ -82,7 +82,7 @@ fn driven(
     let settling = Settling { data, model, rotor, torque, monitor };
     let mut best = settling.settle(own.to_vec(), states)?;
     for (run, part) in data.runs().iter().enumerate() {
-        if part.signals.load != Load::UnknownPiecewise || !part.has(false) {
+        if part.signals.load != Load::UnknownPiecewise || !part.has_mechanical() {
             continue;
         }
         for _ in 0..ADDED {
@@ -126,7 +126,7 @@ pub fn fit_under(
 fn states_for(data: &Data, model: &Model, (nuisances, values): Found) -> Vec<State> {
     let mut states = states_of(nuisances, values);
     for (state, part) in states.iter_mut().zip(data.runs()) {
-        let initial = if part.has(false) { part.initial_states(model) } else { 0 };
+        let initial = if part.has_mechanical() { part.initial_states(model) } else { 0 };
         if state.deviations.len() != initial {
             state.deviations = vec![0.0; initial];
         }
@@ -177,7 +177,7 @@ mod tests {
     use crate::diagnose::hypothesis::Hypothesis;
     use crate::diagnose::testing::{data, fitted, setup, speeds};
     use crate::diagnose::verdict::largest_excess;
-    use crate::diagnose::{bare, fitting};
+    use crate::diagnose::{baseline, fitting};
     use crate::drive::{Choice, Schedule, Shape, simulate};
     use crate::effects::EffectId;
     use crate::experiment::Channel;
@@ -247,7 +247,7 @@ mod tests {
             &Default::default(),
         )
         .unwrap();
-        let base = bare::fit(&mut data, &Silent).unwrap();
+        let base = baseline::fit(&mut data, &Silent).unwrap();
         let speed = data.floors.iter().find(|f| f.channel == Channel::OmegaE).unwrap();
         assert!(speed.wander.is_some(), "{speed:?}");
         let found = &base.parameters[base.model.parameter_count()..];
@@ -280,7 +280,7 @@ mod tests {
             &Default::default(),
         )
         .unwrap();
-        let base = bare::fit(&mut data, &Silent).unwrap();
+        let base = baseline::fit(&mut data, &Silent).unwrap();
         let shaft = fitted(&data, &base, EffectId::TwoMassShaft);
         assert_eq!(shaft.nuisances[0].initial, 6);
         let square = shaft.square(Channel::OmegaE);

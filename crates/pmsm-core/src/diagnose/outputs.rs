@@ -1,9 +1,9 @@
 //! Parameters of a fitted hypothesis with their uncertainties.
 
 use super::answer::{Covariance, Estimate};
+use super::collinearity::{self, Collinearity};
 use super::data::Data;
 use super::hypothesis::Hypothesis;
-use super::ties::{self, Tie};
 use super::torque_noise;
 use crate::base::Base;
 use crate::effect::{Role, Site};
@@ -48,7 +48,7 @@ impl<'a> Outputs<'a> {
         let speed = experiment.channels().iter().position(|c| !c.is_electrical());
         let (first, second): (Vec<usize>, Vec<usize>) =
             (0..hypothesis.free.len()).partition(|k| experiment.is_electrical(hypothesis.free[*k]));
-        let alone = first.is_empty() || second.is_empty() || !data.has(true);
+        let alone = first.is_empty() || second.is_empty() || !data.has_electrical();
         let together = hypothesis.model.has_sensor() || alone;
         let free: Vec<usize> = first.iter().chain(&second).map(|k| hypothesis.free[*k]).collect();
         let covariance = match speed {
@@ -84,8 +84,8 @@ impl<'a> Outputs<'a> {
     }
 
     /// Parameters of effects that this recording hardly separates from base parameters.
-    pub fn ties(&self) -> Vec<Tie> {
-        ties::ties(self.hypothesis, &self.free, &self.covariance, FORM)
+    pub fn ties(&self) -> Vec<Collinearity> {
+        collinearity::collinear(self.hypothesis, &self.free, &self.covariance, FORM)
     }
 
     fn variance_of(&self, a: usize, b: usize) -> f64 {
@@ -276,7 +276,8 @@ fn of_held(
     (jacobian, residual): (&DMatrix<f64>, &DVector<f64>),
     n: usize,
 ) -> DMatrix<f64> {
-    let runs = data.runs().iter().enumerate().filter(|(_, run)| run.has(electrical));
+    let holds = |run: &Data| if electrical { run.has_electrical() } else { run.has_mechanical() };
+    let runs = data.runs().iter().enumerate().filter(|(_, run)| holds(run));
     let held: Vec<usize> = runs.flat_map(|(run, _)| data.samples_of(run)).collect();
     if held.len() == n {
         return uncertainty::covariance(jacobian, residual, n);

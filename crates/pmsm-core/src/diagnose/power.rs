@@ -21,7 +21,7 @@ use super::evidence::price;
 use super::hypothesis::Hypothesis;
 use super::locate::upper_tail;
 use super::options::DiagnosisOptions;
-use super::shortlist::{Scorer, batches, solve};
+use super::score::{Scorer, batches, solve};
 use super::verdict;
 use crate::effect::Role;
 use crate::effects::EffectId;
@@ -83,7 +83,7 @@ struct Found {
     size: f64,
 }
 
-/// What everybody's judgement rests on.
+/// The fitted set, its residual and the columns with which each absent effect is compared.
 struct Survey<'a> {
     scorer: Scorer<'a>,
     best: &'a Hypothesis,
@@ -144,7 +144,7 @@ impl<'a> Traces<'a> {
         self.best.effects().into_iter().zip(self.each.iter().map(of)).collect()
     }
 
-    /// Judges what the recording would have shown of each of `absent` beside the effects of the set. `worth` is what each channel counts,
+    /// What the recording would have shown of each of `absent` beside the effects of the set. `worth` is what each channel counts,
     /// in independent samples; a `poor` recording must show a mismatch before anything is looked for.
     ///
     /// # Errors
@@ -171,9 +171,9 @@ impl<'a> Traces<'a> {
         let fitted = Fitted::new(jacobian, basis);
         let known = Known::new(basis.clone(), &columns, blocks);
         let survey = Survey { scorer, best, worth, poor, options: data.options, fitted, known, found };
-        let judged: Result<Vec<Option<Shown>>> =
-            absent.par_iter().map(|effect| survey.judge(*effect, monitor)).collect();
-        Ok(judged?.into_iter().flatten().collect())
+        let shown: Result<Vec<Option<Shown>>> =
+            absent.par_iter().map(|effect| survey.shown(*effect, monitor)).collect();
+        Ok(shown?.into_iter().flatten().collect())
     }
 }
 
@@ -225,7 +225,7 @@ fn trace(
 }
 
 impl Survey<'_> {
-    fn judge(&self, effect: EffectId, monitor: &dyn Monitor) -> Result<Option<Shown>> {
+    fn shown(&self, effect: EffectId, monitor: &dyn Monitor) -> Result<Option<Shown>> {
         let context = self.best.model.context();
         let parameters = effect.info().parameters;
         let amplitudes = self.scorer.amplitudes(effect);

@@ -73,7 +73,7 @@ pub fn predict(
     if let Some(logged) = reading.stator_held {
         data.hold_in_stator(logged);
     }
-    let found = Hypothesis::bare(model, p);
+    let found = Hypothesis::unfitted(model, p);
     let near = transfer(&data, &found, monitor)?;
     data.settle_floors(&near);
     let there = transfer(&data, &found, monitor)?;

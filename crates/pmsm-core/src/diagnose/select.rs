@@ -4,23 +4,23 @@
 //! the most evidence is gone on from. What the others make superfluous is dropped, and what another recording calls for is added. Nothing is
 //! asked of an effect by itself: on a bench on which several things are missing none explains much alone.
 
-mod elsewhere;
 mod exchange;
 mod grow;
 mod refit;
 mod reversals;
 mod subset;
+mod validation_run;
 
-use super::able;
 use super::data::Data;
 use super::evidence::Evidence;
 use super::fitting;
 use super::hypothesis::Hypothesis;
+use super::identifiability;
+use super::incumbent::Incumbent;
 use super::power::{Shown, Traces};
-use super::shortlist::Prospect;
-use super::so_far::SoFar;
+use super::score::Prospect;
 use super::transfer::transfer;
-use super::verdict::{self, Judged};
+use super::verdict::{self, Validated};
 use crate::effects::EffectId;
 use crate::error::Result;
 use crate::monitor::Monitor;
@@ -43,43 +43,43 @@ pub struct Search<'a> {
     /// Asked whether to go on.
     pub monitor: &'a dyn Monitor,
     /// Keeps the best set so far.
-    pub found: &'a SoFar,
+    pub found: &'a Incumbent,
 }
 
 /// Scored effects, each with the set that was refitted with it, if it was.
-type Tried = Vec<(Prospect, Option<Judged>)>;
+type Tried = Vec<(Prospect, Option<Validated>)>;
 
 /// What came out of a selection.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// The bare machine.
-    pub base: Judged,
+    pub base: Validated,
     /// The effects that were scored beside the bare machine, with what came of their refit.
     pub singles: Tried,
     /// The best set of effects (possibly none).
-    pub best: Judged,
+    pub best: Validated,
     /// For each effect of `best`, the sets in which another effect or none is in its place.
     pub swaps: Vec<Swap>,
     /// Effects that could not be asked about, and why.
-    pub unfit: Vec<(EffectId, String)>,
+    pub unidentifiable: Vec<(EffectId, String)>,
     /// What the recording would have shown of the effects that are not in the best set.
     pub shown: Vec<Shown>,
     /// By what the sets were compared.
     pub evidence: Evidence,
     /// The way to the best set, one effect more at each step.
-    pub path: Vec<Judged>,
+    pub path: Vec<Validated>,
 }
 
 impl Outcome {
     /// The bare machine and the best set as they are fitted to all samples.
-    pub fn ends(&self) -> (&Judged, &Judged) {
+    pub fn ends(&self) -> (&Validated, &Validated) {
         (&self.path[0], &self.path[self.path.len() - 1])
     }
 
     /// Whether the best set without `effect`, all else fitted anew, has more than noise: then no other parameter makes up for it.
     pub fn needs(&self, effect: EffectId) -> bool {
         let without = self.swaps.iter().find(|s| s.replaced == effect && s.by.is_none());
-        without.map_or(&self.base, |s| &s.judged).excess() > self.evidence.options().mismatch
+        without.map_or(&self.base, |s| &s.validated).excess() > self.evidence.options().mismatch
     }
 
     /// Takes the bare machine for the best set.
@@ -107,17 +107,17 @@ impl Search<'_> {
     /// # Errors
     /// Those of the fits, an interruption among them.
     pub fn run(&self, base: Hypothesis) -> Result<Outcome> {
-        let base = self.judge(base)?;
-        let (able, unfit) = able::able(self.data);
+        let base = self.validate(base)?;
+        let (identifiable, unidentifiable) = identifiability::identifiable(self.data);
         let mut seen = vec![base.clone()];
         // Sets that are only compared may end their fits before the last digit.
         let rough = self.data.roughly();
         let (held_out, refuting) = (self.held_out.clone(), self.refuting.clone());
         let quick = Search { data: &rough, held_out, refuting, from: self.from.clone(), ..*self };
-        let (grown, singles) = quick.grow(&base, &able, &mut seen)?;
+        let (grown, singles) = quick.grow(&base, &identifiable, &mut seen)?;
         let mut best = match grown.fitted.effects().is_empty() {
             true => base.clone(),
-            false => quick.judge(fitting::on_from(&rough, &grown.fitted, self.monitor)?)?,
+            false => quick.validate(fitting::on_from(&rough, &grown.fitted, self.monitor)?)?,
         };
         self.monitor.report("alternatives", 0.85);
         let mut swaps = Vec::new();
@@ -133,26 +133,26 @@ impl Search<'_> {
                 best = simpler;
                 continue;
             }
-            let (absent, poor) = (absent(&able, &best), self.most < self.data.options.most_effects);
+            let (absent, poor) = (absent(&identifiable, &best), self.most < self.data.options.most_effects);
             shown = traces.survey(&absent, evidence.samples(), poor, self.monitor)?;
             swaps = quick.exchange(&best, (&worth, &over), &shown, &mut seen)?;
-            let mut better = evidence.best_of(swaps.iter().map(|swap| &swap.judged), &best).cloned();
+            let mut better = evidence.best_of(swaps.iter().map(|swap| &swap.validated), &best).cloned();
             if better.is_none() {
                 better = quick.friction_for_steps(&best, &absent, &evidence)?;
             }
             if better.is_none() {
-                better = quick.called_for_elsewhere(&best, &absent, &evidence)?;
+                better = quick.extended_by_validation(&best, &absent, &evidence)?;
             }
             let Some(better) = better else { break };
             best = better;
         }
         if !best.fitted.effects().is_empty() {
-            best = self.judge(fitting::on_from(self.data, &best.fitted, self.monitor)?)?;
+            best = self.validate(fitting::on_from(self.data, &best.fitted, self.monitor)?)?;
         }
         let evidence = self.evidence().limited(std::iter::once(&best));
         seen.extend(singles.iter().filter_map(|(_, set)| set.clone()));
         let path = path(&base, &best, &seen, &evidence);
-        Ok(Outcome { base, singles, best, swaps, unfit, shown, evidence, path })
+        Ok(Outcome { base, singles, best, swaps, unidentifiable, shown, evidence, path })
     }
 
     /// By what sets are compared.
@@ -161,7 +161,7 @@ impl Search<'_> {
     }
 
     /// A fitted set with what it predicts of the other recordings.
-    fn judge(&self, fitted: Hypothesis) -> Result<Judged> {
+    fn validate(&self, fitted: Hypothesis) -> Result<Validated> {
         let on = |data: &Data| transfer(data, &fitted, self.monitor);
         let held_out: Result<Vec<Hypothesis>> = self.held_out.iter().map(|data| on(data)).collect();
         let held_out = held_out?;
@@ -169,18 +169,18 @@ impl Search<'_> {
         for (data, bare) in &self.refuting {
             refuted |= !fitted.effects().is_empty() && verdict::refutes(&on(data)?, bare, &self.data.options);
         }
-        Ok(Judged { fitted, held_out, refuted })
+        Ok(Validated { fitted, held_out, refuted })
     }
 }
 
 /// Those effects that are not in a set.
-fn absent(able: &[EffectId], set: &Judged) -> Vec<EffectId> {
+fn absent(identifiable: &[EffectId], set: &Validated) -> Vec<EffectId> {
     let effects = set.fitted.effects();
-    able.iter().copied().filter(|e| !effects.contains(e)).collect()
+    identifiable.iter().copied().filter(|e| !effects.contains(e)).collect()
 }
 
 /// From the bare machine to the best set, through the best subsets that were fitted.
-fn path(base: &Judged, best: &Judged, seen: &[Judged], evidence: &Evidence) -> Vec<Judged> {
+fn path(base: &Validated, best: &Validated, seen: &[Validated], evidence: &Evidence) -> Vec<Validated> {
     let goal = best.fitted.effects();
     let mut path = vec![base.clone()];
     for size in 1..goal.len() {

@@ -3,7 +3,7 @@
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
-use super::verdict::Judged;
+use super::verdict::Validated;
 use crate::drive::{Choice, Manoeuvre, Schedule, Setup, Shape, simulate};
 use crate::effects::EffectId;
 use crate::effects::testing::CX;
@@ -68,7 +68,7 @@ pub fn fitted(data: &Data, base: &Hypothesis, effect: EffectId) -> Hypothesis {
 
 /// A hypothesis of the bare machine with these mean squares of i_d and the speed and so many free parameters.
 pub fn hypothesis(d: f64, speed: f64, free: usize) -> Hypothesis {
-    let mut out = Hypothesis::bare(Model::new(CX, &[]), vec![1.0; 6]);
+    let mut out = Hypothesis::unfitted(Model::new(CX, &[]), vec![1.0; 6]);
     out.free = (0..free).collect();
     out.squares = vec![(Channel::ID, d), (Channel::OmegaE, speed)];
     out.samples = vec![1e4, 1e4];
@@ -77,7 +77,7 @@ pub fn hypothesis(d: f64, speed: f64, free: usize) -> Hypothesis {
 }
 
 /// The same, and what i_d leaves on a held-out recording.
-pub fn judged(d: f64, speed: f64, held_out: f64, free: usize) -> Judged {
+pub fn validated(d: f64, speed: f64, held_out: f64, free: usize) -> Validated {
     let held_out = vec![hypothesis(held_out, speed, free)];
-    Judged { fitted: hypothesis(d, speed, free), held_out, refuted: false }
+    Validated { fitted: hypothesis(d, speed, free), held_out, refuted: false }
 }

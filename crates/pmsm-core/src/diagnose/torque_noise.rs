@@ -20,8 +20,8 @@ pub fn scores(data: &Data, hypothesis: &Hypothesis, slopes: &DMatrix<f64>) -> DM
     let mut out = DMatrix::zeros(dim, dim);
     for (run, part) in data.runs().iter().enumerate() {
         let floor = |channel| part.floors.iter().find(|f| f.channel == channel);
-        let judged = floor(Channel::OmegaE).filter(|f| f.wander.is_none());
-        let (Some(speed), Some([i_d, i_q]), None) = (judged, &part.signals.i, &part.signals.tau_e) else {
+        let plain = floor(Channel::OmegaE).filter(|f| f.wander.is_none());
+        let (Some(speed), Some([i_d, i_q]), None) = (plain, &part.signals.i, &part.signals.tau_e) else {
             continue;
         };
         let noise = |channel| floor(channel).map_or(0.0, |f| f.sensor);

@@ -4,7 +4,7 @@
 //! Both signs are fitted alike, each with its own inertia, friction and load, and compared by their likelihood. No physics of a rotor turns
 //! the sign round: with the right one the fit can always do as well as a rotor that no torque moves.
 
-use super::baseline;
+use super::adequacy;
 use super::data::Data;
 use super::evidence::Evidence;
 use super::hypothesis::Hypothesis;
@@ -27,10 +27,10 @@ const DECISIVE: f64 = 9.2;
 /// Those of the least-squares fits.
 pub fn opposite(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result<Option<Finding>> {
     debug_assert!(base.effects().iter().all(|e| e.info().site != Site::Mechanical), "the dq-model alone");
-    if !data.has(false) {
+    if !data.has_mechanical() {
         return Ok(None);
     }
-    if baseline::explains_half(data, base, false) {
+    if adequacy::explains_half(data, base, false) {
         return Ok(None);
     }
     let torque = data.torque(&base.model, base.own());

@@ -46,7 +46,7 @@ pub fn transfer(data: &Data, hypothesis: &Hypothesis, monitor: &dyn Monitor) -> 
 fn on_run(data: &Data, model: &Model, own: &[f64], monitor: &dyn Monitor) -> Result<Hypothesis> {
     let mut parameters = own.to_vec();
     let mut nuisances = vec![Nuisance::known(0); data.runs().len()];
-    if data.has(false) {
+    if data.has_mechanical() {
         let fitted = motion::fit(data, model, &parameters, &[], None, monitor)?;
         (parameters, nuisances) = (fitted.parameters, fitted.nuisances);
     }
@@ -123,7 +123,7 @@ mod tests {
             assert!(n_p > 2);
             for turn in 0..n_p {
                 let seen = right.model.turned(right.own(), TAU * turn as f64 / n_p as f64).unwrap();
-                let elsewhere = Hypothesis::bare(right.model.clone(), seen.clone());
+                let elsewhere = Hypothesis::unfitted(right.model.clone(), seen.clone());
                 let found = transfer(&data, &elsewhere, &Silent).unwrap();
                 assert!(omega(&found) < 1.01 * omega(&right), "{turn}: {} {}", omega(&found), omega(&right));
             }

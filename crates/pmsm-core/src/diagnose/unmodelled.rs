@@ -22,7 +22,7 @@ use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::locate::{self, Located};
 use super::transfer::transfer;
-use super::verdict::{Judged, excess};
+use super::verdict::{Validated, excess};
 use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
@@ -120,23 +120,23 @@ pub struct Unmodelled {
 }
 
 /// Fits maps on top of `best` where it leaves more than noise, and says what they are. The model that comes back is `best`
-/// itself if none improves the prediction: of `judge`, or of every other stretch of the recording without one.
+/// itself if none improves the prediction: of `validation`, or of every other stretch of the recording without one.
 ///
 /// # Errors
 /// Those of the least-squares fits.
 pub fn explain(
     data: &Data,
-    judge: Option<&Data>,
+    validation: Option<&Data>,
     best: &Hypothesis,
     monitor: &dyn Monitor,
 ) -> Result<(Hypothesis, Unmodelled)> {
-    laid(data, judge, best, &sides(data, best), monitor)
+    laid(data, validation, best, &sides(data, best), monitor)
 }
 
 /// Maps on these sides, one after the other.
 fn laid(
     data: &Data,
-    judge: Option<&Data>,
+    validation: Option<&Data>,
     best: &Hypothesis,
     sides: &[Side],
     monitor: &dyn Monitor,
@@ -149,26 +149,26 @@ fn laid(
         for _ in 0..PARTS {
             let Some(choice) = choice::choose(data, &current, side, &places, monitor)? else { break };
             let richer = with_prior(&ridged, &current, &choice);
-            let judged = Trial { data: &richer.roughly(), judge, monitor };
-            let Some(fitted) = judged.improves(&current, &choice, side)? else { break };
+            let trial = Trial { data: &richer.roughly(), validation, monitor };
+            let Some(fitted) = trial.improves(&current, &choice, side)? else { break };
             (current, ridged) = (fitted, richer);
         }
     }
     if current.model.map().is_some() {
         current = fitting::on_from(&ridged, &current, monitor)?;
     }
-    let taken = share::taken_away(data, judge, (best, &current), sides, monitor)?;
+    let taken = share::taken_away(data, validation, (best, &current), sides, monitor)?;
     // Before a loud residual that a torque takes away, a voltage that makes the currents worse would pass.
     let worse = |(side, share): (&Side, &f64)| *share <= 0.0 && side.is_mapped(&current);
     let useful: Vec<Side> =
         sides.iter().zip(&taken.sides).filter(|each| !worse(*each)).map(|(side, _)| *side).collect();
     if useful.len() < sides.len() && !useful.is_empty() {
-        return laid(data, judge, best, &useful, monitor);
+        return laid(data, validation, best, &useful, monitor);
     }
     if taken.whole <= 0.0 || useful.is_empty() {
         current = best.clone();
     }
-    let unmodelled = words::unmodelled(data, &current, sides, (taken.whole, judge.is_some()));
+    let unmodelled = words::unmodelled(data, &current, sides, (taken.whole, validation.is_some()));
     Ok((current, unmodelled))
 }
 
@@ -234,10 +234,10 @@ fn with_prior(data: &Data, current: &Hypothesis, choice: &Choice) -> Data {
     data.clone().with_prior(&more)
 }
 
-/// Fits with and without a map, and what they are judged on.
+/// Fits with and without a map, and what they are compared on.
 struct Trial<'a> {
     data: &'a Data,
-    judge: Option<&'a Data>,
+    validation: Option<&'a Data>,
     monitor: &'a dyn Monitor,
 }
 
@@ -259,17 +259,20 @@ impl Trial<'_> {
             let held = current.clone().seen_again(data);
             if excess(&fitted) < excess(&held) { Ok(fitted) } else { along(&none, data) }
         };
-        let halves = if self.judge.is_none() { self.data.halves() } else { None };
+        let halves = if self.validation.is_none() { self.data.halves() } else { None };
         let (before, after) = match &halves {
             Some((fitted, held_out)) => {
                 let bare = fitting::refit(fitted, current, self.monitor)?;
-                (self.judged(bare, Some(held_out))?, self.judged(fit(fitted)?, Some(held_out))?)
+                (self.validated(bare, Some(held_out))?, self.validated(fit(fitted)?, Some(held_out))?)
             }
-            None => (self.judged(current.clone(), self.judge)?, self.judged(fit(self.data)?, self.judge)?),
+            None => (
+                self.validated(current.clone(), self.validation)?,
+                self.validated(fit(self.data)?, self.validation)?,
+            ),
         };
         let (data, held_out) = match &halves {
             Some((fitted, held_out)) => (fitted, vec![held_out]),
-            None => (self.data, self.judge.into_iter().collect()),
+            None => (self.data, self.validation.into_iter().collect()),
         };
         let evidence = Evidence::new(data, &held_out);
         if !evidence.prefers(&after, &before) {
@@ -283,9 +286,9 @@ impl Trial<'_> {
         Ok(Some(whole))
     }
 
-    fn judged(&self, fitted: Hypothesis, held_out: Option<&Data>) -> Result<Judged> {
+    fn validated(&self, fitted: Hypothesis, held_out: Option<&Data>) -> Result<Validated> {
         let transferred = held_out.map(|data| transfer(data, &fitted, self.monitor)).transpose()?;
-        Ok(Judged { fitted, held_out: transferred.into_iter().collect(), refuted: false })
+        Ok(Validated { fitted, held_out: transferred.into_iter().collect(), refuted: false })
     }
 }
 

@@ -5,7 +5,7 @@ use super::options::DiagnosisOptions;
 
 /// A hypothesis with what it leaves on a recording that was not used for fitting.
 #[derive(Debug, Clone)]
-pub struct Judged {
+pub struct Validated {
     /// Fitted on the recording.
     pub fitted: Hypothesis,
     /// The same model on recordings that were not used for fitting.
@@ -14,7 +14,7 @@ pub struct Judged {
     pub refuted: bool,
 }
 
-impl Judged {
+impl Validated {
     /// Excess mean squares on the held-out recordings (on the recording where there are none), summed over channels.
     pub fn held_out_squares(&self) -> f64 {
         if self.held_out.is_empty() { excess(&self.fitted) } else { self.held_out.iter().map(excess).sum() }
@@ -55,15 +55,15 @@ pub fn beyond_chance(hypothesis: &Hypothesis) -> impl Iterator<Item = f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::judged;
+    use super::super::testing::validated;
     use super::*;
 
     #[test]
     fn a_model_that_predicts_worse_than_the_bare_machine_is_refuted() {
-        let base = judged(60.0, 1.0, 60.0, 4);
-        let refuted = |model: Judged| refutes(&model.fitted, &base.fitted, &DiagnosisOptions::default());
-        assert!(refuted(judged(130.0, 1.0, 1.0, 5)));
-        assert!(refuted(judged(f64::NAN, 1.0, 1.0, 5)));
-        assert!(!refuted(judged(90.0, 2.5, 1.0, 5)));
+        let base = validated(60.0, 1.0, 60.0, 4);
+        let refuted = |model: Validated| refutes(&model.fitted, &base.fitted, &DiagnosisOptions::default());
+        assert!(refuted(validated(130.0, 1.0, 1.0, 5)));
+        assert!(refuted(validated(f64::NAN, 1.0, 1.0, 5)));
+        assert!(!refuted(validated(90.0, 2.5, 1.0, 5)));
     }
 }

@@ -5,7 +5,7 @@ mod mistakes;
 
 use super::hypothesis::Hypothesis;
 use super::options::DiagnosisOptions;
-use super::{bare, baseline, join, verdict};
+use super::{adequacy, baseline, join, verdict};
 use crate::error::Result;
 use crate::machine::{BaseParameter, Machine};
 use crate::monitor::Monitor;
@@ -62,11 +62,11 @@ pub fn suspected(
         monitor.go_on()?;
         let undone: Vec<&Recording> = undone.iter().collect();
         let Ok(mut data) = join::prepare(&undone, machine, options) else { continue };
-        let fitted = bare::fit(&mut data, monitor)?;
+        let fitted = baseline::fit(&mut data, monitor)?;
         let left = verdict::largest_excess(&fitted);
         // Nothing is a share of what is not finite.
         let most = if finite { LEFT * before } else { FAR };
-        if left < most && baseline::fault(&data, &fitted).is_none() {
+        if left < most && adequacy::lack_of_fit(&data, &fitted).is_none() {
             explaining.push((left, *at));
         }
     }
@@ -135,7 +135,7 @@ mod tests {
 
     fn said(recording: &Recording, machine: &Machine) -> Option<String> {
         let mut data = join::prepare(&[recording], machine, &Default::default()).unwrap();
-        let base = bare::fit(&mut data, &Silent).unwrap();
+        let base = baseline::fit(&mut data, &Silent).unwrap();
         suspected(&[recording], machine, &base, &Default::default(), &Silent)
             .unwrap()
             .map(|finding| finding.finding)
@@ -187,7 +187,7 @@ mod tests {
     fn a_log_that_diverges_from_no_starting_values_is_not_accused() {
         let (recording, nameplate) = recorded(Vec::new(), |c| assert!(negate(c, &["i_a", "i_b", "i_c"])));
         let mut data = join::prepare(&[&recording], &nameplate, &Default::default()).unwrap();
-        let mut base = bare::fit(&mut data, &Silent).unwrap();
+        let mut base = baseline::fit(&mut data, &Silent).unwrap();
         base.squares.iter_mut().for_each(|(_, square)| *square = f64::INFINITY);
         let suspects = |machine: &Machine| {
             suspected(&[&recording], machine, &base, &Default::default(), &Silent).unwrap().is_some()

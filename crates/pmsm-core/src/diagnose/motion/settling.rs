@@ -121,9 +121,9 @@ impl Settling<'_> {
 
 /// Mean square of the speed's residual in each recording; one where it does not show the motion.
 fn mean_squares(experiment: &Joint, residual: &DVector<f64>) -> Vec<f64> {
-    let judged = experiment.mean_squares(residual, |_| 1.0);
+    let mean_squares = experiment.mean_squares(residual, |_| 1.0);
     let mut squares = vec![1.0; experiment.runs().len()];
-    for (block, (square, _)) in experiment.blocks().iter().zip(judged) {
+    for (block, (square, _)) in experiment.blocks().iter().zip(mean_squares) {
         if block.channel == Channel::OmegaE {
             squares[block.run] = square;
         }

@@ -27,7 +27,7 @@ impl State {
         torque: &[f64],
         monitor: &dyn Monitor,
     ) -> Self {
-        if !data.has(false) {
+        if !data.has_mechanical() {
             return Self { levels: Vec::new(), steps: Vec::new(), deviations: Vec::new() };
         }
         let piecewise = data.signals.load == Load::UnknownPiecewise;

@@ -1,7 +1,7 @@
 //! Long columns seen through their products, channel by channel: the squares of whatever is put together from them, without putting it
 //! together row by row.
 
-use crate::diagnose::shortlist::Sensitivity;
+use crate::diagnose::score::Sensitivity;
 use crate::experiment::Block;
 use crate::numerics::tall;
 use nalgebra::{DMatrix, DVector};

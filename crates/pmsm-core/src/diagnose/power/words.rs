@@ -12,7 +12,7 @@ const ABSORBED: f64 = 0.5;
 pub fn cannot_see(outcome: &Outcome) -> Vec<Unseen> {
     let found = outcome.best.fitted.effects();
     let mut out: Vec<Unseen> = outcome
-        .unfit
+        .unidentifiable
         .iter()
         .map(|(effect, why)| Unseen { effect: effect.id().into(), why: why.clone(), power: 0.0 })
         .collect();

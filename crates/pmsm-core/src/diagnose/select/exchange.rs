@@ -6,9 +6,9 @@ use super::subset::{in_place, reduced, special_cases};
 use crate::diagnose::evidence::Evidence;
 use crate::diagnose::fitting;
 use crate::diagnose::power::{OfEach, Shown};
-use crate::diagnose::shortlist::Scorer;
+use crate::diagnose::score::Scorer;
 use crate::diagnose::stated_load;
-use crate::diagnose::verdict::Judged;
+use crate::diagnose::verdict::Validated;
 use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
@@ -36,7 +36,7 @@ pub struct Swap {
     /// What is in its place, if anything.
     pub by: Option<EffectId>,
     /// The refitted set.
-    pub judged: Judged,
+    pub validated: Validated,
 }
 
 impl Search<'_> {
@@ -44,11 +44,11 @@ impl Search<'_> {
     /// first order, and explains much more than is left, is not asked: `worth` in nats, and how much more.
     pub(super) fn simpler(
         &self,
-        best: &Judged,
+        best: &Validated,
         (worth, over): (&OfEach, &OfEach),
         evidence: &Evidence,
-        seen: &mut Vec<Judged>,
-    ) -> Result<Option<Judged>> {
+        seen: &mut Vec<Validated>,
+    ) -> Result<Option<Validated>> {
         let effects = best.fitted.effects();
         let of_load = |e: &&EffectId| stated_load::accounts_for(self.data, &best.fitted, **e);
         if let Some(gone) = effects.iter().find(of_load) {
@@ -68,8 +68,9 @@ impl Search<'_> {
         });
         let ways: Vec<(EffectId, Option<EffectId>)> = weak.chain(narrower).collect();
         let tried = self.each(best, &ways, seen)?;
-        let needless =
-            |simpler: &Judged| !evidence.prefers(best, simpler) || !evidence.more_than_remains(best, simpler);
+        let needless = |simpler: &Validated| {
+            !evidence.prefers(best, simpler) || !evidence.more_than_remains(best, simpler)
+        };
         let simpler = tried.into_iter().filter(needless);
         Ok(simpler.min_by(|a, b| evidence.cost(a).total_cmp(&evidence.cost(b))))
     }
@@ -84,11 +85,11 @@ impl Search<'_> {
     /// the same with another whole number is fitted with that.
     fn each(
         &self,
-        best: &Judged,
+        best: &Validated,
         ways: &[(EffectId, Option<EffectId>)],
-        seen: &mut Vec<Judged>,
-    ) -> Result<Vec<Judged>> {
-        let one = |(gone, instead): &(EffectId, Option<EffectId>)| -> Result<(Judged, bool)> {
+        seen: &mut Vec<Validated>,
+    ) -> Result<Vec<Validated>> {
+        let one = |(gone, instead): &(EffectId, Option<EffectId>)| -> Result<(Validated, bool)> {
             self.monitor.go_on()?;
             let wanted: Vec<EffectId> =
                 best.fitted.effects().into_iter().filter(|e| e != gone).chain(*instead).collect();
@@ -102,18 +103,18 @@ impl Search<'_> {
             };
             let mut fitted = fitting::fit(self.data, &model, &start, false, self.monitor)?;
             if renewed {
-                let set = Judged { fitted, held_out: Vec::new(), refuted: false };
+                let set = Validated { fitted, held_out: Vec::new(), refuted: false };
                 fitted = self.renewed(set, &|other| may_replace(other, *gone))?.fitted;
             }
-            Ok((self.judge(fitted)?, true))
+            Ok((self.validate(fitted)?, true))
         };
-        let all: Vec<(Judged, bool)> = ways.par_iter().map(one).collect::<Result<_>>()?;
+        let all: Vec<(Validated, bool)> = ways.par_iter().map(one).collect::<Result<_>>()?;
         seen.extend(all.iter().filter(|(_, new)| *new).map(|(set, _)| set.clone()));
         Ok(all.into_iter().map(|(set, _)| set).collect())
     }
 
     /// A set of these effects that was fitted and held against all recordings.
-    fn known<'s>(&self, seen: &'s [Judged], wanted: &[EffectId]) -> Option<&'s Judged> {
+    fn known<'s>(&self, seen: &'s [Validated], wanted: &[EffectId]) -> Option<&'s Validated> {
         let mut whole = seen.iter().filter(|set| set.held_out.len() == self.held_out.len());
         whole.rfind(|set| is_set(&set.fitted.effects(), wanted))
     }
@@ -122,10 +123,10 @@ impl Search<'_> {
     /// An effect that explains less than what remains beside a further cause gets no name, and no other is tried in its place.
     pub(super) fn exchange(
         &self,
-        best: &Judged,
+        best: &Validated,
         (worth, over): (&OfEach, &OfEach),
         shown: &[Shown],
-        seen: &mut Vec<Judged>,
+        seen: &mut Vec<Validated>,
     ) -> Result<Vec<Swap>> {
         let loses = |s: &Shown, found: EffectId, nats: f64| nats * (1.0 - s.cosine(found).powi(2));
         let open = |found: EffectId, nats: f64| {
@@ -142,28 +143,28 @@ impl Search<'_> {
         let mut out: Vec<Swap> = Vec::new();
         let mut tasks = Vec::new();
         for ((replaced, nats), fewer) in asked.iter().zip(&without) {
-            out.push(Swap { replaced: *replaced, by: None, judged: fewer.clone() });
+            out.push(Swap { replaced: *replaced, by: None, validated: fewer.clone() });
             let loses = |s: &Shown| loses(s, *replaced, *nats);
             let mut rivals: Vec<&Shown> = shown.iter().filter(|s| loses(s) < FIRST_ORDER).collect();
             rivals.sort_by(|a, b| loses(a).total_cmp(&loses(b)));
             tasks.extend(rivals.into_iter().take(RIVALS).map(|s| (*replaced, s.effect, fewer)));
         }
-        let refit = |(replaced, by, fewer): &(EffectId, EffectId, &Judged)| -> Result<Option<Swap>> {
+        let refit = |(replaced, by, fewer): &(EffectId, EffectId, &Validated)| -> Result<Option<Swap>> {
             let mut wanted = fewer.fitted.effects();
             wanted.push(*by);
             self.monitor.go_on()?;
-            let judged = match self.known(seen, &wanted) {
+            let validated = match self.known(seen, &wanted) {
                 Some(known) => Some(known.clone()),
                 None => {
                     let prospect = Scorer::new(self.data, &fewer.fitted).score(*by, self.monitor)?;
-                    self.refit(fewer, &prospect)?.map(|fitted| self.judge(fitted)).transpose()?
+                    self.refit(fewer, &prospect)?.map(|fitted| self.validate(fitted)).transpose()?
                 }
             };
-            Ok(judged.map(|judged| Swap { replaced: *replaced, by: Some(*by), judged }))
+            Ok(validated.map(|validated| Swap { replaced: *replaced, by: Some(*by), validated }))
         };
         let swaps: Result<Vec<Option<Swap>>> = tasks.par_iter().map(refit).collect();
         let swaps: Vec<Swap> = swaps?.into_iter().flatten().collect();
-        seen.extend(swaps.iter().map(|s| s.judged.clone()));
+        seen.extend(swaps.iter().map(|s| s.validated.clone()));
         out.extend(swaps);
         Ok(out)
     }
@@ -191,12 +192,12 @@ mod tests {
     }
 
     /// A fitted set of these effects, from their typical strengths.
-    fn set(data: &Data, base: &Hypothesis, effects: &[EffectId]) -> Judged {
+    fn set(data: &Data, base: &Hypothesis, effects: &[EffectId]) -> Validated {
         let context = data.signals.context;
         let typical = effects.iter().flat_map(|e| e.info().parameters).map(|p| (p.typical)(&context));
         let start: Vec<f64> = base.own().iter().copied().chain(typical).collect();
         let fitted = fitting::fit(data, &Model::new(context, effects), &start, false, &Silent).unwrap();
-        Judged { fitted, held_out: Vec::new(), refuted: false }
+        Validated { fitted, held_out: Vec::new(), refuted: false }
     }
 
     /// The effects of the simpler set that is preferred to the set `of` these effects, if one is.
@@ -240,7 +241,7 @@ mod tests {
         let dry = EffectId::CoulombFriction;
         let mut best = set(&data, &base, &[dry]);
         let search = search(&data);
-        let tried = |best: &Judged, times: f64| {
+        let tried = |best: &Validated, times: f64| {
             let (worth, over) = (vec![(dry, 0.5 * SURE)], vec![(dry, times)]);
             search.exchange(best, (&worth, &over), &[], &mut Vec::new()).unwrap().len()
         };

@@ -4,8 +4,8 @@ use super::subset::left_out;
 use super::{Search, Tried, absent};
 use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::shortlist::{Prospect, Scorer};
-use crate::diagnose::verdict::{self, Judged};
+use crate::diagnose::score::{Prospect, Scorer};
+use crate::diagnose::verdict::{self, Validated};
 use crate::effect::{Role, Site};
 use crate::effects::EffectId;
 use crate::error::Result;
@@ -25,26 +25,26 @@ impl Search<'_> {
     /// Adds effects one at a time as long as the evidence of the recording grows: the largest set, and what came of the first effects tried.
     pub(super) fn grow(
         &self,
-        base: &Judged,
-        able: &[EffectId],
-        seen: &mut Vec<Judged>,
-    ) -> Result<(Judged, Tried)> {
+        base: &Validated,
+        identifiable: &[EffectId],
+        seen: &mut Vec<Validated>,
+    ) -> Result<(Validated, Tried)> {
         let mut best = base.clone();
         let mut singles = Vec::new();
         let evidence = self.evidence();
-        let cost = |set: &Judged| evidence.cost_on_recording(&set.fitted);
+        let cost = |set: &Validated| evidence.cost_on_recording(&set.fitted);
         if let Some(from) = &self.from {
             let fitted = fitting::carried_over(self.data, from, self.monitor)?;
-            best = Judged { fitted, held_out: Vec::new(), refuted: false };
+            best = Validated { fitted, held_out: Vec::new(), refuted: false };
         }
         // Of steady points the noise is known from a few neighbours alone: what may be noise is not looked into.
-        let noise = |set: &Judged| {
+        let noise = |set: &Validated| {
             self.data.signals.kind == Kind::OperatingPoints && set.excess() <= self.data.options.mismatch
         };
         while best.fitted.effects().len() < self.most && !noise(&best) {
             self.monitor.go_on()?;
             let scorer = Scorer::new(self.data, &best.fitted);
-            let larger = self.extended(&scorer, &best, &absent(able, &best))?;
+            let larger = self.extended(&scorer, &best, &absent(identifiable, &best))?;
             let sets = larger.iter().filter_map(|(_, set)| set.as_ref());
             let sets = sets.filter(|set| self.explains_its_part(&set.fitted, &best.fitted));
             let next = sets.min_by(|a, b| cost(a).total_cmp(&cost(b))).cloned();
@@ -59,7 +59,7 @@ impl Search<'_> {
             let Some(mut next) = worth else { break };
             if !beside.is_empty() {
                 let fitted = self.with_all(&next, &beside)?;
-                let all = Judged { fitted, held_out: Vec::new(), refuted: false };
+                let all = Validated { fitted, held_out: Vec::new(), refuted: false };
                 if cost(&all) < cost(&next) && self.explains_its_part(&all.fitted, &next.fitted) {
                     seen.push(next);
                     next = all;
@@ -96,7 +96,7 @@ impl Search<'_> {
 
     /// Chooses whole numbers, such as an order, anew for those effects of a set that are `asked`. They were chosen beside other effects. The
     /// numbers that lead to first order are refitted, and the one with most evidence stays.
-    pub(super) fn renewed(&self, mut set: Judged, asked: &dyn Fn(EffectId) -> bool) -> Result<Judged> {
+    pub(super) fn renewed(&self, mut set: Validated, asked: &dyn Fn(EffectId) -> bool) -> Result<Validated> {
         let effects = set.fitted.effects();
         if set.excess() <= self.data.options.mismatch {
             return Ok(set);
@@ -118,13 +118,13 @@ impl Search<'_> {
             // Beside a number that leads by far no other is asked about.
             let present = prospects.iter().find(same).map_or(0.0, |p| p.score);
             let rivals = |p: &&Prospect| !same(p) && p.score > RIVAL * present;
-            let without = Judged { fitted: without, ..set.clone() };
+            let without = Validated { fitted: without, ..set.clone() };
             let asked: Vec<&Prospect> = prospects.iter().filter(rivals).collect();
             let tried: Vec<Option<Hypothesis>> =
                 asked.par_iter().map(|prospect| self.refit(&without, prospect)).collect::<Result<_>>()?;
             for fitted in tried.into_iter().flatten() {
                 if evidence.cost_on_recording(&fitted) < evidence.cost_on_recording(&set.fitted) {
-                    set = Judged { fitted, held_out: Vec::new(), refuted: false };
+                    set = Validated { fitted, held_out: Vec::new(), refuted: false };
                 }
             }
         }
@@ -136,11 +136,11 @@ impl Search<'_> {
     fn beside(
         &self,
         scorer: &Scorer,
-        (parent, next): (&Judged, &Judged),
+        (parent, next): (&Validated, &Validated),
         larger: &Tried,
-        cost: &dyn Fn(&Judged) -> f64,
+        cost: &dyn Fn(&Validated) -> f64,
     ) -> Vec<Prospect> {
-        let as_fitted = |(prospect, set): &(Prospect, Option<Judged>)| {
+        let as_fitted = |(prospect, set): &(Prospect, Option<Validated>)| {
             let set = set.as_ref()?;
             let slot = set.fitted.model.slots().last()?;
             let start = set.fitted.parameters[slot.parameters.clone()].to_vec();
@@ -163,7 +163,7 @@ impl Search<'_> {
     }
 
     /// Scores `candidates` beside a set and refits it with each of the best of them.
-    fn extended(&self, scorer: &Scorer, parent: &Judged, candidates: &[EffectId]) -> Result<Tried> {
+    fn extended(&self, scorer: &Scorer, parent: &Validated, candidates: &[EffectId]) -> Result<Tried> {
         let score = |effect: &EffectId| scorer.score(*effect, self.monitor);
         let mut prospects: Vec<Prospect> = candidates.par_iter().map(score).collect::<Result<_>>()?;
         prospects.sort_by(|a, b| b.score.total_cmp(&a.score));
@@ -179,10 +179,10 @@ impl Search<'_> {
         if parent.fitted.nuisances.iter().any(|nuisance| nuisance.steps() > 0) {
             leading.extend(candidates.iter().filter(|effect| effect.jumps()));
         }
-        let refit = |prospect: Prospect| -> Result<(Prospect, Option<Judged>)> {
+        let refit = |prospect: Prospect| -> Result<(Prospect, Option<Validated>)> {
             let asked = leading.contains(&prospect.effect);
             let set = if asked { self.refit(parent, &prospect)? } else { None };
-            Ok((prospect, set.map(|fitted| Judged { fitted, held_out: Vec::new(), refuted: false })))
+            Ok((prospect, set.map(|fitted| Validated { fitted, held_out: Vec::new(), refuted: false })))
         };
         prospects.into_par_iter().map(refit).collect()
     }
@@ -237,7 +237,7 @@ mod tests {
         let right = start[order];
         start[order] = right / 3.0;
         let fitted = fitting::fit(&data, &model, &start, false, &Silent).unwrap();
-        let wrong = Judged { fitted, held_out: Vec::new(), refuted: false };
+        let wrong = Validated { fitted, held_out: Vec::new(), refuted: false };
         assert!(wrong.excess() > data.options.mismatch && wrong.fitted.own()[order] == right / 3.0);
         let found = search(&data).renewed(wrong, &|_| true).unwrap();
         let slot = found.fitted.model.slots().iter().find(|s| s.effect == cogging).unwrap();

@@ -4,8 +4,8 @@ use super::Search;
 use crate::diagnose::data::Data;
 use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::shortlist::Prospect;
-use crate::diagnose::verdict::Judged;
+use crate::diagnose::score::Prospect;
+use crate::diagnose::verdict::Validated;
 use crate::effect::{Parameter, Role, Site};
 use crate::error::Result;
 use crate::model::Model;
@@ -20,13 +20,13 @@ const LEAST_PROMISE: f64 = 0.02;
 
 impl Search<'_> {
     /// The set of `parent` with one effect more; nothing where the effect vanishes.
-    pub(super) fn refit(&self, parent: &Judged, prospect: &Prospect) -> Result<Option<Hypothesis>> {
+    pub(super) fn refit(&self, parent: &Validated, prospect: &Prospect) -> Result<Option<Hypothesis>> {
         let fitted = beside(self.data, &parent.fitted, prospect, self.monitor)?;
         Ok((!fitted.vanishes(prospect.effect)).then_some(fitted))
     }
 
     /// The set of `parent` with several effects more, fitted together from where the prospects begin.
-    pub(super) fn with_all(&self, parent: &Judged, prospects: &[Prospect]) -> Result<Hypothesis> {
+    pub(super) fn with_all(&self, parent: &Validated, prospects: &[Prospect]) -> Result<Hypothesis> {
         let mut effects = parent.fitted.effects();
         let mut start = parent.fitted.own().to_vec();
         for prospect in prospects {

@@ -5,7 +5,7 @@ use crate::diagnose::evidence::Evidence;
 use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::motion;
-use crate::diagnose::verdict::Judged;
+use crate::diagnose::verdict::Validated;
 use crate::effect::Role;
 use crate::effects::EffectId;
 use crate::error::Result;
@@ -16,10 +16,10 @@ impl Search<'_> {
     /// evidence comes back, if it has more than `best`. A fit that begins without friction beside these steps does not find it.
     pub(super) fn friction_for_steps(
         &self,
-        best: &Judged,
+        best: &Validated,
         absent: &[EffectId],
         evidence: &Evidence,
-    ) -> Result<Option<Judged>> {
+    ) -> Result<Option<Validated>> {
         if best.fitted.effects().len() >= self.most {
             return Ok(None);
         }
@@ -30,7 +30,7 @@ impl Search<'_> {
         for effect in absent.iter().copied().filter(|e| e.jumps()) {
             self.monitor.go_on()?;
             if let Some(fitted) = self.under(&best.fitted, effect, &under, height)? {
-                sets.push(self.judge(fitted)?);
+                sets.push(self.validate(fitted)?);
             }
         }
         Ok(evidence.best_of(sets.iter(), best).cloned())
@@ -76,7 +76,7 @@ mod tests {
         let (data, base) = testing::data(&present);
         let count = |found: &Hypothesis| found.nuisances[0].steps();
         assert!(count(&base) > 3, "{:?}", base.parameters);
-        let parent = Judged { fitted: base, held_out: Vec::new(), refuted: false };
+        let parent = Validated { fitted: base, held_out: Vec::new(), refuted: false };
         let search = search(&data);
         let evidence = search.evidence().limited(std::iter::once(&parent));
         let asked = [EffectId::QuadraticDrag, friction];

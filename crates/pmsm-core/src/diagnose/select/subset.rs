@@ -62,7 +62,7 @@ mod tests {
         let friction: Vec<f64> = (0..stribeck.info().parameters.len()).map(|k| 20.0 + k as f64).collect();
         own.extend(&friction);
         own.push(0.5);
-        let hypothesis = Hypothesis::bare(model, own.clone());
+        let hypothesis = Hypothesis::unfitted(model, own.clone());
 
         let whole = Hypothesis {
             parameters: [&own[..], &[7.0, 8.0]].concat(),
@@ -72,7 +72,7 @@ mod tests {
         let (without, parameters, free) = left_out(&whole, stribeck).unwrap();
         assert_eq!((without.effects(), &parameters[BASE..]), (vec![drag], &[0.5, 7.0, 8.0][..]));
         assert_eq!(free, [0, BASE, BASE + 1, BASE + 2]);
-        let shaft = Hypothesis::bare(Model::new(CX, &[EffectId::TwoMassShaft]), vec![1.0; BASE + 3]);
+        let shaft = Hypothesis::unfitted(Model::new(CX, &[EffectId::TwoMassShaft]), vec![1.0; BASE + 3]);
         assert!(left_out(&shaft, EffectId::TwoMassShaft).is_none());
 
         let (without, start) = reduced(&hypothesis, stribeck);

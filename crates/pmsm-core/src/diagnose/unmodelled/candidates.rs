@@ -344,7 +344,8 @@ mod tests {
     #[test]
     fn the_curves_of_such_a_rotor_span_both_directions_alike() {
         let data = driven(&[80.0, 40.0, 90.0], "none");
-        let base = Hypothesis::bare(crate::model::Model::new(data.signals.context, &[]), data.start.to_vec());
+        let base =
+            Hypothesis::unfitted(crate::model::Model::new(data.signals.context, &[]), data.start.to_vec());
         let (smooth, _) = lost_torques(&data, &base);
         assert!(!smooth.is_empty());
         for part in smooth.concat() {

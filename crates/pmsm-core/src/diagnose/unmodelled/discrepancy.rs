@@ -171,7 +171,7 @@ impl Choices {
         let halved = |parts: &Vec<Part>| parts.iter().map(|part| size(part, odd)).sum::<usize>();
         let each: Vec<Vec<usize>> = smooth.iter().map(|parts| place(halved(parts))).collect();
         let mut columns: Vec<Vec<usize>> = std::iter::once(Vec::new()).chain(each).collect();
-        let sensors = side == Side::Electrical && data.has(true) && !data.is_steady();
+        let sensors = side == Side::Electrical && data.has_electrical() && !data.is_steady();
         let mut with = |any_of: &[Vec<usize>]| {
             let own = columns.clone();
             for more in any_of.iter().filter(|more| !more.is_empty()) {

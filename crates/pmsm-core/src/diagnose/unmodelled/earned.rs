@@ -47,9 +47,14 @@ pub struct Alternative {
 ///
 /// # Errors
 /// Those of the least-squares fits.
-pub fn earned(data: &Data, judge: Option<&Data>, best: &Hypothesis, monitor: &dyn Monitor) -> Result<Earned> {
+pub fn earned(
+    data: &Data,
+    validation: Option<&Data>,
+    best: &Hypothesis,
+    monitor: &dyn Monitor,
+) -> Result<Earned> {
     let elsewhere = |set: &Hypothesis| -> Result<Option<(&Data, Hypothesis)>> {
-        judge.map(|judge| Ok((judge, transfer(judge, set, monitor)?))).transpose()
+        validation.map(|run| Ok((run, transfer(run, set, monitor)?))).transpose()
     };
     let rough = data.roughly();
     let (set, mut alternatives) = narrowed(&rough, best.clone(), &elsewhere, monitor)?;
@@ -82,7 +87,7 @@ pub fn without_motion(data: &Data, best: &Hypothesis, monitor: &dyn Monitor) -> 
     let moving = best.effects().into_iter().filter(|e| e.info().site == Site::Mechanical);
     let set = moving.fold(best.clone(), |set, effect| {
         let (model, start) = reduced(&set, effect);
-        Hypothesis::bare(model, start)
+        Hypothesis::unfitted(model, start)
     });
     fitting::refit(data, &set, monitor)
 }
@@ -92,7 +97,7 @@ type Transferred<'a> = dyn Fn(&Hypothesis) -> Result<Option<(&'a Data, Hypothesi
 
 /// The recording and, if there is one, the validation run, each with the same set.
 fn seen<'a>(data: &'a Data, set: &'a Hypothesis, other: Option<&'a (&Data, Hypothesis)>) -> Vec<Seen<'a>> {
-    std::iter::once((data, set)).chain(other.map(|(judge, set)| (*judge, set))).collect()
+    std::iter::once((data, set)).chain(other.map(|(run, set)| (*run, set))).collect()
 }
 
 /// The set with the special case of a mechanical effect in place of it, where that has more evidence beside a smooth torque. What was not

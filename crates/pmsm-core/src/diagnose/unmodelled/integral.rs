@@ -27,7 +27,8 @@ pub(super) struct Integral<'a> {
 impl<'a> Integral<'a> {
     /// Where the recordings and the model have this form: each shows the speed as it runs, and nothing but it moves.
     pub(super) fn new(data: &'a Data, best: &'a Hypothesis, torque: &'a [f64]) -> Option<Self> {
-        let runs = |run: &Data| run.has(false) && matches!(run.signals.kind, Kind::Full | Kind::Mechanical);
+        let runs =
+            |run: &Data| run.has_mechanical() && matches!(run.signals.kind, Kind::Full | Kind::Mechanical);
         let whole = best.model.mechanical_states() == 0 && data.runs().iter().all(runs);
         whole.then_some(Self { data, best, torque })
     }

@@ -23,7 +23,7 @@ const COMPARABLE: f64 = 0.5;
 /// Those of the least-squares fits.
 pub fn rival(
     data: &Data,
-    judge: Option<&Data>,
+    validation: Option<&Data>,
     best: &Hypothesis,
     monitor: &dyn Monitor,
 ) -> Result<Option<(Hypothesis, Unmodelled)>> {
@@ -35,11 +35,11 @@ pub fn rival(
     let first = choice::choose(data, best, Side::Mechanical, &places(data, best, Side::Mechanical), monitor)?;
     let Some(first) = first else { return Ok(None) };
     let model = best.model.clone().with_map(Map { parts: vec![first.part] });
-    let promised = Hypothesis::bare(model, [best.own(), &first.start].concat());
+    let promised = Hypothesis::unfitted(model, [best.own(), &first.start].concat());
     if share(data, &promised) < COMPARABLE {
         return Ok(None);
     }
-    let (fitted, unmodelled) = laid(data, judge, best, &[Side::Mechanical], monitor)?;
+    let (fitted, unmodelled) = laid(data, validation, best, &[Side::Mechanical], monitor)?;
     Ok((share(data, &fitted) > COMPARABLE).then_some((fitted, unmodelled)))
 }
 

@@ -2,8 +2,8 @@
 
 use super::Side;
 use crate::diagnose::data::Data;
-use crate::diagnose::each;
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::per_recording;
 use crate::diagnose::transfer::transfer;
 use crate::error::Result;
 use crate::experiment::Channel;
@@ -24,14 +24,14 @@ pub struct Taken {
 /// Those of the least-squares fits.
 pub fn taken_away(
     data: &Data,
-    judge: Option<&Data>,
+    validation: Option<&Data>,
     (before, after): (&Hypothesis, &Hypothesis),
     sides: &[Side],
     monitor: &dyn Monitor,
 ) -> Result<Taken> {
-    let (more, less) = match judge {
-        Some(judge) => {
-            let on = |model: &Hypothesis| Ok(excesses(judge, &transfer(judge, model, monitor)?));
+    let (more, less) = match validation {
+        Some(run) => {
+            let on = |model: &Hypothesis| Ok(excesses(run, &transfer(run, model, monitor)?));
             let (more, less): (Result<Excesses>, Result<Excesses>) = rayon::join(|| on(before), || on(after));
             (more?, less?)
         }
@@ -53,7 +53,7 @@ fn excesses(data: &Data, model: &Hypothesis) -> Excesses {
     let predicted = experiment.predict(&model.parameters);
     let square = |(channel, predicted): (&Channel, &Vec<f64>)| {
         let floor = data.floors.iter().find(|f| f.channel == *channel).map_or(f64::INFINITY, Floor::total);
-        let rms = each::rms(&experiment.measured(*channel), predicted);
+        let rms = per_recording::rms(&experiment.measured(*channel), predicted);
         (*channel, ((rms / floor).powi(2) - 1.0).max(0.0))
     };
     experiment.channels().iter().zip(&predicted).map(square).collect()

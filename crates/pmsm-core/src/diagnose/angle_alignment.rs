@@ -6,7 +6,7 @@
 
 use super::data::Data;
 use super::hypothesis::Hypothesis;
-use super::shortlist::Scorer;
+use super::score::Scorer;
 use crate::effect::Site;
 use crate::effects::{self, EffectId};
 use crate::error::Result;
@@ -20,7 +20,7 @@ const BETTER: f64 = 1.02;
 ///
 /// # Errors
 /// [`Error::Interrupted`](crate::error::Error::Interrupted).
-pub fn settle(data: &mut Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result<bool> {
+pub fn align(data: &mut Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result<bool> {
     let turns = data.signals.n_p as usize;
     let known = data.parts.iter().position(|p| p.signals.turn_known);
     let reference = known.unwrap_or(0);
@@ -54,7 +54,11 @@ fn score(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result<f64> {
     let context = base.model.context();
     let tells = |effect: &EffectId| {
         let mut probe = effect.probes(context).into_iter().next().unwrap_or_default();
-        effect.turned(&mut probe, 1.0) && data.has(effect.info().site != Site::Mechanical)
+        let shown = match effect.info().site {
+            Site::Mechanical => data.has_mechanical(),
+            Site::Electrical | Site::Sensor => data.has_electrical(),
+        };
+        effect.turned(&mut probe, 1.0) && shown
     };
     let mut most = 0.0f64;
     for effect in effects::ALL.iter().filter(|effect| tells(effect)) {

@@ -106,20 +106,20 @@ fn rivals<'a>(
     outcome: &'a Outcome,
     verdict: Verdict,
 ) -> Option<(&'static str, Vec<Named<'a>>)> {
-    let loss = |judged| outcome.evidence.cost(judged);
+    let loss = |validated| outcome.evidence.cost(validated);
     let floor = loss(&outcome.best);
     let close_by = CLOSE * outcome.evidence.options().decisive;
     let of = |first: &Ranked| -> Vec<Named<'a>> {
         let mut swaps: Vec<_> = outcome.swaps.iter().filter(|s| s.replaced == first.effect).collect();
-        swaps.sort_by(|a, b| loss(&a.judged).total_cmp(&loss(&b.judged)));
+        swaps.sort_by(|a, b| loss(&a.validated).total_cmp(&loss(&b.validated)));
         let close = swaps.into_iter().filter_map(|s| {
             let by = s.by?;
             let asked = if verdict == Verdict::Ambiguous {
                 first.equivalent.contains(&by)
             } else {
-                loss(&s.judged) < floor + close_by && !by.contains(first.effect)
+                loss(&s.validated) < floor + close_by && !by.contains(first.effect)
             };
-            asked.then(|| (by.id(), &s.judged.fitted))
+            asked.then(|| (by.id(), &s.validated.fitted))
         });
         close.take(RIVALS).collect()
     };

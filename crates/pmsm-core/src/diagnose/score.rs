@@ -4,7 +4,7 @@
 //! on its grid, are freed of what the already fitted parameters can do; what they then explain of the residual is the score.
 //! Channels are weighed by what is left in them, so that a large misfit in one does not hide a small one in another.
 
-mod lasting;
+mod aggregation;
 mod projector;
 mod trials;
 
@@ -284,7 +284,7 @@ impl<'a> Scorer<'a> {
         for (nuisance, left_open) in split(&hypothesis.nuisances, &hypothesis.parameters[own.len()..]) {
             // A recording that does not show the motion leaves none of it open.
             let run = &self.data.runs()[nuisances.len()];
-            let initial = if run.has(false) { run.initial_states(&model) } else { 0 };
+            let initial = if run.has_mechanical() { run.initial_states(&model) } else { 0 };
             open.extend(left_open);
             let new = if begun && nuisance.initial == 0 { model.mechanical_states().min(initial) } else { 0 };
             free.extend((0..new).map(|k| count + open.len() + k));
@@ -352,7 +352,7 @@ pub fn solve(gram: &DMatrix<f64>, right: &DVector<f64>, length: &[f64]) -> Optio
 mod tests {
     use super::*;
     use crate::diagnose::testing::{choice, narrow, setup, speeds};
-    use crate::diagnose::{bare, join};
+    use crate::diagnose::{baseline, join};
     use crate::drive::{Choice, simulate};
     use crate::monitor::Silent;
     use crate::recording::Recording;
@@ -382,7 +382,7 @@ mod tests {
         let (first, second) = (noisy(1.0, Vec::new()), noisy(-1.0, Vec::new()));
         for recordings in [&[&first][..], &[&first, &second]] {
             let mut data = join::prepare(recordings, &machine, &Default::default()).unwrap();
-            let base = bare::fit(&mut data, &Silent).unwrap();
+            let base = baseline::fit(&mut data, &Silent).unwrap();
             assert!(data.runs().iter().all(|run| run.whitening.is_some()));
             let scorer = Scorer::new(&data, &base);
             // One changes the inductances that the whitening follows; each has states or an angle of its own, or neither.
@@ -411,7 +411,7 @@ mod tests {
         let machine = setup(speeds(0.1, &[(0.0, 1.0)]), Vec::new()).nameplate;
         let recording = noisy(1.0, vec![choice("dead_time", "v_err", 8.0)]);
         let mut data = join::prepare(&[&recording], &machine, &Default::default()).unwrap();
-        let base = bare::fit(&mut data, &Silent).unwrap();
+        let base = baseline::fit(&mut data, &Silent).unwrap();
         let mut scorer = Scorer::new(&data, &base);
         let score = scorer.score(EffectId::DeadTime, &Silent).unwrap().score;
         // Of each sample it explains next to nothing.
@@ -434,7 +434,7 @@ mod tests {
             .to_vec();
         let mut data =
             join::prepare(&[&Recording::new(cut, None).unwrap()], &nameplate, &Default::default()).unwrap();
-        let base = bare::fit(&mut data, &Silent).unwrap();
+        let base = baseline::fit(&mut data, &Silent).unwrap();
         let prospect = Scorer::new(&data, &base).score(EffectId::TwoMassShaft, &Silent).unwrap();
         let off = (prospect.start[1] / 37.0).ln().abs();
         assert!(off < 0.1 && prospect.score > 0.2, "{prospect:?}");

@@ -1,7 +1,7 @@
 //! Which place of its step an angle in steps stands for: its lower end, as a counter tells it, or its middle. Half a step is an angle error
 //! that no encoder has.
 
-use super::bare;
+use super::baseline;
 use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::verdict;
@@ -13,15 +13,16 @@ use crate::monitor::Monitor;
 ///
 /// # Errors
 /// Those of the least-squares fits.
-pub fn settle(data: &mut Data, base: &mut Hypothesis, monitor: &dyn Monitor) -> Result<bool> {
-    let stepped =
-        |run: &Data| run.has(true) && run.signals.phase_currents && run.signals.limits.angle_step > 0.0;
+pub fn select(data: &mut Data, base: &mut Hypothesis, monitor: &dyn Monitor) -> Result<bool> {
+    let stepped = |run: &Data| {
+        run.has_electrical() && run.signals.phase_currents && run.signals.limits.angle_step > 0.0
+    };
     if !data.runs().iter().any(stepped) {
         return Ok(false);
     }
     let mut counted = data.clone();
     to_middle(&mut counted);
-    let found = bare::fit(&mut counted, monitor)?;
+    let found = baseline::fit(&mut counted, monitor)?;
     let better = verdict::excess(&found) < verdict::excess(base);
     if better {
         (*data, *base) = (counted, found);

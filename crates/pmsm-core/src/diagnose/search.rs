@@ -1,13 +1,13 @@
 //! The search for the set of effects as the recordings call for it: on all samples, fewer, or half of them, for many effects or one, and once
 //! more where what it finds shows noise that was not seen before.
 
-use super::anew::{settled, unfiltered};
 use super::data::Data;
+use super::decimation;
 use super::fitting;
 use super::hypothesis::Hypothesis;
-use super::pace;
+use super::incumbent::Incumbent;
+use super::noise_update::{unfiltered, updated};
 use super::select::{Outcome, Search};
-use super::so_far::SoFar;
 use super::transfer::transfer;
 use super::verdict;
 use crate::effect::Site;
@@ -15,7 +15,7 @@ use crate::error::Result;
 use crate::monitor::Monitor;
 
 /// Who is asked whether to go on, and what keeps the best set so far.
-type Watch<'a> = (&'a dyn Monitor, &'a SoFar);
+type Watch<'a> = (&'a dyn Monitor, &'a Incumbent);
 
 /// Searches for the effects, held against the other recordings or against every other window of this one, at the pace that these allow for.
 /// It begins with the set `from`, if there is one.
@@ -50,13 +50,13 @@ fn more_slowly(
     from: Option<&Hypothesis>,
     (monitor, found): Watch,
 ) -> Result<Option<Outcome>> {
-    let Some((slower, theirs)) = pace::slower(whole, others) else { return Ok(None) };
+    let Some((slower, theirs)) = decimation::decimated(whole, others) else { return Ok(None) };
     let start = fitting::carried_over(&slower, base, monitor)?;
     let found = match in_halves(&slower, &theirs, &start, (monitor, found))? {
         Some(found) => found,
         None => open(&slower, &theirs, from, (monitor, found)).run(start)?,
     };
-    pace::on_every_sample(whole, others, found, base, monitor).map(Some)
+    decimation::on_every_sample(whole, others, found, base, monitor).map(Some)
 }
 
 /// The search where there is no other recording and something is missing: on every other window, held against the rest.
@@ -105,7 +105,7 @@ fn open<'a>(
 /// The noise measured with the help of what was found, and what comes of a search there, where the bare machine was too far from a speed that
 /// wanders for it to be judged as such, if that needs fewer effects: a friction found beside an effect of the currents may be what noise does
 /// to the rotor. A torque of these that has only nearly the right form would be judged too finely, and need more.
-pub fn judged_finer(
+pub fn with_updated_noise(
     whole: &Data,
     others: &[Data],
     outcome: &Outcome,
@@ -120,8 +120,8 @@ pub fn judged_finer(
     if moving == 0 || moving == effects.len() || !wanders || !explained {
         return Ok(None);
     }
-    let again = settled(whole, &best.fitted);
-    let theirs: Vec<Data> = others.iter().zip(&best.held_out).map(|(d, found)| settled(d, found)).collect();
+    let again = updated(whole, &best.fitted);
+    let theirs: Vec<Data> = others.iter().zip(&best.held_out).map(|(d, found)| updated(d, found)).collect();
     if theirs.len() < others.len() {
         return Ok(None);
     }
@@ -148,14 +148,14 @@ fn on_whole(data: &Data, found: Outcome, base: &Hypothesis, monitor: &dyn Monito
     whole.fitted = if bare { best.fitted.clone() } else { base.clone() };
     let mut path = found.path;
     let last = path.len() - 1;
-    for judged in &mut path[1..last.max(1)] {
-        judged.fitted = fitting::refit(data, &judged.fitted, monitor)?;
+    for validated in &mut path[1..last.max(1)] {
+        validated.fitted = fitting::refit(data, &validated.fitted, monitor)?;
     }
     // What only generalises an effect is compared with it closely, sample for sample.
     let mut swaps = found.swaps;
     for swap in &mut swaps {
         if swap.by.is_some_and(|wide| wide.contains(swap.replaced)) {
-            swap.judged.fitted = fitting::refit(data, &swap.judged.fitted, monitor)?;
+            swap.validated.fitted = fitting::refit(data, &swap.validated.fitted, monitor)?;
         }
     }
     path[0] = whole.clone();
@@ -166,9 +166,9 @@ fn on_whole(data: &Data, found: Outcome, base: &Hypothesis, monitor: &dyn Monito
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::anew;
+    use crate::diagnose::noise_update;
     use crate::diagnose::testing::{self, choice, setup, speeds};
-    use crate::diagnose::verdict::Judged;
+    use crate::diagnose::verdict::Validated;
     use crate::effects;
     use crate::model::Model;
     use crate::monitor::Silent;
@@ -182,10 +182,10 @@ mod tests {
         let ((mut data, base), (other, _)) = (testing::data(&setup), testing::data(&setup));
         let mut others = [other];
         assert!(data.wanders_unfiltered() && verdict::largest_excess(&base) > 30.0);
-        let outcome = search(&data, &others, &base, None, (&Silent, &SoFar::default())).unwrap();
+        let outcome = search(&data, &others, &base, None, (&Silent, &Incumbent::default())).unwrap();
         assert_eq!(outcome.best.fitted.effects(), [effects::EffectId::CoulombFriction]);
         let (bare, best) = outcome.ends();
-        assert!(anew::settled_anew(&mut data, &mut others, bare, best));
+        assert!(noise_update::update(&mut data, &mut others, bare, best));
         assert!(data.wander().is_some() && !data.wanders_unfiltered());
     }
 
@@ -200,7 +200,8 @@ mod tests {
         let ((data, base), (other, _)) = (testing::data(&setup), testing::data(&setup));
         assert!(data.wanders_unfiltered(), "{:?}", base.squares);
         let mut outcome =
-            search(&data, std::slice::from_ref(&other), &base, None, (&Silent, &SoFar::default())).unwrap();
+            search(&data, std::slice::from_ref(&other), &base, None, (&Silent, &Incumbent::default()))
+                .unwrap();
         let others = [other];
         let mut finer = |found: &[effects::EffectId]| {
             let model = Model::new(data.signals.context, found);
@@ -209,8 +210,9 @@ mod tests {
             let start: Vec<f64> = start.collect();
             let fitted = fitting::fit(&data, &model, &start, false, &Silent).unwrap();
             let held_out = vec![transfer(&others[0], &fitted, &Silent).unwrap()];
-            outcome.best = Judged { fitted, held_out, refuted: false };
-            let finer = judged_finer(&data, &others, &outcome, (&Silent, &SoFar::default())).unwrap();
+            outcome.best = Validated { fitted, held_out, refuted: false };
+            let finer =
+                with_updated_noise(&data, &others, &outcome, (&Silent, &Incumbent::default())).unwrap();
             finer.map(|(.., outcome)| outcome.best.fitted.effects())
         };
         assert_eq!(

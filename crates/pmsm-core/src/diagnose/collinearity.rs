@@ -13,7 +13,7 @@ const INSEPARABLE: f64 = 0.95;
 const ONE_SIDED: f64 = 1.644_854;
 
 /// A parameter of an effect that is hardly separable from base parameters.
-pub struct Tie {
+pub struct Collinearity {
     /// The effect.
     pub effect: EffectId,
     /// Its parameter.
@@ -28,7 +28,12 @@ pub struct Tie {
 
 /// The ties of a hypothesis whose parameters `free` were estimated with this covariance, rows and columns in the order of `free`;
 /// estimates of effects scatter `form` times as much.
-pub fn ties(hypothesis: &Hypothesis, free: &[usize], covariance: &DMatrix<f64>, form: f64) -> Vec<Tie> {
+pub fn collinear(
+    hypothesis: &Hypothesis,
+    free: &[usize],
+    covariance: &DMatrix<f64>,
+    form: f64,
+) -> Vec<Collinearity> {
     let place = |index: usize| free.iter().position(|f| *f == index);
     let correlation =
         |a: usize, b: usize| (covariance[(a, b)] / (covariance[(a, a)] * covariance[(b, b)]).sqrt()).abs();
@@ -45,7 +50,7 @@ pub fn ties(hypothesis: &Hypothesis, free: &[usize], covariance: &DMatrix<f64>, 
                 continue;
             }
             let least = ONE_SIDED * form * covariance[(a, a)].sqrt();
-            out.push(Tie {
+            out.push(Collinearity {
                 effect: slot.effect,
                 parameter: info.name,
                 doubtful: info.role == Role::Amplitude && hypothesis.parameters[index].abs() < least,
@@ -58,9 +63,9 @@ pub fn ties(hypothesis: &Hypothesis, free: &[usize], covariance: &DMatrix<f64>, 
 }
 
 /// What the user should know of them: one finding for the parameters of an effect that go with the same others.
-pub fn findings(ties: &[Tie]) -> Vec<Finding> {
-    let alike = |a: &Tie, b: &Tie| a.effect == b.effect && a.others == b.others;
-    let told = |group: &[Tie]| {
+pub fn findings(ties: &[Collinearity]) -> Vec<Finding> {
+    let alike = |a: &Collinearity, b: &Collinearity| a.effect == b.effect && a.others == b.others;
+    let told = |group: &[Collinearity]| {
         let names: Vec<&str> = group.iter().map(|tie| tie.parameter).collect();
         let (is, from) = (if names.len() > 1 { "are" } else { "is" }, group[0].others.join(", "));
         let most = group.iter().fold(0.0, |most: f64, tie| most.max(tie.correlation));
@@ -86,10 +91,10 @@ mod tests {
 
     /// Saturation of the q axis with strength k = 0.5 and exponent s = 2, whose estimates have these standard errors; `tied` says
     /// which of them goes with l_q, by a correlation of 0.98.
-    fn found(stderr: [f64; 2], tied: usize) -> Vec<Tie> {
+    fn found(stderr: [f64; 2], tied: usize) -> Vec<Collinearity> {
         let model = Model::new(CX, &[EffectId::SaturationQ]);
         let own = model.slots()[0].parameters.clone();
-        let hypothesis = Hypothesis::bare(model, [&MACHINE[..], &[0.5, 2.0]].concat());
+        let hypothesis = Hypothesis::unfitted(model, [&MACHINE[..], &[0.5, 2.0]].concat());
         let free = [BaseParameter::LD.index(), BaseParameter::LQ.index(), own.start, own.start + 1];
         let size = [0.1, 0.1, stderr[0], stderr[1]];
         let covariance = DMatrix::from_fn(4, 4, |r, c| {
@@ -104,7 +109,7 @@ mod tests {
                     0.3
                 }
         });
-        ties(&hypothesis, &free, &covariance, 1.5)
+        collinear(&hypothesis, &free, &covariance, 1.5)
     }
 
     #[test]
@@ -129,15 +134,15 @@ mod tests {
     fn what_goes_with_no_base_parameter_is_no_tie() {
         let model = Model::new(CX, &[EffectId::SaturationQ]);
         let own = model.slots()[0].parameters.clone();
-        let hypothesis = Hypothesis::bare(model, [&MACHINE[..], &[0.5, 2.0]].concat());
+        let hypothesis = Hypothesis::unfitted(model, [&MACHINE[..], &[0.5, 2.0]].concat());
         // The two of one effect go with each other.
         let covariance = DMatrix::from_row_slice(2, 2, &[1.0, 0.99, 0.99, 1.0]);
-        assert!(ties(&hypothesis, &[own.start, own.start + 1], &covariance, 1.5).is_empty());
+        assert!(collinear(&hypothesis, &[own.start, own.start + 1], &covariance, 1.5).is_empty());
     }
 
     #[test]
     fn what_goes_with_the_same_parameters_is_told_at_once() {
-        let tie = |parameter: &'static str, others: &[&'static str], correlation: f64| Tie {
+        let tie = |parameter: &'static str, others: &[&'static str], correlation: f64| Collinearity {
             effect: EffectId::SaturationQ,
             parameter,
             doubtful: false,

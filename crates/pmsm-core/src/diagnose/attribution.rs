@@ -21,12 +21,12 @@ use crate::numerics::basis::orthonormal;
 const MOST: f64 = 0.5;
 
 /// Where it sits, on the validation run if that alone shows it.
-pub fn located(data: &Data, judge: Option<&Data>, outcome: &Outcome, verdict: Verdict) -> Vec<Located> {
+pub fn located(data: &Data, validation: Option<&Data>, outcome: &Outcome, verdict: Verdict) -> Vec<Located> {
     let base = &outcome.base.fitted;
     let mut located = locate::locate(data, base);
-    let on_judge = judge.zip(outcome.base.held_out.last());
-    if let Some((judge, base)) = on_judge.filter(|_| located.is_empty() && verdict == Verdict::Unknown) {
-        located = locate::locate(judge, base);
+    let on_validation = validation.zip(outcome.base.held_out.last());
+    if let Some((run, base)) = on_validation.filter(|_| located.is_empty() && verdict == Verdict::Unknown) {
+        located = locate::locate(run, base);
         for at in &mut located {
             at.sentence = format!("On the validation run alone: {}", at.sentence);
         }

@@ -8,7 +8,7 @@ use crate::numerics::basis::orthonormal;
 use nalgebra::{DMatrix, DVector};
 
 /// The currents of all recordings in sums over blocks.
-pub(super) struct Lasting {
+pub(super) struct Aggregated {
     blocks: Blocks,
     /// Blocks that count, of each channel.
     pub(super) count: usize,
@@ -27,7 +27,7 @@ struct Blocks {
     currents: Vec<usize>,
 }
 
-impl Lasting {
+impl Aggregated {
     /// At the scale at which `hypothesis` leaves most; `None` where that is single samples. `order` are the channels of the rows.
     pub(super) fn new(
         data: &Data,

@@ -21,13 +21,13 @@ const MORE: f64 = 0.05;
 const PROMISING: f64 = 0.6;
 
 /// What came out of the question.
-pub enum Held {
+pub enum Frame {
     /// In the stator's frame: the hypothesis fitted anew.
-    InStator(Box<Hypothesis>),
+    Stator(Box<Hypothesis>),
     /// In the rotor's: the other recordings with the floors that the hypothesis gives them there.
-    InRotor(Vec<Data>),
-    /// It was not asked.
-    Unasked,
+    Rotor(Vec<Data>),
+    /// It was not tested.
+    Untested,
 }
 
 /// Fits a hypothesis once more with voltages held in the stator's frame, and goes over to them, on the `others` as well, if they alone
@@ -36,16 +36,16 @@ pub enum Held {
 ///
 /// # Errors
 /// Those of the least-squares fits.
-pub fn settle(
+pub fn select(
     data: &mut Data,
     others: &mut [Data],
     found: &Hypothesis,
     known: &[Hypothesis],
     monitor: &dyn Monitor,
-) -> Result<Held> {
-    let driven = data.has(true) && data.runs().iter().all(|run| run.signals.v.is_some());
+) -> Result<Frame> {
+    let driven = data.has_electrical() && data.runs().iter().all(|run| run.signals.v.is_some());
     if data.signals.stator_held.is_some() || !driven {
-        return Ok(Held::Unasked);
+        return Ok(Frame::Untested);
     }
     let in_stator = |logged: Logged| -> Result<(Data, Hypothesis)> {
         let mut tried = data.clone();
@@ -74,10 +74,10 @@ pub fn settle(
     let (mut tried, mut held) = match early? {
         Some(both) => both,
         None if before.iter().any(asks) => command()?,
-        None => return Ok(Held::InRotor(in_rotor)),
+        None => return Ok(Frame::Rotor(in_rotor)),
     };
     if !promises(&before, &held, enough) {
-        return Ok(Held::InRotor(in_rotor));
+        return Ok(Frame::Rotor(in_rotor));
     }
     let mut logged = Logged::Command;
     let (by_mean, mean) = in_stator(Logged::Mean)?;
@@ -86,7 +86,7 @@ pub fn settle(
     }
     let mut after = vec![held.clone()];
     if !tells(&before[..1], &after, enough) {
-        return Ok(Held::InRotor(in_rotor));
+        return Ok(Frame::Rotor(in_rotor));
     }
     let mut theirs = in_rotor.clone();
     for other in &mut theirs {
@@ -94,7 +94,7 @@ pub fn settle(
         after.push(transfer(other, &held, monitor)?);
     }
     if !explained(&before, &after, enough) {
-        return Ok(Held::InRotor(in_rotor));
+        return Ok(Frame::Rotor(in_rotor));
     }
     tried.signals.findings.push(Finding {
         finding: format!(
@@ -111,14 +111,14 @@ pub fn settle(
     tried.settle_floors(&held);
     *data = tried;
     others.clone_from_slice(&theirs);
-    Ok(Held::InStator(Box::new(fitting::refit(data, &held, monitor)?)))
+    Ok(Frame::Stator(Box::new(fitting::refit(data, &held, monitor)?)))
 }
 
 /// Goes over to voltages held in the stator's frame where they make one of several effects that were found needless: beside the others it
 /// may stand for nothing else. Of a single effect the question was put to the bare machine. Says whether it did.
 ///
 /// # Errors
-/// Those of [`settle`].
+/// Those of [`select`].
 pub fn in_place_of_one(
     data: &mut Data,
     others: &mut [Data],
@@ -127,9 +127,9 @@ pub fn in_place_of_one(
 ) -> Result<bool> {
     let several = outcome.best.fitted.effects().len() > 1;
     let electrical = |swap: &&Swap| swap.by.is_none() && swap.replaced.info().site == Site::Electrical;
-    for Swap { judged, .. } in outcome.swaps.iter().filter(|_| several).filter(electrical) {
-        let known = if judged.held_out.len() == others.len() { &judged.held_out[..] } else { &[] };
-        if matches!(settle(data, others, &judged.fitted, known, monitor)?, Held::InStator(_)) {
+    for Swap { validated, .. } in outcome.swaps.iter().filter(|_| several).filter(electrical) {
+        let known = if validated.held_out.len() == others.len() { &validated.held_out[..] } else { &[] };
+        if matches!(select(data, others, &validated.fitted, known, monitor)?, Frame::Stator(_)) {
             return Ok(true);
         }
     }
@@ -210,7 +210,7 @@ mod tests {
     use crate::model::Model;
 
     fn left(d: f64, q: f64, speed: f64) -> Hypothesis {
-        let mut out = Hypothesis::bare(Model::new(CX, &[]), vec![1.0; 6]);
+        let mut out = Hypothesis::unfitted(Model::new(CX, &[]), vec![1.0; 6]);
         out.squares = vec![(Channel::ID, d), (Channel::IQ, q), (Channel::OmegaE, speed)];
         out.chance = vec![0.0; 3];
         out

@@ -9,17 +9,17 @@ use crate::recording::{Kind, Load};
 use std::f64::consts::TAU;
 
 /// Effects that the recording can be asked about, and the others with the reason.
-pub fn able(data: &Data) -> (Vec<EffectId>, Vec<(EffectId, String)>) {
-    let (mut able, mut unfit) = (Vec::new(), Vec::new());
+pub fn identifiable(data: &Data) -> (Vec<EffectId>, Vec<(EffectId, String)>) {
+    let (mut identifiable, mut unidentifiable) = (Vec::new(), Vec::new());
     let own = &data.options.effects;
     let known = effects::ALL.iter().copied().filter(|effect| !own.replace(*effect));
     for effect in known.chain(own.iter()) {
         match obstacle(data, effect) {
-            None => able.push(effect),
-            Some(why) => unfit.push((effect, why)),
+            None => identifiable.push(effect),
+            Some(why) => unidentifiable.push((effect, why)),
         }
     }
-    (able, unfit)
+    (identifiable, unidentifiable)
 }
 
 /// Why the recordings cannot be asked about an effect: none of them shows it, or one of them would need a signal that it does
@@ -113,7 +113,7 @@ fn errs_in_angle(context: &Context, effect: EffectId) -> bool {
 /// What a recording lacks for an effect to be simulated on it, if anything.
 fn lacking(data: &Data, effect: EffectId) -> Option<String> {
     let signals = &data.signals;
-    if effect.info().site == Site::Mechanical && !data.has(false) {
+    if effect.info().site == Site::Mechanical && !data.has_mechanical() {
         // What acts on the motion alone is not simulated where none was recorded.
         return None;
     }
@@ -156,10 +156,11 @@ mod tests {
             (60.0, Some(pulsation), "a load_torque_pulsation of order 1"),
         ] {
             let (data, _) = data(&setup(swinging(fastest), Vec::new()));
-            let (able, unfit) = able(&data);
+            let (identifiable, unidentifiable) = identifiable(&data);
             let both = [weight, pulsation];
-            assert_eq!(both.into_iter().find(|e| able.contains(e)), asked, "{fastest}");
-            let reasons = unfit.iter().filter(|(e, _)| both.contains(e)).map(|(_, why)| why.as_str());
+            assert_eq!(both.into_iter().find(|e| identifiable.contains(e)), asked, "{fastest}");
+            let reasons =
+                unidentifiable.iter().filter(|(e, _)| both.contains(e)).map(|(_, why)| why.as_str());
             assert!(reasons.clone().any(|reason| reason.ends_with(why)), "{:?}", reasons.collect::<Vec<_>>());
         }
     }

@@ -83,7 +83,7 @@ impl Scorer<'_> {
             split(&hypothesis.nuisances, &hypothesis.parameters[hypothesis.own().len()..])
         {
             let run = &self.data.runs()[nuisances.len()];
-            let initial = if run.has(false) { run.initial_states(&model) } else { 0 };
+            let initial = if run.has_mechanical() { run.initial_states(&model) } else { 0 };
             behind.extend(left_open);
             behind.extend(std::iter::repeat_n(0.0, initial - nuisance.initial));
             nuisances.push(Nuisance { initial, ..nuisance });

@@ -1,6 +1,6 @@
 //! What the derivatives of effects are freed of before they are held against what is left.
 
-use super::lasting::Lasting;
+use super::aggregation::Aggregated;
 use crate::diagnose::data::Data;
 use crate::diagnose::fitting::rescaled;
 use crate::diagnose::hypothesis::Hypothesis;
@@ -23,7 +23,7 @@ pub(super) struct Projector {
     /// The residual as it is.
     pub(super) left: DVector<f64>,
     /// What lasts of it, where the currents are judged by that.
-    pub(super) lasting: Option<Lasting>,
+    pub(super) lasting: Option<Aggregated>,
 }
 
 impl Projector {
@@ -39,7 +39,7 @@ impl Projector {
         let basis = orthonormal(&linear.jacobian);
         let residual = &linear.residual - &basis * basis.tr_mul(&linear.residual);
         let courses = experiment.courses(&hypothesis.parameters);
-        let lasting = Lasting::new(data, hypothesis, &order, &linear);
+        let lasting = Aggregated::new(data, hypothesis, &order, &linear);
         let left = linear.residual;
         (Self { channels, order, courses, starts, basis, residual, left, lasting }, linear.jacobian)
     }

@@ -8,7 +8,7 @@ use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::select::Outcome;
 use super::transfer::transfer;
-use super::verdict::Judged;
+use super::verdict::Validated;
 use crate::error::Result;
 use crate::experiment::floor::Floor;
 use crate::monitor::Monitor;
@@ -26,7 +26,7 @@ const FASTEST: f64 = 0.2;
 const DRIVEN: f64 = 0.5;
 
 /// The recording and the others at a slower pace, if they allow for one.
-pub fn slower(whole: &Data, others: &[Data]) -> Option<(Data, Vec<Data>)> {
+pub fn decimated(whole: &Data, others: &[Data]) -> Option<(Data, Vec<Data>)> {
     let halves = if others.is_empty() { 2 } else { 1 };
     let all = || others.iter().chain([whole]);
     let slowest = whole.signals.len() / (halves * ENOUGH);
@@ -86,26 +86,26 @@ pub fn on_every_sample(
     monitor: &dyn Monitor,
 ) -> Result<Outcome> {
     let last = found.path.len() - 1;
-    let anew = |(at, judged): (usize, &Judged)| -> Result<Judged> {
+    let anew = |(at, validated): (usize, &Validated)| -> Result<Validated> {
         let fitted = match last {
             0 => base.clone(),
-            _ => fitting::carried_over(whole, &judged.fitted, monitor)?,
+            _ => fitting::carried_over(whole, &validated.fitted, monitor)?,
         };
-        let mut held_out = judged.held_out.clone();
+        let mut held_out = validated.held_out.clone();
         if !others.is_empty() && (at == 0 || at == last) {
             held_out = others.iter().map(|data| transfer(data, &fitted, monitor)).collect::<Result<_>>()?;
         }
-        Ok(Judged { fitted, held_out, ..judged.clone() })
+        Ok(Validated { fitted, held_out, ..validated.clone() })
     };
-    let path: Result<Vec<Judged>> = found.path.par_iter().enumerate().map(anew).collect();
+    let path: Result<Vec<Validated>> = found.path.par_iter().enumerate().map(anew).collect();
     Ok(Outcome { path: path?, ..found })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::searching;
-    use crate::diagnose::so_far::SoFar;
+    use crate::diagnose::incumbent::Incumbent;
+    use crate::diagnose::search;
     use crate::diagnose::testing::{self, choice, setup, speeds};
     use crate::drive::{Choice, Setup};
     use crate::effects::EffectId;
@@ -125,8 +125,8 @@ mod tests {
     #[test]
     fn a_long_log_of_a_slow_motor_is_looked_at_more_slowly_and_leaves_as_much() {
         let (data, base) = testing::data(&fast_clock(1.1, Vec::new()));
-        assert!(slower(&data, &[]).is_none(), "its halves would be too short");
-        let (slow, others) = slower(&data, std::slice::from_ref(&data)).unwrap();
+        assert!(decimated(&data, &[]).is_none(), "its halves would be too short");
+        let (slow, others) = decimated(&data, std::slice::from_ref(&data)).unwrap();
         assert_eq!((slow.signals.pace(), slow.signals.len(), others.len()), (2, data.signals.len() / 2, 1));
         assert_eq!(slow.windows.len(), data.windows.len());
         let there = fitting::carried_over(&slow, &base, &Silent).unwrap();
@@ -134,9 +134,9 @@ mod tests {
             assert!((a.1 - b.1).abs() < 0.05, "{:?} {:?}", base.squares, there.squares);
         }
         let poor = Data { poor: true, ..data.clone() };
-        assert!(slower(&poor, std::slice::from_ref(&data)).is_none());
+        assert!(decimated(&poor, std::slice::from_ref(&data)).is_none());
         let (short, _) = testing::data(&fast_clock(0.9, Vec::new()));
-        assert!(slower(&short, std::slice::from_ref(&data)).is_none());
+        assert!(decimated(&short, std::slice::from_ref(&data)).is_none());
     }
 
     #[test]
@@ -144,8 +144,8 @@ mod tests {
         let present = || vec![choice("dead_time", "v_err", 3.0)];
         let ((data, base), (other, _)) =
             (testing::data(&fast_clock(1.1, present())), testing::data(&fast_clock(1.05, present())));
-        assert!(slower(&data, std::slice::from_ref(&other)).is_some());
-        let outcome = searching::search(&data, &[other], &base, None, (&Silent, &SoFar::default())).unwrap();
+        assert!(decimated(&data, std::slice::from_ref(&other)).is_some());
+        let outcome = search::search(&data, &[other], &base, None, (&Silent, &Incumbent::default())).unwrap();
         assert_eq!(outcome.best.fitted.effects(), [EffectId::DeadTime]);
         let (bare, best) = outcome.ends();
         assert_eq!(best.fitted.effects(), [EffectId::DeadTime]);

@@ -6,8 +6,8 @@ use super::grow::REFITTED;
 use crate::diagnose::data::Data;
 use crate::diagnose::evidence::Evidence;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::shortlist::{Prospect, Scorer};
-use crate::diagnose::verdict::{self, Judged};
+use crate::diagnose::score::{Prospect, Scorer};
+use crate::diagnose::verdict::{self, Validated};
 use crate::effects::EffectId;
 use crate::error::Result;
 use rayon::prelude::*;
@@ -16,28 +16,28 @@ impl Search<'_> {
     /// Adds to `best` that one of the `absent` effects which explains its residual on the other recordings, if the evidence grows. The
     /// effects are scored there. The set is refitted to the fitted recording with each of the leading ones. Where a set does not explain the
     /// fitted recording either, that one has been asked already.
-    pub(super) fn called_for_elsewhere(
+    pub(super) fn extended_by_validation(
         &self,
-        best: &Judged,
+        best: &Validated,
         absent: &[EffectId],
         evidence: &Evidence,
-    ) -> Result<Option<Judged>> {
+    ) -> Result<Option<Validated>> {
         // Both halves of one recording hold the same operating points.
         let same_points = self.data.held_out.is_some();
         let explained = best.excess() <= self.data.options.form_error();
         if best.fitted.effects().len() >= self.most || same_points || !explained {
             return Ok(None);
         }
-        let mut sets: Vec<Judged> = Vec::new();
+        let mut sets: Vec<Validated> = Vec::new();
         for (data, there) in self.held_out.iter().zip(&best.held_out) {
             if verdict::largest_excess(there) <= self.data.options.mismatch {
                 continue;
             }
-            let prospects = self.leading_there(data, &best.fitted, there, absent)?;
-            let refit = |prospect: &Prospect| -> Result<Option<Judged>> {
-                self.refit(best, prospect)?.map(|fitted| self.judge(fitted)).transpose()
+            let prospects = self.leading_on(data, &best.fitted, there, absent)?;
+            let refit = |prospect: &Prospect| -> Result<Option<Validated>> {
+                self.refit(best, prospect)?.map(|fitted| self.validate(fitted)).transpose()
             };
-            let refitted: Vec<Option<Judged>> = prospects.par_iter().map(refit).collect::<Result<_>>()?;
+            let refitted: Vec<Option<Validated>> = prospects.par_iter().map(refit).collect::<Result<_>>()?;
             sets.extend(refitted.into_iter().flatten());
         }
         Ok(evidence.best_of(sets.iter(), best).cloned())
@@ -45,7 +45,7 @@ impl Search<'_> {
 
     /// The effects with the highest scores on another recording `data`, beside the fitted parameters of `set`. `there` is the set as it
     /// predicts that recording.
-    fn leading_there(
+    fn leading_on(
         &self,
         data: &Data,
         set: &Hypothesis,
@@ -83,11 +83,11 @@ mod tests {
         let (other, _) = run(speeds(1.1, &[(0.1, 110.0), (0.4, 5.0), (0.7, 110.0), (0.9, 30.0)]));
         let mut search = search(&data);
         search.held_out = vec![&other];
-        let bare = search.judge(base).unwrap();
+        let bare = search.validate(base).unwrap();
         let absent = [EffectId::CoggingTorque, EffectId::QuadraticDrag, EffectId::TimeVaryingLoad];
-        let asked = |search: &Search, set: &Judged| {
+        let asked = |search: &Search, set: &Validated| {
             let evidence = search.evidence().limited(std::iter::once(set));
-            search.called_for_elsewhere(set, &absent, &evidence).unwrap()
+            search.extended_by_validation(set, &absent, &evidence).unwrap()
         };
         let larger = asked(&search, &bare);
         assert!(bare.fitted.squares.iter().all(|(_, s)| *s < 1.5), "{:?}", bare.fitted.squares);
@@ -97,7 +97,7 @@ mod tests {
         far.fitted.squares.iter_mut().for_each(|(_, square)| *square = 100.0);
         assert!(asked(&search, &far).is_none());
         search.held_out = vec![&data];
-        let same = search.judge(bare.fitted.clone()).unwrap();
+        let same = search.validate(bare.fitted.clone()).unwrap();
         assert!(asked(&search, &same).is_none());
     }
 }

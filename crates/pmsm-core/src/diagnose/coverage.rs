@@ -102,9 +102,9 @@ pub fn beyond(recording: &Signals, validation: &Signals) -> Option<Finding> {
     })
 }
 
-/// A finding if the `validation` run has no voltages, so that it judges less than the recording shows.
-pub fn judges_the_motion_alone(recording: &Data, validation: &Data) -> Option<Finding> {
-    (recording.has(true) && !validation.has(true)).then(|| Finding {
+/// A finding if the `validation` run has no voltages, so that it checks less than the recording shows.
+pub fn validates_the_motion_alone(recording: &Data, validation: &Data) -> Option<Finding> {
+    (recording.has_electrical() && !validation.has_electrical()).then(|| Finding {
         finding: "the validation run has no voltages".into(),
         consequence: "it checks the motion alone; the voltage equations are checked on the recording only"
             .into(),

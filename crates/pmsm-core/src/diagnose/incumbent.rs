@@ -12,9 +12,9 @@ use std::sync::{Mutex, PoisonError};
 
 /// The best set so far.
 #[derive(Debug, Default)]
-pub struct SoFar(Mutex<Option<Hypothesis>>);
+pub struct Incumbent(Mutex<Option<Hypothesis>>);
 
-impl SoFar {
+impl Incumbent {
     /// Keeps a set in place of the one before.
     pub fn note(&self, set: &Hypothesis) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(set.clone());
