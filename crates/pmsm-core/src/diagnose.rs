@@ -1,8 +1,14 @@
 //! Diagnosis: what does the model of this machine leave out?
 //!
-//! The bare machine is fitted, and what the fit does not explain is located. Sets of effects are then grown, exchanged and pruned by
-//! evidence, each refitted by simulation and held against samples that it was not fitted to. Where several sets do as well, the answer is
-//! ambiguous. Where none reaches the noise, effects that a smooth map cannot replace are named beside one; else the answer is unknown.
+//! 1. [`join`]: the recordings are read, with their noise floors and priors.
+//! 2. `baseline`: the dq-model without effects is fitted; `adequacy`, `wiring` and `torque_sign` check that it is a model of the log.
+//! 3. `search`, `select`: sets of effects are grown, exchanged and pruned by [`evidence`]. Each is refitted by simulation and validated on
+//!    samples that it was not fitted to.
+//! 4. `noise_update`, `voltage_frame`: noise and voltage are read anew with the best set, and the search repeated if that changes them.
+//! 5. `conclude`: verdict, estimates with their uncertainty, map of the rest, power and next experiment.
+//!
+//! Where several sets do as well, the answer is ambiguous. Where none reaches the noise, effects that a smooth map cannot replace are named
+//! beside one; else the answer is unknown.
 
 mod adequacy;
 mod angle_alignment;
@@ -66,7 +72,7 @@ use transfer::transfer;
 use verdict::Validated;
 use voltage_frame::Frame;
 
-/// What shows nearly everything.
+/// The manoeuvre that shows nearly every effect.
 const RICH: &str = "Record a rich manoeuvre: reversals, two levels of i_q, steps of i_d.";
 
 /// Diagnoses a machine from `recordings`, all of which are fitted together, and an optional `validation` run on which nothing is
@@ -265,7 +271,7 @@ mod tests {
 
     #[test]
     fn friction_that_load_steps_hide_down_to_the_noise_is_still_asked_about() {
-        // With a step at each reversal the bare machine leaves nothing.
+        // With a step at each reversal the dq-model leaves nothing.
         let answer = stepping(vec![choice("coulomb_friction", "tau_c", 0.02)]);
         assert_eq!(answer.model.effects, ["coulomb_friction"], "{:?}", answer.verdict);
     }

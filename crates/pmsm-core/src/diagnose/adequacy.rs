@@ -1,5 +1,5 @@
-//! Whether the fitted bare machine is a model of its recording at all. One that leaves more than the signal itself has run away, and
-//! whatever is compared with it seems explained.
+//! Adequacy of the fitted dq-model. A fit whose residual exceeds the variation of the signal is no model of the recording, and every effect
+//! compared with it would seem to explain something.
 
 use super::data::Data;
 use super::hypothesis::Hypothesis;
@@ -7,7 +7,7 @@ use crate::experiment::{Block, Channel, Prior};
 use crate::machine::BaseParameter;
 use crate::signals::Finding;
 
-/// What the bare machine leaves in a channel of one recording beside how far that varies by itself.
+/// Residual of the dq-model in a channel of one recording, and the variation of that channel.
 struct Excess {
     run: usize,
     channel: Channel,
@@ -15,7 +15,7 @@ struct Excess {
     variation: f64,
 }
 
-/// A finding if the fitted machine `base` leaves more of a channel than the signal's own variation: how much, and which parameter ran away.
+/// A finding if the residual of the fitted machine `base` exceeds the variation of a channel: by how much, and which parameter ran away.
 pub fn lack_of_fit(data: &Data, base: &Hypothesis) -> Option<Finding> {
     let times = |excess: &Excess| excess.left / excess.variation;
     let worst = excesses(data, base).into_iter().max_by(|a, b| times(a).total_cmp(&times(b)))?;
@@ -35,7 +35,7 @@ pub fn lack_of_fit(data: &Data, base: &Hypothesis) -> Option<Finding> {
     })
 }
 
-/// Channels of which more is left than there was.
+/// Channels whose residual exceeds their variation.
 fn excesses(data: &Data, base: &Hypothesis) -> Vec<Excess> {
     let experiment = data.whole(base).plain();
     let left = experiment.relative_rms(&experiment.residual(&base.parameters));
@@ -53,7 +53,8 @@ fn excesses(data: &Data, base: &Hypothesis) -> Vec<Excess> {
     .collect()
 }
 
-/// Whether a fitted machine explains the larger part of how the currents (or the speed) of each recording vary, where these leave their noise.
+/// Whether a fitted machine explains more than half of the variance of the currents (or the speed) of each recording, where they exceed
+/// their noise.
 pub fn explains_half(data: &Data, fitted: &Hypothesis, electrical: bool) -> bool {
     let experiment = data.whole(fitted).plain();
     let left = experiment.relative_rms(&experiment.residual(&fitted.parameters));
@@ -102,7 +103,7 @@ mod tests {
     use super::*;
     use crate::diagnose::testing::{data, setup, speeds};
 
-    /// The fitted bare machine with another inertia, by this factor.
+    /// The fitted dq-model with another inertia, by this factor.
     fn with_inertia(data: &Data, base: &Hypothesis, factor: f64) -> Hypothesis {
         let mut parameters = base.parameters.clone();
         parameters[BaseParameter::J.index()] *= factor;

@@ -1,8 +1,8 @@
-//! In which electrical turn of the revolution does each of several recordings begin?
+//! Alignment of the mechanical angles of several recordings: the electrical turn of the revolution in which each begins.
 //!
-//! Without a logged mechanical angle a recording knows its turns only up to whole electrical ones, and what repeats once per
-//! revolution would add up wrongly over several. The turn is taken in which such an effect explains most of what the bare
-//! machine leaves in all recordings together; where there is no such effect any turn is as good.
+//! Without a logged mechanical angle this turn is unknown, and effects that repeat once per revolution would be out of phase between
+//! recordings. That turn is taken in which such an effect explains most of the residual of all recordings. Without such an effect
+//! every turn is as good.
 
 use super::data::Data;
 use super::hypothesis::Hypothesis;

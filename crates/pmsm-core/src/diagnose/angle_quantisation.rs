@@ -1,5 +1,5 @@
-//! Which place of its step an angle in steps stands for: its lower end, as a counter tells it, or its middle. Half a step is an angle error
-//! that no encoder has.
+//! Quantisation of the rotor angle: whether a logged step is its lower end, as a counter counts, or its middle. Taking the wrong one is
+//! an angle error of half a step.
 
 use super::baseline;
 use super::data::Data;
@@ -8,8 +8,7 @@ use super::verdict;
 use crate::error::Result;
 use crate::monitor::Monitor;
 
-/// Takes the angle for the lower end of its steps where the bare machine leaves less of the currents then, and fits it so. Says whether it
-/// does.
+/// Takes the angle as the lower end of its steps, and fits the dq-model so, if that lowers the excess. Says whether it does.
 ///
 /// # Errors
 /// Those of the least-squares fits.
@@ -30,7 +29,7 @@ pub fn select(data: &mut Data, base: &mut Hypothesis, monitor: &dyn Monitor) -> 
     Ok(better)
 }
 
-/// Takes the angle of all recordings for the lower end of its steps.
+/// Moves the angle of all recordings from the lower end of its steps to the middle.
 pub fn to_middle(data: &mut Data) {
     data.signals.to_middle_of_steps();
     data.parts.iter_mut().for_each(|part| part.signals.to_middle_of_steps());

@@ -18,7 +18,7 @@ pub const SCHEMA: &str = "pmsm-rs.diagnosis/2";
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// The bare machine explains the recording down to the noise.
+    /// The dq-model explains the recording down to the noise.
     NoMismatch,
     /// The omitted physics is named.
     Named,
@@ -93,7 +93,7 @@ pub struct Covariance {
     pub matrix: Vec<Vec<Option<f64>>>,
 }
 
-/// One step on the way from the bare machine to the model.
+/// One step on the way from the dq-model to the model.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Step {
     /// Effects so far.
@@ -120,7 +120,7 @@ pub struct Unseen {
 /// Root mean square of measured minus model by channel, before and after.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct BeforeAfter {
-    /// The bare machine with all its parameters estimated.
+    /// The dq-model with all its parameters estimated.
     pub before: BTreeMap<String, f64>,
     /// The found model.
     pub after: BTreeMap<String, f64>,
@@ -163,7 +163,7 @@ pub struct Answer {
     pub data_quality: Vec<Finding>,
     /// Every constant on which the verdict rests.
     pub options: DiagnosisOptions,
-    /// Where the bare machine fails.
+    /// Where the dq-model fails.
     pub located: Vec<Located>,
     /// What the effects that were found, named or not, leave beyond noise, largest first; empty where they reach it.
     pub remaining: Vec<Remaining>,
@@ -176,7 +176,7 @@ pub struct Answer {
     pub ranking: Vec<Candidate>,
     /// The model that was found.
     pub model: FoundModel,
-    /// The way from the bare machine to that model, one effect more at each step.
+    /// The way from the dq-model to that model, one effect more at each step.
     pub path: Vec<Step>,
     /// What the recording would not show.
     pub cannot_see: Vec<Unseen>,

@@ -1,7 +1,7 @@
-//! Which equation is at fault: the places of the mismatch, that of its cause first.
+//! Attribution of the mismatch to an equation: its places, that of the cause first.
 //!
-//! All equations share the flux and the inductances. Physics that is missing in the voltage equations bends these, and the torque of bent
-//! ones shows it in the motion, often more than the currents do.
+//! All equations share the flux and the inductances. Physics that is missing in the voltage equations biases their estimates. The torque
+//! computed from biased values then mismatches the motion, often more than the currents do.
 
 use super::answer::Verdict;
 use super::data::Data;
@@ -17,10 +17,10 @@ use crate::machine::BaseParameter;
 use crate::model::Model;
 use crate::numerics::basis::orthonormal;
 
-/// Share of the excess that sensors must explain for it to be laid at them where something else is left.
-const MOST: f64 = 0.5;
+/// Share of the excess that sensor errors must explain to be its first place where more than noise remains: the larger half.
+const LARGER_HALF: f64 = 0.5;
 
-/// Where it sits, on the validation run if that alone shows it.
+/// The places of the mismatch, on the validation run if that alone shows it.
 pub fn located(data: &Data, validation: Option<&Data>, outcome: &Outcome, verdict: Verdict) -> Vec<Located> {
     let base = &outcome.base.fitted;
     let mut located = locate::locate(data, base);
@@ -35,20 +35,20 @@ pub fn located(data: &Data, validation: Option<&Data>, outcome: &Outcome, verdic
     let named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
     let sites: Vec<Site> = outcome.best.fitted.effects().iter().map(|e| e.info().site).collect();
     if named && sites.first() == Some(&Site::Sensor) {
-        in_the_sensor(&mut located, 1.0);
+        attribute_to_sensor(&mut located, 1.0);
     } else if verdict == Verdict::Partial && sites.iter().all(|site| *site == Site::Sensor) {
         let explained = 1.0 - verdict::excess(&outcome.best.fitted) / verdict::excess(base);
-        if explained > MOST {
-            in_the_sensor(&mut located, explained);
+        if explained > LARGER_HALF {
+            attribute_to_sensor(&mut located, explained);
         }
     } else if named && sites.contains(&Site::Electrical) && !sites.contains(&Site::Mechanical) {
         if located.iter().all(in_the_motion) {
             located.extend(absorbed(data, base, &outcome.best.fitted));
         }
-        charge_the_currents(&mut located, "");
-    } else if located.first().is_some_and(in_the_motion) && bent(data, base) {
+        attribute_to_currents(&mut located, "");
+    } else if located.first().is_some_and(in_the_motion) && biased(data, base) {
         let how = ": another flux and other inductances than those that the currents are fitted with would take it away";
-        charge_the_currents(&mut located, how);
+        attribute_to_currents(&mut located, how);
     }
     located
 }
@@ -57,8 +57,8 @@ fn in_the_motion(at: &Located) -> bool {
     at.equation == locate::equation_of(Channel::OmegaE)
 }
 
-/// Lays what the motion shows at the voltage equations.
-fn charge_the_currents(located: &mut [Located], how: &str) {
+/// Attributes the mismatch of the motion to the voltage equations.
+fn attribute_to_currents(located: &mut [Located], how: &str) {
     let theirs: f64 = located.iter().filter(|at| !in_the_motion(at)).map(|at| at.share).sum();
     if theirs <= 0.0 {
         return;
@@ -74,8 +74,8 @@ fn charge_the_currents(located: &mut [Located], how: &str) {
     located.sort_by(|a, b| b.share.total_cmp(&a.share));
 }
 
-/// What one wrong sensor explains of all equations is its own: this share of the excess.
-fn in_the_sensor(located: &mut Vec<Located>, explained: f64) {
+/// Attributes the `explained` share of the excess, in all equations, to a sensor.
+fn attribute_to_sensor(located: &mut Vec<Located>, explained: f64) {
     if let Some(strongest) = located.first().cloned() {
         let how_much =
             if explained < 1.0 { format!("{:.1} % of it", 100.0 * explained) } else { "it".into() };
@@ -88,8 +88,8 @@ fn in_the_sensor(located: &mut Vec<Located>, explained: f64) {
     }
 }
 
-/// Where the voltage equations need the effects that were found, if the parameters of the bare machine make up for them: what is left with
-/// those of the whole model.
+/// Where the voltage equations need the effects that were found, if the parameters of the dq-model absorb them: the residual without the
+/// effects at the parameters of the whole model.
 fn absorbed(data: &Data, base: &Hypothesis, best: &Hypothesis) -> Vec<Located> {
     let bare = Model::new(*best.model.context(), &[]);
     let mut without = Hypothesis::of_currents(data, &bare, &best.own()[..BASE], &base.free);
@@ -109,15 +109,15 @@ fn absorbed(data: &Data, base: &Hypothesis, best: &Hypothesis) -> Vec<Located> {
     places
 }
 
-/// Whether the currents leave a mismatch, and the motion none that another flux and other inductances would not take away, to first order.
-fn bent(data: &Data, base: &Hypothesis) -> bool {
+/// Whether the currents are mismatched, and another flux and other inductances would explain the mismatch of the motion, to first order.
+fn biased(data: &Data, base: &Hypothesis) -> bool {
     let mut excess = base.squares.iter().zip(verdict::beyond_chance(base));
     if !excess.any(|((channel, _), excess)| channel.is_electrical() && excess > data.options.mismatch) {
         return false;
     }
     let (_, rotor, _) = free_parameters(data, &base.model);
     let loads = base.model.parameter_count()..base.parameters.len();
-    // Of the inductances the torque knows the difference.
+    // The torque depends on the difference of the inductances only.
     let torque = [BaseParameter::PsiM, BaseParameter::LQ].map(BaseParameter::index);
     let free: Vec<usize> = rotor.into_iter().chain(loads).chain(torque).collect();
     let experiment = data.experiment(&base.model, &base.nuisances, data.channels(false, true));
@@ -141,21 +141,21 @@ mod tests {
     }
 
     #[test]
-    fn the_motion_is_bent_by_a_wrong_flux_and_not_by_friction() {
+    fn the_motion_is_biased_by_a_wrong_flux_and_not_by_friction() {
         let with_flux_off = |effects: Vec<Choice>| {
             let (data, base) = recorded(effects);
-            assert!(!bent(&data, &base));
+            assert!(!biased(&data, &base));
             let mut parameters = base.parameters.clone();
             parameters[BaseParameter::PsiM.index()] *= 1.05;
             let off = Hypothesis::on(&data, base.model, parameters, base.free, base.nuisances);
-            bent(&data, &off)
+            biased(&data, &off)
         };
         assert!(with_flux_off(Vec::new()));
         assert!(!with_flux_off(vec![choice("coulomb_friction", "tau_c", 0.3)]));
     }
 
     #[test]
-    fn what_other_parameters_make_up_for_is_found_with_those_of_the_whole_model() {
+    fn what_other_parameters_absorb_is_found_with_those_of_the_whole_model() {
         let (data, base) = recorded(vec![choice("dead_time", "v_err", 4.0)]);
         let best = fitted(&data, &base, EffectId::DeadTime);
         let places = absorbed(&data, &base, &best);

@@ -1,5 +1,5 @@
-//! The bare machine of a recording, and what is settled with its help before any effect is asked for: noise floors, and whether the
-//! recording shows enough.
+//! The baseline: the dq-model without effects, fitted to a recording. It gives the noise floors, and shows whether the recording determines
+//! the machine's parameters.
 
 use super::adequacy;
 use super::coverage;
@@ -13,9 +13,9 @@ use crate::monitor::Monitor;
 use crate::optimise::least_squares;
 use crate::signals::Finding;
 
-/// Rounds in which the bare machine and the noise of its voltages are estimated from one another, and how far (ln) its inductances may
-/// be from those that the noise was estimated with.
+/// Most rounds in which the dq-model and the noise of its voltages are estimated in turn.
 const SETTLING: usize = 5;
+/// Change of the inductances (ln) since the noise was estimated below which the rounds end.
 const AWAY: f64 = 0.005;
 /// Factors from one unit to another.
 const PREFIXES: [f64; 2] = [1e-3, 1e3];
@@ -25,12 +25,12 @@ const LEAST_SIGNAL: f64 = 5.0;
 /// called poor.
 const POOR: f64 = 0.01;
 
-/// Fits the bare machine and settles the noise floors with its help.
+/// Fits the dq-model and settles the noise floors with its help.
 pub fn fit(data: &mut Data, monitor: &dyn Monitor) -> Result<Hypothesis> {
     let model = Model::new(data.signals.context, &[]);
     let mut found = fitting::fit(data, &model, &data.start, false, monitor)?;
     if data.has_electrical() && !adequacy::explains_half(data, &found, true) {
-        // A log in another unit shows a machine that no nameplate states: this then tells nothing of it.
+        // In a log of another unit the parameters are off by its factor, and the nameplate is no prior for them.
         let open = data.clone().without_prior();
         for scale in PREFIXES {
             let mut start = data.start;
@@ -54,12 +54,12 @@ pub fn fit(data: &mut Data, monitor: &dyn Monitor) -> Result<Hypothesis> {
     Ok(found)
 }
 
-/// Squares that a bare machine leaves of the electrical equations, and how far it is from what is known of it.
+/// Sum of squares of the electrical residual and of the deviations from the prior.
 fn cost(data: &Data, found: &Hypothesis) -> f64 {
     let known: f64 = data.prior.iter().map(|prior| prior.off(found.parameters[prior.index]).0.powi(2)).sum();
     let own = found.squares.iter().filter(|(channel, _)| channel.is_electrical());
     let cost = own.map(|(_, square)| square).sum::<f64>() * data.counted() as f64 + known;
-    // What is not a number is no machine.
+    // A fit that diverged costs all.
     if cost.is_finite() { cost } else { f64::INFINITY }
 }
 
@@ -72,7 +72,7 @@ pub fn silent(data: &Data) -> Option<Finding> {
     })
 }
 
-/// A finding if the fitted bare machine still runs away: what it leaves is no number.
+/// A finding if the residual of the fitted dq-model is not finite.
 pub fn diverged(base: &Hypothesis) -> Option<Finding> {
     let (channel, _) = base.squares.iter().find(|(_, square)| !square.is_finite())?;
     Some(Finding {
@@ -94,7 +94,7 @@ fn is_alive(data: &Data) -> bool {
     data.floors.iter().any(|f| spread(&experiment.measured(f.channel)) > LEAST_SIGNAL * f.sensor)
 }
 
-/// Electrical base parameters that the recording does not pin down although its equations contain them.
+/// Electrical base parameters that the recording does not determine although its equations contain them.
 pub fn weak_parameters(data: &Data, base: &Hypothesis) -> Vec<String> {
     let experiment = data.whole(base);
     let free: Vec<usize> = base.free.iter().copied().filter(|k| *k < 4).collect();
@@ -117,8 +117,8 @@ pub fn weak_parameters(data: &Data, base: &Hypothesis) -> Vec<String> {
         .collect()
 }
 
-/// Whether effects are hard to tell apart on this recording, of which the parameters `weak` are not pinned down: one is asked for at a time
-/// then. That r_s stays open makes no grid of operating points poor: its drop may be small there, or taken off.
+/// Whether effects are hard to tell apart on this recording, which does not determine the parameters `weak`. Only one effect is then looked
+/// for. A grid of operating points is not poor for want of r_s: its voltage drop may be small there, or subtracted.
 pub fn is_poor(data: &Data, weak: &[String]) -> bool {
     let small = |name: &String| data.is_steady() && name == BaseParameter::RS.name();
     !weak.iter().all(small) || coverage::stays_at_one_point(&data.signals)

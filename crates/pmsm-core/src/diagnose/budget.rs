@@ -1,7 +1,7 @@
-//! The budget of the mismatch: which share of what the bare machine leaves beyond the noise each effect takes away.
+//! The budget of the mismatch: which share of what the dq-model leaves beyond the noise each effect takes away.
 //!
 //! Each effect is taken out of the model and the rest fitted anew, which tells what it takes away beside the others; and it is put into the
-//! bare machine by itself. What several of them could take away is shared. Shares are of the excess mean square.
+//! dq-model by itself. What several of them could take away is shared. Shares are of the excess mean square.
 
 use super::data::Data;
 use super::fitting;
@@ -16,7 +16,7 @@ use crate::monitor::Monitor;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// What an effect takes away, shares of the excess mean square of the bare machine.
+/// What an effect takes away, shares of the excess mean square of the dq-model.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Part {
     /// The effect.
@@ -36,7 +36,7 @@ pub struct Budget {
     pub channel: &'static str,
     /// `d`, `q` or `mechanical`.
     pub equation: &'static str,
-    /// Times the noise that the bare machine leaves.
+    /// Times the noise that the dq-model leaves.
     pub before: f64,
     /// Times the noise that the model leaves.
     pub after: f64,
@@ -55,7 +55,7 @@ type On = (Hypothesis, Option<Hypothesis>);
 
 /// The models between which the budget is drawn.
 pub struct Ends<'a> {
-    /// The bare machine.
+    /// The dq-model.
     pub base: (&'a Hypothesis, Option<&'a Hypothesis>),
     /// The set of effects without a map, as it was fitted to the recording.
     pub set: &'a Hypothesis,
@@ -63,7 +63,7 @@ pub struct Ends<'a> {
     pub told: (&'a Hypothesis, Option<&'a Hypothesis>),
 }
 
-/// The budgets of all channels that the bare machine leaves mismatched: those of the recording, then those of the validation run.
+/// The budgets of all channels that the dq-model leaves mismatched: those of the recording, then those of the validation run.
 ///
 /// # Errors
 /// Those of the least-squares fits.

@@ -1,4 +1,4 @@
-//! Parameters of effects that a recording hardly separates from base parameters, and whether that puts the effect itself in doubt.
+//! Collinearity: parameters of effects that a recording hardly separates from base parameters, and whether the effect itself is in doubt.
 
 use super::hypothesis::Hypothesis;
 use crate::effect::Role;
@@ -26,8 +26,8 @@ pub struct Collinearity {
     pub correlation: f64,
 }
 
-/// The ties of a hypothesis whose parameters `free` were estimated with this covariance, rows and columns in the order of `free`;
-/// estimates of effects scatter `form` times as much.
+/// The collinear parameters of a hypothesis whose parameters `free` were estimated with this covariance, in the order of `free`. Estimates of
+/// effects scatter `form` times as much.
 pub fn collinear(
     hypothesis: &Hypothesis,
     free: &[usize],

@@ -54,7 +54,7 @@ pub fn conclude(
     monitor: &dyn Monitor,
 ) -> Result<Answer> {
     if data.poor && outcome.base.excess() <= data.options.mismatch {
-        // On a poor recording a small gain of one effect is no evidence against the bare machine.
+        // On a poor recording a small gain of one effect is no evidence against the dq-model.
         outcome.names_nothing();
         let asked = identifiability::identifiable(data).0;
         let worth = outcome.evidence.samples();
@@ -90,7 +90,7 @@ pub fn conclude(
         decide::doubt(&mut ranked, data.options.ceiling_unknown);
     }
     if let Some(why) = data.signals.limits.coarse.as_ref().filter(|_| verdict == Verdict::NoMismatch) {
-        // The motion is explained; of the voltages, which were left out, no all-clear is given.
+        // The motion is explained; the voltages were left out, so that `no_mismatch` would claim too much.
         (verdict, reason) = (Verdict::Undetermined, Some(why.reason()));
     }
     monitor.go_on()?;
@@ -99,7 +99,7 @@ pub fn conclude(
         verdict = Verdict::Unknown;
         decide::doubt(&mut ranked, data.options.ceiling_unknown);
     }
-    // Steady points have no dynamics to tell an effect from base parameters that can stand in for all of its strength.
+    // Steady points have no dynamics, and base parameters may replace an effect of any strength.
     let steady = data.is_steady();
     let ties = if steady { own.ties() } else { Vec::new() };
     let asymmetric = own.effect(EffectId::AsymmetricFriction);
@@ -162,18 +162,18 @@ pub fn conclude(
     monitor.go_on()?;
     let located = attribution::located(data, validation, &outcome, verdict);
     if verdict == Verdict::Unknown {
-        // No effect earns a name: what was found stays a candidate, and is no part of the model.
+        // No effect has enough evidence for a name: it stays a candidate, and is no part of the model.
         outcome.best = outcome.base.clone();
         outcome.path.truncate(1);
         after = before.clone();
     }
     let few = coverage::held_at_few_currents(data);
     if few.is_some() && verdict == Verdict::Unknown {
-        // Two numbers explain two levels, whatever they stand for.
+        // Any two parameters explain two levels of current.
         verdict = Verdict::Undetermined;
     }
     let best = &outcome.best;
-    // What stays unknown is at least described, so that the model predicts.
+    // A map describes what has no name, so that the model predicts.
     let described = match verdict {
         Verdict::Unknown | Verdict::Partial => {
             Some(unmodelled::explain(data, validation, &best.fitted, monitor)?)
@@ -231,7 +231,7 @@ pub fn conclude(
         Ok(step(data, &set.fitted))
     };
     let path = outcome.path.par_iter().map(step).collect::<Result<_>>()?;
-    // What a model of the rest leaves on the validation run may be its own extrapolation, and so may what kept one from being believed.
+    // A residual on the validation run may be extrapolation beyond the recording.
     let extrapolated = validated.iter().filter(|(_, _, after)| {
         let more = verdict == Verdict::Unknown || !settled.effects().is_empty();
         !data.poor && more && verdict::largest_excess(after) > data.options.mismatch
@@ -277,15 +277,15 @@ fn specified(data: &Data, set: &Hypothesis) -> Specification {
     Specification { reading, ..Specification::of(&set.model, &set.parameters) }
 }
 
-/// The final estimate of a set. Weights by the colour of noise are for a model that lacks nothing: where they lead away from the recording
-/// they are left out.
+/// The final estimate of a set, weighted by the colour of its residual. Where that fit no longer describes the recording, the weights are
+/// left out: they assume a model without mismatch.
 fn final_estimate(data: &Data, set: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
     let weighted = fitting::efficient(data, set, monitor)?;
     Ok(if adequacy::lack_of_fit(data, &weighted).is_none() { weighted } else { set.clone() })
 }
 
-/// Whether a recording is too poor to tell the effects of a set from what no catalogue holds: those of the voltage equations where these do
-/// not pin down the machine's own parameters, and all of them where it stays at one operating point.
+/// Whether a recording is too poor to tell the effects of a set from physics outside the catalogue. That holds for electrical effects on a
+/// poor recording, and for all effects at a single operating point.
 fn cannot_tell(data: &Data, set: &Hypothesis) -> bool {
     let electrical = set.effects().iter().any(|e| e.info().site != Site::Mechanical);
     data.poor && (electrical || coverage::stays_at_one_point(&data.signals))
@@ -408,7 +408,6 @@ fn not_foreseen(on_validation: &Hypothesis, limit: f64) -> Option<Finding> {
     })
 }
 
-/// Measured, before and after, with the operating point.
 /// What was measured, and what two sets predict, with the operating points.
 fn traces(data: &Data, before: &Hypothesis, after: &Hypothesis) -> Columns {
     let mut columns = Columns::new();

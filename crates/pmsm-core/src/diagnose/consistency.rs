@@ -1,7 +1,7 @@
-//! Do several recordings agree on one machine?
+//! Consistency of several recordings: whether one set of parameters holds for all.
 //!
-//! What stays unexplained in all of them together may be explained in each alone, by other parameters: another machine, another
-//! temperature, something changed in between. No effect of the catalogue is to blame then.
+//! A mismatch of the joint fit may vanish in fits to each recording, at other parameters. Another machine, another temperature or a change
+//! in between is then the cause, and no effect of the catalogue.
 
 use super::data::Data;
 use super::fitting;
@@ -15,19 +15,19 @@ use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
 use crate::signals::Finding;
 
-/// Share of its excess mean square that a recording must lose when it is fitted alone.
+/// Largest share of its excess mean square that a contradicting recording keeps when it is fitted alone.
 const ALONE: f64 = 0.25;
 
 /// A contradiction between recordings.
 pub struct Contradiction {
-    /// What is to be said of it.
+    /// The finding.
     pub finding: Finding,
     /// Whether it lies in the voltage equations.
     electrical: bool,
 }
 
 impl Contradiction {
-    /// Whether what was found may only stand in for it: it acts in the same equations, or nothing was found.
+    /// Whether the effects that were found may only describe it: one acts in the same equations, or none was found.
     pub fn concerns(&self, found: &[EffectId]) -> bool {
         let same = |effect: &EffectId| match effect.info().site {
             Site::Sensor => true,

@@ -1,11 +1,11 @@
-//! How far a recording takes the machine, and how much further another one does.
+//! Coverage of operating points by a recording, and how far another one goes beyond.
 
 use super::data::Data;
 use super::locate::Region;
 use crate::recording::{Kind, Load};
 use crate::signals::{Finding, Signals};
 
-/// Time over which signals are averaged, so that ripple is no change of the operating point, s.
+/// Time over which signals are averaged, so that ripple does not count as a change of the operating point, s.
 const BLOCK: f64 = 0.05;
 /// Fewest such means; of a short recording they are taken over less.
 const FEWEST: usize = 8;

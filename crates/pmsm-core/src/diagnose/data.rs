@@ -79,7 +79,7 @@ impl Data {
         let known = |p: &BaseParameter| known(*p, nameplate[p.index()], &signals, options);
         let prior: Vec<Prior> = BaseParameter::ALL.iter().filter_map(known).collect();
         for prior in &prior {
-            // A regression that finds what no machine has is no place to start from.
+            // A regression far outside the prior is no start for a fit.
             if prior.off(start[prior.index]).0.abs() > OUTLANDISH {
                 start[prior.index] = prior.value;
             }
@@ -238,12 +238,12 @@ impl Data {
         )
     }
 
-    /// Whether its speed wanders but is judged as it is.
+    /// Whether its speed has driven noise that is not filtered.
     pub fn wanders_unfiltered(&self) -> bool {
         self.floors.iter().any(Floor::unfiltered)
     }
 
-    /// How noise makes the speed wander, where it does, and the floor of the speed, rad/s.
+    /// The driven noise of the speed, where there is one, and the floor of the speed, rad/s.
     pub fn wander(&self) -> Option<(Wander, f64)> {
         self.floors.iter().find_map(|f| Some((f.wander?, f.total())))
     }
@@ -299,7 +299,7 @@ impl Data {
     }
 }
 
-/// Standard deviations from what is known of it beyond which a parameter is not where a fit begins.
+/// Standard deviations of its prior beyond which a first value of a parameter is replaced by the mean of the prior.
 const OUTLANDISH: f64 = 3.0;
 
 /// What is known of a base parameter whose `nameplate` value is this, if anything is.

@@ -1,4 +1,4 @@
-//! From the selected set to a verdict, with rivals and posterior probabilities, and from what of it stands beside a discrepancy.
+//! The verdict of a selected set, with rivals and posterior probabilities, and that of the effects named beside a discrepancy.
 
 use super::answer::Verdict;
 use super::select::Outcome;
@@ -9,7 +9,7 @@ use crate::effects::EffectId;
 /// Candidates less probable than this are not listed.
 const LEAST_LISTED: f64 = 0.001;
 
-/// A judged candidate.
+/// A candidate with its posterior probability.
 #[derive(Debug, Clone)]
 pub struct Ranked {
     /// The effect.
@@ -100,7 +100,7 @@ pub fn beside_discrepancy(outcome: &mut Outcome, ranked: &mut Vec<Ranked>, earne
     }
     for Alternative { present, absent, share } in earned.alternatives {
         let of_both = ranked.iter().find(|c| c.effect == present).map_or(0.0, |c| c.probability);
-        // What is decisively less likely is no equivalent.
+        // A decisively less probable alternative is not equivalent.
         let close = (1.0 / share - 1.0).ln() < options.decisive;
         for candidate in ranked.iter_mut() {
             if candidate.effect == absent {
@@ -116,7 +116,7 @@ pub fn beside_discrepancy(outcome: &mut Outcome, ranked: &mut Vec<Ranked>, earne
     let mut of_set = ranked.iter().filter(|candidate| kept.contains(&candidate.effect));
     let verdict = if of_set.all(sure) { Verdict::Partial } else { Verdict::Ambiguous };
     if verdict == Verdict::Ambiguous {
-        // What is sure by itself stays so: another name in doubt says nothing of it.
+        // A name that is certain stays so, although another one is in doubt.
         for candidate in ranked.iter_mut().filter(|c| !sure(c)) {
             candidate.probability = candidate.probability.min(options.ceiling_doubtful);
         }
@@ -128,7 +128,7 @@ pub fn beside_discrepancy(outcome: &mut Outcome, ranked: &mut Vec<Ranked>, earne
     verdict
 }
 
-/// Nothing is more probable than that.
+/// Limits all probabilities to the `ceiling`.
 pub fn doubt(ranked: &mut [Ranked], ceiling: f64) {
     for candidate in ranked {
         candidate.probability = candidate.probability.min(ceiling);
@@ -150,7 +150,7 @@ fn order(ranked: &mut [Ranked], effects: &[EffectId]) {
     });
 }
 
-/// The first effects that were refitted beside the bare machine, where none was worth being taken into the model.
+/// The first effects that were refitted beside the dq-model, where none was worth being taken into the model.
 fn unlikely(outcome: &Outcome) -> Vec<Ranked> {
     outcome
         .singles
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bare_machine_at_the_noise_on_every_recording_is_no_mismatch() {
+    fn a_dq_model_at_the_noise_on_every_recording_is_no_mismatch() {
         let told = |here: f64, elsewhere: f64| {
             let mut base = validated(&[], here);
             base.held_out = vec![validated(&[], elsewhere).fitted];

@@ -1,7 +1,7 @@
-//! The pace at which a search goes over the recordings: where the motor is slow against their clock, one sample in several is enough.
+//! Decimation: where the motor is slow compared with the sampling rate, the search for a set uses one sample in several.
 //!
-//! What one sample leaves, in units of the noise, does not depend on how many there are, and the comparison of sets counts one independent
-//! sample in a hundred; see [`super::evidence`]. What the search has found is fitted to every sample.
+//! The residual of a sample, in units of the noise, does not depend on the number of samples. The comparison of sets counts one
+//! independent sample in a hundred; see [`super::evidence`]. The set that was found is fitted to every sample.
 
 use super::data::Data;
 use super::fitting;
@@ -16,32 +16,33 @@ use crate::recording::Kind;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Samples that are left of a recording at least; of one that is split into halves, in each.
+/// Fewest samples of a decimated recording, or of each half of one that is split: 100 independent ones at one in a hundred rows.
 const ENOUGH: usize = 10_000;
-/// And of a window.
+/// Fewest samples of a decimated window.
 const SHORTEST: usize = 100;
-/// Largest product of the period between samples and the fastest rate of the bare machine: of a sixth harmonic five are left in a period.
+/// Largest product of the sampling period and the fastest rate of the dq-model. A period of a sixth harmonic then keeps five samples.
 const FASTEST: f64 = 0.2;
-/// Largest share that noise which drives a simulation may have in the square of a current's floor then: it grows with the pace.
+/// Largest share of driven noise in the square of a current's floor. Driven noise grows with the decimation factor, and beyond a half it
+/// would be the larger part.
 const DRIVEN: f64 = 0.5;
 
-/// The recording and the others at a slower pace, if they allow for one.
+/// The recording and the others decimated, if they allow for it.
 pub fn decimated(whole: &Data, others: &[Data]) -> Option<(Data, Vec<Data>)> {
     let halves = if others.is_empty() { 2 } else { 1 };
     let all = || others.iter().chain([whole]);
     let slowest = whole.signals.len() / (halves * ENOUGH);
-    let pace = all().map(Data::slowest).fold(slowest, usize::min);
-    let quiet = |pace: usize| {
+    let factor = all().map(Data::largest_factor).fold(slowest, usize::min);
+    let quiet = |factor: usize| {
         let mut currents = all().flat_map(|data| data.floors.iter().filter(|f| f.channel.is_electrical()));
-        currents.all(|floor| floor.share() * pace as f64 <= DRIVEN)
+        currents.all(|floor| floor.share() * factor as f64 <= DRIVEN)
     };
-    let pace = (2..=pace).rev().find(|pace| quiet(*pace))?;
-    Some((whole.every(pace), others.iter().map(|data| data.every(pace)).collect()))
+    let factor = (2..=factor).rev().find(|factor| quiet(*factor))?;
+    Some((whole.every(factor), others.iter().map(|data| data.every(factor)).collect()))
 }
 
 impl Data {
-    /// How many samples one can stand for at most.
-    fn slowest(&self) -> usize {
+    /// Largest factor by which it may be decimated.
+    fn largest_factor(&self) -> usize {
         let signals = &self.signals;
         let alone = self.parts.is_empty() && self.held_out.is_none() && signals.segments.len() == 1;
         let wanders = self.wander().is_some() || self.wanders_unfiltered();
@@ -50,22 +51,22 @@ impl Data {
             return 1;
         }
         let rate = signals.context.omega_e_max + signals.context.electrical_rate;
-        let pace = (FASTEST / (rate * signals.period)).min(signals.len() as f64 / 2.0) as usize;
+        let factor = (FASTEST / (rate * signals.period)).min(signals.len() as f64 / 2.0) as usize;
         let shortest = self.windows.iter().map(Range::len).min().unwrap_or(0);
-        pace.min(shortest / SHORTEST).max(1)
+        factor.min(shortest / SHORTEST).max(1)
     }
 
-    /// The same recording with one sample for each `pace`.
-    fn every(&self, pace: usize) -> Self {
-        let of = |k: usize| k.div_ceil(pace);
-        let times = pace as f64;
-        // The rotor is moved by the mean of the currents, as before; what noise of angle and speed does to these adds up in larger steps.
+    /// The same recording decimated by the factor `factor`.
+    fn every(&self, factor: usize) -> Self {
+        let of = |k: usize| k.div_ceil(factor);
+        let times = factor as f64;
+        // The mean of the currents drives the rotor, as before. Noise of angle and speed adds up in larger steps.
         let floor = |floor: &Floor| match floor.channel.is_electrical() {
             true => Floor { driven: floor.driven * times.sqrt(), swing: floor.swing * times, ..*floor },
             false => *floor,
         };
         Self {
-            signals: self.signals.every(pace),
+            signals: self.signals.every(factor),
             windows: self.windows.iter().map(|w| of(w.start)..of(w.end)).collect(),
             floors: self.floors.iter().map(floor).collect(),
             ..self.clone()
@@ -73,8 +74,7 @@ impl Data {
     }
 }
 
-/// What was found at a slower pace, fitted to every sample: the way to the best set. It was compared with others, and still is, by what they
-/// left at that pace.
+/// The path to the best set of a decimated search, fitted to every sample. Sets are still compared by their decimated residuals.
 ///
 /// # Errors
 /// Those of the least-squares fits.
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_log_of_a_slow_motor_is_looked_at_more_slowly_and_leaves_as_much() {
+    fn a_long_log_of_a_slow_motor_is_decimated_and_leaves_as_much() {
         let (data, base) = testing::data(&fast_clock(1.1, Vec::new()));
         assert!(decimated(&data, &[]).is_none(), "its halves would be too short");
         let (slow, others) = decimated(&data, std::slice::from_ref(&data)).unwrap();
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_found_at_a_slower_pace_is_fitted_to_every_sample() {
+    fn the_set_of_a_decimated_search_is_fitted_to_every_sample() {
         let present = || vec![choice("dead_time", "v_err", 3.0)];
         let ((data, base), (other, _)) =
             (testing::data(&fast_clock(1.1, present())), testing::data(&fast_clock(1.05, present())));

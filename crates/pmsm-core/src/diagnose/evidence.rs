@@ -163,7 +163,7 @@ impl Evidence {
         all + price * steps as f64
     }
 
-    /// Mean square, over the floor's, below which a model earns nothing. Of currents and speed it is what driven noise adds by chance. The
+    /// Mean square, over the floor's, below which a model gains nothing. Of currents and speed it is what driven noise adds by chance. The
     /// floor of a voltage is read from neighbouring points, of which there may be few, and the noise may be that much less.
     fn least_square(&self, channel: Channel, chance: f64) -> f64 {
         let known_to = self.options.floor_known_to;

@@ -13,9 +13,9 @@ use crate::model::Model;
 use crate::monitor::Monitor;
 use crate::simulate::mechanical::Nuisance;
 
-/// Rounds in which currents and motion are fitted together, each with the weights that the one before leaves, unless they stay above
-/// this share of what they were.
+/// Most rounds in which currents and motion are fitted together, each weighted by the residual of the one before.
 const ROUNDS: usize = 2;
+/// Ratio of a residual to that of the round before above which no channel has improved enough for another round.
 const SETTLED: f64 = 0.8;
 
 /// Channels with their noise times `factors`, one per channel of each recording in turn.
@@ -120,7 +120,7 @@ fn to_currents(
     if !data.poor {
         return Ok(parameters);
     }
-    // What is missing would drive parameters that nothing pins down far from the nameplate: once more from there.
+    // Missing physics can bias parameters that the recording hardly shows: fit again from the nameplate, weighted by the residual.
     let left = experiment.loudness(&experiment.residual(&parameters));
     let channels = rescaled(data.channels(true, false), left.into_iter().map(|r| r.max(1.0)));
     let experiment = data.experiment(model, &nuisances, channels);
@@ -128,7 +128,7 @@ fn to_currents(
     Ok(experiment.fit(&start, &wanted, &data.settings, monitor)?.parameters)
 }
 
-/// Where the fit of an unknown load begins.
+/// The start of the fit of an unknown load.
 #[derive(Clone, Copy)]
 enum Unknown<'a> {
     /// With what the recording shows of its steps.
@@ -188,8 +188,8 @@ fn staged(
     Ok(Hypothesis::on(data, model.clone(), parameters, free, nuisances))
 }
 
-/// A hypothesis fitted to the currents, and then to the motion, once more to both at once where only the motion is not explained, if
-/// that explains it: what the currents leave open of an effect the torque may tell.
+/// A hypothesis fitted to the currents and then to the motion, fitted to both at once where that explains the motion as well. The torque may
+/// determine a parameter of an effect that the currents do not show.
 fn in_agreement(data: &Data, apart: Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
     let explained = |h: &Hypothesis, electrical: bool| {
         let mut side = h.squares.iter().filter(|(c, _)| c.is_electrical() == electrical);
@@ -204,7 +204,7 @@ fn in_agreement(data: &Data, apart: Hypothesis, monitor: &dyn Monitor) -> Result
     Ok(if explained(&both, true) && explained(&both, false) { both } else { apart })
 }
 
-/// Fits currents and motion at once from where each alone has led.
+/// Fits currents and motion at once, starting from the fits of each.
 fn fit_together(
     data: &Data,
     model: &Model,
@@ -217,9 +217,9 @@ fn fit_together(
     let blocks = experiment.blocks();
     let mut before = vec![f64::INFINITY; blocks.len()];
     for _ in 0..ROUNDS {
-        // A channel that does not fit for other reasons must not bend what the others know. What is left for a reason lasts, and counts
-        // as the few independent looks that it is: friction that is missing is not made up for by the flux. But where the motion has yet
-        // to show what a sensor does, or what the currents do not, that lasts, too.
+        // A mismatched channel gets less weight, so that it does not bias parameters that the others determine. A systematic residual is
+        // correlated and weighs as few independent samples: the flux does not absorb a missing friction. Where the motion determines a
+        // sensor, or a parameter that the currents do not show, the residual weighs as if it were white.
         let residual = experiment.residual(&parameters);
         let (rms, loud) = (experiment.relative_rms(&residual), experiment.loudness(&residual));
         let left: Vec<f64> = (0..blocks.len())
@@ -250,15 +250,15 @@ pub fn refit(data: &Data, from: &Hypothesis, monitor: &dyn Monitor) -> Result<Hy
     fit(data, &from.model, from.own(), false, monitor)
 }
 
-/// Whether the electrical parameters are fitted to the motion, too: a sensor shows in both; and where the voltage is noisy or the
-/// manoeuvre poor, the torque tells more of the flux than the currents do.
+/// Whether the electrical parameters are fitted to the motion, too. A sensor error shows in both. With a noisy voltage or a poor manoeuvre
+/// the torque determines the flux better than the currents do.
 pub fn together(data: &Data, model: &Model) -> bool {
     let both = data.has_electrical() && data.has_mechanical();
     both && (model.has_sensor() || data.input.voltage > 0.0 || data.poor) || reluctance(data).is_some()
 }
 
-/// What recordings of the motion alone leave open of the torque of their currents beside the flux, whose place inertia and friction
-/// take: l_d − l_q, by way of l_q. A wrong one on the nameplate is no physics that is missing.
+/// The parameter of the reluctance torque that recordings of the motion alone determine: l_d − l_q, by way of l_q. The flux scales inertia
+/// and friction and is not determined. A wrong value on the nameplate is no missing physics.
 fn reluctance(data: &Data) -> Option<usize> {
     let saliency_turns = |run: &Data| {
         let flows = |i: &[Vec<f64>; 2]| i[0].iter().zip(&i[1]).any(|(d, q)| d * q != 0.0);

@@ -150,8 +150,8 @@ impl Hypothesis {
         &self.parameters[..self.model.parameter_count()]
     }
 
-    /// Whether an effect of the set was left next to no strength, when what is fitted is not the effect, but the values in which its own
-    /// states begin; or does nothing of what it is named for.
+    /// Whether an effect of the set has next to no strength, so that only the initial values of its states are fitted, or whether it does
+    /// nothing that its name says.
     pub fn vanishes(&self, effect: EffectId) -> bool {
         let context = self.model.context();
         let Some(slot) = self.model.slots().iter().find(|s| s.effect == effect) else { return false };
@@ -171,7 +171,7 @@ impl Hypothesis {
 /// Blocks over which the energy of a residual is compared.
 const BLOCKS: usize = 24;
 
-/// Independent samples of a residual, by its correlation and by how its energy varies, whichever tells of fewer: what is missing lasts.
+/// Independent samples of a residual: the smaller of the estimates by its correlation and by the variance of its energy.
 pub fn independent_samples(residual: &[f64]) -> f64 {
     energy_samples(residual).min(effective_samples(residual))
 }

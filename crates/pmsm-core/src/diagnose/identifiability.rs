@@ -1,4 +1,4 @@
-//! Which effects recordings can be asked about.
+//! Identifiability of effects: which ones the signals of recordings can show.
 
 use super::data::Data;
 use crate::base::BASE;
@@ -8,7 +8,7 @@ use crate::model::Model;
 use crate::recording::{Kind, Load};
 use std::f64::consts::TAU;
 
-/// Effects that the recording can be asked about, and the others with the reason.
+/// Effects that the recordings can show, and the others with the reason.
 pub fn identifiable(data: &Data) -> (Vec<EffectId>, Vec<(EffectId, String)>) {
     let (mut identifiable, mut unidentifiable) = (Vec::new(), Vec::new());
     let own = &data.options.effects;
@@ -75,8 +75,8 @@ fn hidden(data: &Data, effect: EffectId) -> Option<String> {
     })
 }
 
-/// Why an angle that was taken from the voltages and currents themselves hides an effect: it was laid so that the model without effects
-/// explains them over each turn. What repeats over the turn is left; what is the same all around it has become an error of the angle.
+/// Why an angle that was taken from the voltages and currents hides an effect. That angle makes the model without effects explain them over
+/// each turn. Effects that repeat within a turn still show; a constant one has become an error of the angle.
 fn taken_up(context: &Context, effect: EffectId) -> Option<String> {
     if errs_in_angle(context, effect) {
         return Some("the rotor angle was taken from the voltages themselves".into());

@@ -1,4 +1,4 @@
-//! What a diagnosis has found so far: the answer of one that is interrupted. Nothing is computed for it any more.
+//! The incumbent, the best set that a search has found so far, and the answer that it gives when the diagnosis is interrupted.
 
 use super::answer::{Answer, Estimate, FoundModel, Step};
 use super::conclude;

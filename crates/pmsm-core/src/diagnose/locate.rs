@@ -1,4 +1,4 @@
-//! Where a model fails, the bare machine first of all: equation, operating region, angle order, frequency, time.
+//! Where a model fails, the dq-model first of all: equation, operating region, angle order, frequency, time.
 
 mod lines;
 
@@ -48,7 +48,7 @@ impl Region {
 pub struct Located {
     /// `d`, `q`, `mechanical` or `sensor`.
     pub equation: String,
-    /// Share of the whole excess that is laid at this equation: what missing physics of the currents does to the motion counts as theirs.
+    /// Share of the whole excess that is attributed to this equation. A mismatch of the motion that the currents cause counts as theirs.
     pub share: f64,
     /// The place in plain words.
     pub sentence: String,

@@ -1,5 +1,5 @@
 //! The equation of motion fitted to the measured speed, with an unknown load whose steps are found, added where the
-//! simulation still misses one, and pruned where they do not pay.
+//! simulation still misses one, and pruned where they explain too little.
 
 mod reversals;
 mod settling;

@@ -1,19 +1,20 @@
-//! Noise measured once more with the help of what was found: the bare machine was too far off to tell it from what is missing.
+//! Noise measured again with the best set. The residual of the dq-model held missing physics as well as noise.
 
 use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::verdict::Validated;
 use crate::effect::Site;
 
-/// Share of the voltages' noise, as the bare machine sees it, below which a better model must bring it to be believed.
+/// Share of the voltage noise under the dq-model to which the best set must lower it; a smaller change may be scatter of its estimate.
 const QUIETER: f64 = 0.93;
 
-/// Measures the noise once more with the help of what was found, and says whether part of that on the voltages was physics, or hidden by
-/// it, or whether the bare machine was too far from a speed that wanders for it to be judged as such.
+/// Measures the noise again with the best set, and says whether that changed it.
+///
+/// It does where part of the voltage noise was missing physics or was hidden by it, or where the driven noise of the speed was hidden.
 pub fn update(whole: &mut Data, others: &mut [Data], base: &Validated, best: &Validated) -> bool {
     let noisy = whole.input.voltage > 0.0;
-    // What is explained down to the floors hides no noise, and what is found on a poor recording that the bare machine explains is none.
-    // What is left of the motion tells of torques alone where those that were found have exact forms.
+    // A set that reaches the floors hides no noise. An effect on a poor recording that the dq-model explains is not believed.
+    // The residual of the speed is noise of the torque only if the effects found have exact forms.
     let exact = best.fitted.effects().iter().all(|e| e.info().site == Site::Mechanical);
     let far = exact && others.iter().chain([&*whole]).any(|data| unfiltered(data) > 0);
     let mismatch = whole.options.mismatch;
@@ -40,14 +41,14 @@ pub fn update(whole: &mut Data, others: &mut [Data], base: &Validated, best: &Va
     true
 }
 
-/// Recordings with the noise measured once more with the help of what was found.
+/// Recordings with the noise measured again with the set `found`.
 pub fn updated(data: &Data, found: &Hypothesis) -> Data {
     let mut again = data.clone();
     again.settle_floors(found);
     again
 }
 
-/// Recordings that show a speed which wanders, and is not judged as such.
+/// Number of recordings whose speed has driven noise that is not filtered.
 pub fn unfiltered(data: &Data) -> usize {
     data.runs().iter().filter(|run| run.wanders_unfiltered()).count()
 }

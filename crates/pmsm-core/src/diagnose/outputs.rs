@@ -40,7 +40,8 @@ impl<'a> Outputs<'a> {
     ///
     /// The electrical parameters come from the electrical channels alone, and the mechanical ones from the speed at
     /// those values. Their covariance follows the same way down: C_m = C_m|e + G·C_e·Gᵀ with
-    /// G = −(J_mᵀJ_m)⁻¹·J_mᵀJ_e on the rows of the speed, and noise of the torque adds to it. Where a sensor is suspected all were fitted together.
+    /// G = −(J_mᵀJ_m)⁻¹·J_mᵀJ_e on the rows of the speed, and noise of the torque adds to it. Where a sensor
+    /// is in the set, all were fitted together.
     pub fn new(data: &'a Data, hypothesis: &'a Hypothesis) -> Self {
         let experiment = data.whole(hypothesis);
         let linear = experiment.linearise(&hypothesis.parameters, &hypothesis.free);
@@ -268,8 +269,8 @@ fn finite(x: f64) -> f64 {
     if x.is_finite() { x } else { 0.0 }
 }
 
-/// Covariance from the rows of the recordings that hold electrical (or mechanical) channels: those of the others are zero, and would
-/// crowd the blocks by which the scatter is judged.
+/// Covariance from the rows of the recordings that hold electrical (or mechanical) channels: those of the others are zero and
+/// would fill blocks of the sandwich estimate.
 fn of_held(
     data: &Data,
     electrical: bool,

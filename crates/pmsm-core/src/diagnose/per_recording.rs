@@ -1,4 +1,4 @@
-//! What is said of each of several recordings by itself.
+//! The part of the answer on each of several recordings by itself.
 
 use super::answer::{BeforeAfter, Columns, OfRecording};
 use super::data::Data;

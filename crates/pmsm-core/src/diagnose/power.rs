@@ -60,7 +60,7 @@ pub struct Shown {
     pub channel: Channel,
     /// Fitted parameters that absorb most of it.
     pub absorbed_by: Vec<String>,
-    /// For each found effect that it could stand in for: how much of that effect's trace it reproduces within its own
+    /// For each found effect that it could replace: how much of that effect's trace it reproduces within its own
     /// physical bounds (cosine), and by how many nats it would still lose.
     pub likeness: Vec<(EffectId, f64, f64)>,
 }
@@ -116,7 +116,7 @@ impl<'a> Traces<'a> {
         Self { data, best, each, scorer }
     }
 
-    /// Nats that each effect is worth to first order, all other parameters giving way. `samples` is what each channel counts.
+    /// Gain of each effect to first order, nats, all other parameters refitted. `samples` is what each channel counts.
     pub fn worth(&self, samples: &[f64]) -> Vec<(EffectId, f64)> {
         let blocks = self.scorer.experiment().blocks();
         let of = |Trace { trace, .. }: &Trace| {
@@ -212,13 +212,13 @@ fn trace(
     let mut trace = freed_of_others(left - scorer.experiment().residual(&without));
     let moved = own.iter().map(|k| best.parameters[best.free[*k]] - without[best.free[*k]]);
     let linear = freed_of_others(jacobian.select_columns(&own) * DVector::from_iterator(own.len(), moved));
-    // Taking an effect away may move the rotor further than the columns of the other parameters describe. What these can make up for
-    // then shows only to first order.
+    // Without the effect the rotor may move further than the linearised model holds. The smaller of both traces is then the first-order
+    // one.
     if linear.norm_squared() < trace.norm_squared() {
         trace = linear;
     }
     if trace.iter().any(|x| !x.is_finite()) {
-        // Without the effect the model cannot be evaluated: nothing can stand in for it.
+        // Without the effect the model cannot be evaluated: nothing can replace it.
         trace.fill(0.0);
     }
     Trace { alone, trace, size }

@@ -23,7 +23,7 @@ pub struct TimesNoise {
 pub struct Remaining {
     /// `d`, `q` or `mechanical`.
     pub equation: String,
-    /// The effects beside which it is left: those of the model, or where nothing is named those that come nearest; none of the bare machine.
+    /// The effects beside which it is left: those of the model, or where nothing is named those that come nearest; none of the dq-model.
     pub beside: Vec<String>,
     /// How large it is.
     pub times_noise: TimesNoise,

@@ -24,8 +24,9 @@ use nalgebra::{DMatrix, DVector};
 use projector::Projector;
 use rayon::prelude::*;
 
-/// Shapes that are looked at together at most, and columns that hold what they do.
+/// Most shapes whose columns are computed together.
 const SHAPES: usize = 8;
+/// Most columns that are computed together.
 const COLUMNS: usize = 12;
 
 /// The most promising start for fitting one more effect.
@@ -57,8 +58,7 @@ pub struct Scorer<'a> {
     jacobian: DMatrix<f64>,
 }
 
-/// What the columns of an effect are held against: a basis of what fitted parameters can do, the residual that they leave, and how many
-/// samples of each channel these are.
+/// A basis of the columns of fitted parameters, the residual orthogonal to it, and the number of samples of each channel.
 struct Against<'a> {
     basis: &'a DMatrix<f64>,
     residual: &'a DVector<f64>,
@@ -68,7 +68,7 @@ struct Against<'a> {
 impl<'a> Scorer<'a> {
     /// Prepares the score test on `hypothesis`.
     pub fn new(data: &'a Data, hypothesis: &'a Hypothesis) -> Self {
-        // Parameters that were fitted to both may have bent in both: a flux that stands in for friction shows in the currents.
+        // Parameters fitted to both may be biased in both: a flux that absorbs friction shows in the currents.
         let rotor = data.floors.iter().any(|f| !f.channel.is_electrical())
             && !fitting::together(data, &hypothesis.model);
         let (whole, jacobian) = Projector::new(data, hypothesis);
@@ -128,9 +128,10 @@ impl<'a> Scorer<'a> {
         let all =
             Against { basis: &projector.basis, residual: &projector.residual, samples: self.data.counted() };
         let best = self.best_against(nothing, shapes, amplitudes, &columns, all);
-        let Some(lasting) = &projector.lasting else { return Ok(best) };
-        let sums = lasting.sums(&columns);
-        let slow = Against { basis: &lasting.basis, residual: &lasting.residual, samples: lasting.count };
+        let Some(aggregated) = &projector.aggregated else { return Ok(best) };
+        let sums = aggregated.sums(&columns);
+        let slow =
+            Against { basis: &aggregated.basis, residual: &aggregated.residual, samples: aggregated.count };
         let slow = self.best_against(nothing, shapes, amplitudes, &sums, slow);
         Ok(if slow.score > best.score { slow } else { best })
     }
@@ -415,7 +416,7 @@ mod tests {
         let mut scorer = Scorer::new(&data, &base);
         let score = scorer.score(EffectId::DeadTime, &Silent).unwrap().score;
         // Of each sample it explains next to nothing.
-        assert!(scorer.whole.lasting.take().is_some());
+        assert!(scorer.whole.aggregated.take().is_some());
         let by_samples = scorer.score(EffectId::DeadTime, &Silent).unwrap().score;
         assert!(score > 0.1 && by_samples < 0.3 * score, "{score} {by_samples}");
     }

@@ -1,5 +1,5 @@
-//! The search for the set of effects as the recordings call for it: on all samples, fewer, or half of them, for many effects or one, and once
-//! more where what it finds shows noise that was not seen before.
+//! Which search for the set of effects suits the recordings: on all samples, on decimated ones or on every other window; for many effects
+//! or for one. The search is repeated where its result changes the measured noise.
 
 use super::data::Data;
 use super::decimation;
@@ -14,10 +14,10 @@ use crate::effect::Site;
 use crate::error::Result;
 use crate::monitor::Monitor;
 
-/// Who is asked whether to go on, and what keeps the best set so far.
+/// The monitor of the call, and the best set so far.
 type Watch<'a> = (&'a dyn Monitor, &'a Incumbent);
 
-/// Searches for the effects, held against the other recordings or against every other window of this one, at the pace that these allow for.
+/// Searches for the effects, decimated where possible, and validates them on the other recordings or on every other window of this one.
 /// It begins with the set `from`, if there is one.
 pub fn search(
     whole: &Data,
@@ -26,7 +26,7 @@ pub fn search(
     from: Option<&Hypothesis>,
     (monitor, found): Watch,
 ) -> Result<Outcome> {
-    if let Some(found) = more_slowly(whole, others, base, from, (monitor, found))? {
+    if let Some(found) = decimated(whole, others, base, from, (monitor, found))? {
         return Ok(found);
     }
     if let Some(found) = in_halves(whole, others, base, (monitor, found))? {
@@ -35,38 +35,38 @@ pub fn search(
     if !whole.poor {
         return open(whole, others, from, (monitor, found)).run(base.clone());
     }
-    // What a poor recording leaves open a second one must not be held against it, unless it makes nonsense of that one.
+    // A poor recording determines some parameters badly: another one refutes its sets only where they predict far worse than the dq-model.
     let bare = |data| Ok((data, transfer(data, base, monitor)?));
     let refuting = others.iter().map(bare).collect::<Result<Vec<_>>>()?;
     Search { data: whole, held_out: Vec::new(), refuting, most: 1, from: None, monitor, found }
         .run(base.clone())
 }
 
-/// The search at a slower pace, if the recordings allow for one, and what it finds fitted to every sample.
-fn more_slowly(
+/// The search on decimated recordings, if they allow for it; its result is fitted to every sample.
+fn decimated(
     whole: &Data,
     others: &[Data],
     base: &Hypothesis,
     from: Option<&Hypothesis>,
     (monitor, found): Watch,
 ) -> Result<Option<Outcome>> {
-    let Some((slower, theirs)) = decimation::decimated(whole, others) else { return Ok(None) };
-    let start = fitting::carried_over(&slower, base, monitor)?;
-    let found = match in_halves(&slower, &theirs, &start, (monitor, found))? {
+    let Some((fewer, theirs)) = decimation::decimated(whole, others) else { return Ok(None) };
+    let start = fitting::carried_over(&fewer, base, monitor)?;
+    let found = match in_halves(&fewer, &theirs, &start, (monitor, found))? {
         Some(found) => found,
-        None => open(&slower, &theirs, from, (monitor, found)).run(start)?,
+        None => open(&fewer, &theirs, from, (monitor, found)).run(start)?,
     };
     decimation::on_every_sample(whole, others, found, base, monitor).map(Some)
 }
 
-/// The search where there is no other recording and something is missing: on every other window, held against the rest.
+/// The search without another recording where something is missing: on every other window, validated on the rest.
 fn in_halves(
     whole: &Data,
     others: &[Data],
     base: &Hypothesis,
     (monitor, found): Watch,
 ) -> Result<Option<Outcome>> {
-    // Half a recording may not pin down what the whole does: where the bare machine fits the whole, nothing is wrong with it.
+    // Half a recording may not determine all parameters. Where the dq-model fits the whole, no split is needed.
     let split = others.is_empty() && !whole.poor && verdict::largest_excess(base) > whole.options.mismatch;
     let Some((fitted, held_out)) = split.then(|| whole.halves()).flatten() else { return Ok(None) };
     let start = fitting::refit(&fitted, base, monitor)?;
@@ -83,7 +83,7 @@ fn in_halves(
     on_whole(whole, search.run(start)?, base, monitor).map(Some)
 }
 
-/// A search for as many effects as there may be, held against all of the other recordings.
+/// A search for as many effects as there may be, validated on all of the other recordings.
 fn open<'a>(
     data: &'a Data,
     others: &'a [Data],
@@ -102,9 +102,10 @@ fn open<'a>(
     }
 }
 
-/// The noise measured with the help of what was found, and what comes of a search there, where the bare machine was too far from a speed that
-/// wanders for it to be judged as such, if that needs fewer effects: a friction found beside an effect of the currents may be what noise does
-/// to the rotor. A torque of these that has only nearly the right form would be judged too finely, and need more.
+/// The search repeated with the noise as the best set shows it, if that needs fewer effects.
+///
+/// It is asked where the speed has driven noise that the residual of the dq-model hid. A friction found beside an effect of the currents
+/// may be no more than that noise. More effects are not taken: they may correct torques of the currents whose form is inexact.
 pub fn with_updated_noise(
     whole: &Data,
     others: &[Data],
@@ -115,7 +116,7 @@ pub fn with_updated_noise(
     let effects = best.fitted.effects();
     let moving = effects.iter().filter(|e| e.info().site == Site::Mechanical).count();
     let wanders = others.iter().chain([whole]).any(|data| unfiltered(data) > 0);
-    // What is left unexplained is no noise.
+    // An unexplained residual is no noise.
     let explained = best.excess() <= whole.options.mismatch;
     if moving == 0 || moving == effects.len() || !wanders || !explained {
         return Ok(None);
@@ -139,7 +140,7 @@ fn on_whole(data: &Data, found: Outcome, base: &Hypothesis, monitor: &dyn Monito
     }
     let bare = best.fitted.effects().is_empty();
     if bare {
-        // Fitted together with an effect that turned out needless, the bare machine may do better than by itself.
+        // The fit beside an effect that was dropped may have found a better minimum of the dq-model.
         let there = best.fitted.seen_again(data);
         let better = verdict::largest_excess(&there) < verdict::largest_excess(base);
         best.fitted = if better { there } else { base.clone() };
@@ -151,7 +152,7 @@ fn on_whole(data: &Data, found: Outcome, base: &Hypothesis, monitor: &dyn Monito
     for validated in &mut path[1..last.max(1)] {
         validated.fitted = fitting::refit(data, &validated.fitted, monitor)?;
     }
-    // What only generalises an effect is compared with it closely, sample for sample.
+    // An effect that contains the other as a special case is compared with it on all samples.
     let mut swaps = found.swaps;
     for swap in &mut swaps {
         if swap.by.is_some_and(|wide| wide.contains(swap.replaced)) {
@@ -174,7 +175,7 @@ mod tests {
     use crate::monitor::Silent;
 
     #[test]
-    fn a_speed_that_wanders_is_judged_as_such_once_what_hid_it_is_found() {
+    fn driven_noise_of_the_speed_is_filtered_once_what_hid_it_is_found() {
         let path: Vec<(f64, f64)> =
             (0..8).map(|k| (0.1 + 0.25 * f64::from(k), [90.0, -70.0][k as usize % 2])).collect();
         let mut setup = setup(speeds(2.0, &path), vec![choice("coulomb_friction", "tau_c", 1.0)]);
@@ -219,7 +220,7 @@ mod tests {
             finer(&[DeadTime, CoulombFriction, TimeVaryingLoad]),
             Some(vec![DeadTime, CoulombFriction])
         );
-        // What moves alone is judged so as it is found.
+        // With effects of the motion alone nothing is repeated.
         assert_eq!(finer(&[CoulombFriction, TimeVaryingLoad]), None);
     }
 }

@@ -34,11 +34,11 @@ pub struct Search<'a> {
     pub data: &'a Data,
     /// Recordings that are not used for fitting.
     pub held_out: Vec<&'a Data>,
-    /// Recordings that can only refute a model, with the bare machine on them.
+    /// Recordings that can only refute a model, with the dq-model on them.
     pub refuting: Vec<(&'a Data, Hypothesis)>,
     /// Most effects in one model.
     pub most: usize,
-    /// The set from which it begins, where noise was measured anew with its help; the bare machine where there is none.
+    /// The set from which it begins, where noise was measured anew with its help; the dq-model where there is none.
     pub from: Option<Hypothesis>,
     /// Asked whether to go on.
     pub monitor: &'a dyn Monitor,
@@ -52,9 +52,9 @@ type Tried = Vec<(Prospect, Option<Validated>)>;
 /// What came out of a selection.
 #[derive(Debug, Clone)]
 pub struct Outcome {
-    /// The bare machine.
+    /// The dq-model.
     pub base: Validated,
-    /// The effects that were scored beside the bare machine, with what came of their refit.
+    /// The effects that were scored beside the dq-model, with what came of their refit.
     pub singles: Tried,
     /// The best set of effects (possibly none).
     pub best: Validated,
@@ -71,7 +71,7 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// The bare machine and the best set as they are fitted to all samples.
+    /// The dq-model and the best set as they are fitted to all samples.
     pub fn ends(&self) -> (&Validated, &Validated) {
         (&self.path[0], &self.path[self.path.len() - 1])
     }
@@ -82,7 +82,7 @@ impl Outcome {
         without.map_or(&self.base, |s| &s.validated).excess() > self.evidence.options().mismatch
     }
 
-    /// Takes the bare machine for the best set.
+    /// Takes the dq-model for the best set.
     pub fn names_nothing(&mut self) {
         self.best = self.base.clone();
         self.path.truncate(1);
@@ -102,7 +102,7 @@ impl Outcome {
 }
 
 impl Search<'_> {
-    /// Runs the selection from the fitted bare machine.
+    /// Runs the selection from the fitted dq-model.
     ///
     /// # Errors
     /// Those of the fits, an interruption among them.
@@ -179,7 +179,7 @@ fn absent(identifiable: &[EffectId], set: &Validated) -> Vec<EffectId> {
     identifiable.iter().copied().filter(|e| !effects.contains(e)).collect()
 }
 
-/// From the bare machine to the best set, through the best subsets that were fitted.
+/// From the dq-model to the best set, through the best subsets that were fitted.
 fn path(base: &Validated, best: &Validated, seen: &[Validated], evidence: &Evidence) -> Vec<Validated> {
     let goal = best.fitted.effects();
     let mut path = vec![base.clone()];

@@ -4,8 +4,8 @@
 //!
 //! > i_d = −ω²·l_q·ψ_m/D, i_q = −ω·r_s·ψ_m/D, D = r_s² + ω²·l_d·l_q,
 //!
-//! and the scale comes from a measured torque or from the flux on the nameplate. The size of the current does not depend on the rotor's angle; where its
-//! angle contradicts its size the size is believed.
+//! and the scale comes from a measured torque or from the flux on the nameplate. The size of the current does not depend on the rotor's
+//! angle. Where its angle contradicts its size, the size is taken.
 
 use super::answer::Answer;
 use super::options::DiagnosisOptions;

@@ -41,14 +41,14 @@ pub fn narrow() -> Manoeuvre {
     speeds(1.0, &[(0.2, 95.0), (0.4, 105.0), (0.6, 105.0), (0.8, 95.0)])
 }
 
-/// The simulated recording made ready, with its floors settled on the bare machine.
+/// The simulated recording made ready, with its floors settled on the dq-model.
 pub fn data(setup: &Setup) -> (Data, Hypothesis) {
     let recording = simulate(setup, &Silent).unwrap().recording;
     let signals = Signals::new(&recording, &setup.nameplate).unwrap();
     settled(Data::new(signals, &setup.nameplate, &Default::default()).unwrap())
 }
 
-/// A recording made ready with its floors settled on the bare machine, and that machine.
+/// A recording made ready with its floors settled on the dq-model, and that machine.
 pub fn settled(mut data: Data) -> (Data, Hypothesis) {
     let model = Model::new(data.signals.context, &[]);
     let rough = fitting::fit(&data, &model, &data.start, false, &Silent).unwrap();
@@ -57,7 +57,7 @@ pub fn settled(mut data: Data) -> (Data, Hypothesis) {
     (data, base)
 }
 
-/// One effect fitted on top of the bare machine, from its typical strength.
+/// One effect fitted on top of the dq-model, from its typical strength.
 pub fn fitted(data: &Data, base: &Hypothesis, effect: EffectId) -> Hypothesis {
     let context = data.signals.context;
     let model = Model::new(context, &[effect]);
@@ -66,7 +66,7 @@ pub fn fitted(data: &Data, base: &Hypothesis, effect: EffectId) -> Hypothesis {
     fitting::fit(data, &model, &start, false, &Silent).unwrap()
 }
 
-/// A hypothesis of the bare machine with these mean squares of i_d and the speed and so many free parameters.
+/// A hypothesis of the dq-model with these mean squares of i_d and the speed and so many free parameters.
 pub fn hypothesis(d: f64, speed: f64, free: usize) -> Hypothesis {
     let mut out = Hypothesis::unfitted(Model::new(CX, &[]), vec![1.0; 6]);
     out.free = (0..free).collect();

@@ -1,5 +1,5 @@
 //! How far noise of the measured currents moves the fitted motion. It drives the simulated rotor by way of the torque, adds up over a
-//! window of free run, and hides there below the noise of the speed, so that the residual hardly tells of it.
+//! window of free run. It stays below the noise of the speed, so that the residual hardly shows it.
 
 use super::data::Data;
 use super::hypothesis::Hypothesis;
@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector};
 /// parameter.
 ///
 /// A torque that is off by δ during one sample leaves the speed off by n_p·h·δ/j to the end of the window, friction being slow to undo
-/// it. Where the driven noise is so large that the speed is judged by its innovations, the residual holds it all and nothing is added.
+/// it. Where the speed is compared by its innovations, the residual holds all of this noise, and nothing is added.
 pub fn scores(data: &Data, hypothesis: &Hypothesis, slopes: &DMatrix<f64>) -> DMatrix<f64> {
     let value = |p: BaseParameter| hypothesis.parameters[p.index()];
     let (psi_m, j) = (value(BaseParameter::PsiM), value(BaseParameter::J));

@@ -37,7 +37,7 @@ pub use choice::MOST_WORTH;
 pub use earned::{Alternative, Earned, earned, without_motion};
 pub use rival::rival;
 
-/// Parts laid on one side at most, one after the other.
+/// Most parts of a map on one side, chosen one after the other.
 const PARTS: usize = 2;
 
 /// Voltage equations or equation of motion.
@@ -253,7 +253,7 @@ impl Trial<'_> {
         let along = |start: &[f64], data: &Data| {
             fitting::fit(data, &model, start, side == Side::Mechanical, self.monitor)
         };
-        // From first-order coefficients a fit may go astray where load and friction must give way far; it then begins without any.
+        // First-order coefficients may start a fit in a wrong minimum where load and friction change much; a second one starts from zero.
         let fit = |data: &Data| -> Result<Hypothesis> {
             let fitted = along(&from(&choice.start), data)?;
             let held = current.clone().seen_again(data);

@@ -10,7 +10,7 @@ pub struct Validated {
     pub fitted: Hypothesis,
     /// The same model on recordings that were not used for fitting.
     pub held_out: Vec<Hypothesis>,
-    /// Whether it predicts another recording so much worse than the bare machine that, as it is, it cannot be right.
+    /// Whether it predicts another recording so much worse than the dq-model that, as it is, it cannot be right.
     pub refuted: bool,
 }
 
@@ -41,7 +41,7 @@ pub fn excess(hypothesis: &Hypothesis) -> f64 {
     hypothesis.squares.iter().map(|(_, s)| (s - 1.0).max(0.0)).sum()
 }
 
-/// Whether a model leaves so much more than the bare machine on a recording that it cannot be right.
+/// Whether a model leaves so much more than the dq-model on a recording that it cannot be right.
 pub fn refutes(model: &Hypothesis, bare: &Hypothesis, options: &DiagnosisOptions) -> bool {
     let (times, more) = (options.refuted_times, options.refuted_by);
     // Not "greater": what is not a number refutes, too.
@@ -59,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_model_that_predicts_worse_than_the_bare_machine_is_refuted() {
+    fn a_model_that_predicts_worse_than_the_dq_model_is_refuted() {
         let base = validated(60.0, 1.0, 60.0, 4);
         let refuted = |model: Validated| refutes(&model.fitted, &base.fitted, &DiagnosisOptions::default());
         assert!(refuted(validated(130.0, 1.0, 1.0, 5)));

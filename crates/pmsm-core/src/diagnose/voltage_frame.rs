@@ -1,4 +1,4 @@
-//! In which frame a voltage is held over a control period: the tool takes the rotor's until the recording tells otherwise.
+//! The frame in which a voltage is constant over a control period. The rotor's is assumed until the recording shows the stator's.
 
 use super::data::Data;
 use super::fitting;
@@ -11,16 +11,16 @@ use crate::error::Result;
 use crate::monitor::Monitor;
 use crate::signals::{Finding, Logged};
 
-/// Share of an excess mean square that may be left where voltages held in the stator's frame explain it, and that down to the noise: they
-/// have no free parameter.
+/// Share of an excess mean square that may remain where voltages held in the stator's frame explain it. The frame has no free parameter, so
+/// that the rest must also be near the noise.
 const LEFT: f64 = 0.25;
-/// How much more of what they do not explain may be left, share of the mean square.
+/// Share by which the mean square of the other channels may rise.
 const MORE: f64 = 0.05;
-/// Share of the excess of currents or motion below which the vector that the drive commands must bring it, or its mean is not asked: of the
-/// two readings of a log the wrong one leaves a quarter.
+/// Share of the excess of currents or motion that may remain with the logged voltage as the commanded vector; beyond it the reading as a
+/// mean is not tried. Under the wrong one of the two readings a quarter remains.
 const PROMISING: f64 = 0.6;
 
-/// What came out of the question.
+/// The frame that the recordings show.
 pub enum Frame {
     /// In the stator's frame: the hypothesis fitted anew.
     Stator(Box<Hypothesis>),
@@ -30,9 +30,10 @@ pub enum Frame {
     Untested,
 }
 
-/// Fits a hypothesis once more with voltages held in the stator's frame, and goes over to them, on the `others` as well, if they alone
-/// explain what it leaves in the currents of all recordings or in the motion of all, and no other channel is the worse for it. Where the
-/// hypothesis has been transferred to the others, `known` holds it there; else nothing.
+/// Fits a hypothesis again with voltages held in the stator's frame, and takes them for all recordings where they explain its residual.
+///
+/// They must explain the currents of all recordings or the motion of all, without any effect, and no other channel may become worse.
+/// `known` is the hypothesis on the others where it has been transferred to them; else nothing.
 ///
 /// # Errors
 /// Those of the least-squares fits.
@@ -114,8 +115,8 @@ pub fn select(
     Ok(Frame::Stator(Box::new(fitting::refit(data, &held, monitor)?)))
 }
 
-/// Goes over to voltages held in the stator's frame where they make one of several effects that were found needless: beside the others it
-/// may stand for nothing else. Of a single effect the question was put to the bare machine. Says whether it did.
+/// Takes voltages held in the stator's frame where they replace one of several effects, and says whether they do. For a single effect the
+/// comparison with the dq-model has answered this.
 ///
 /// # Errors
 /// Those of [`select`].
@@ -136,8 +137,8 @@ pub fn in_place_of_one(
     Ok(false)
 }
 
-/// Whether what was left of the currents, or of the motion, has become so much less `after` on the first recording that one reading of the
-/// log may explain it; what others alone have left may be.
+/// Whether the excess of the currents, or of the motion, on the first recording has fallen so far `after` that one reading of the log may
+/// explain it. An excess on other recordings alone may be explained, too.
 fn promises(before: &[Hypothesis], after: &Hypothesis, enough: f64) -> bool {
     let of = |hypothesis: &Hypothesis, electrical: bool| -> Vec<f64> {
         let channels = beyond_chance(hypothesis).zip(&hypothesis.squares);
@@ -154,17 +155,17 @@ fn promises(before: &[Hypothesis], after: &Hypothesis, enough: f64) -> bool {
     })
 }
 
-/// What a hypothesis leaves in all channels together, however differently much in each.
+/// Sum of the logarithms of the mean squares of all channels: each channel counts by its ratio.
 fn left_over(hypothesis: &Hypothesis) -> f64 {
     hypothesis.squares.iter().map(|(_, square)| square.ln()).sum()
 }
 
-/// Whether all that was left of the currents, or of the motion, is gone, and the rest no worse.
+/// Whether all excess of the currents, or of the motion, is explained, and the other channels are no worse.
 fn explained(before: &[Hypothesis], after: &[Hypothesis], enough: f64) -> bool {
     sides(before, after, enough).into_iter().any(|side| side.asks && side.gone)
 }
 
-/// Whether that can still be so with more recordings than these.
+/// Whether that is possible for these recordings and more.
 fn tells(before: &[Hypothesis], after: &[Hypothesis], enough: f64) -> bool {
     sides(before, after, enough).into_iter().any(|side| side.gone)
 }

@@ -1,5 +1,5 @@
 //! Mistakes of wiring, sign and order that make a sound machine's log one that no physics explains: each is undone in turn, and told
-//! where the bare machine then fits as no missing effect would let it.
+//! where the dq-model then fits as no missing effect would let it.
 
 mod mistakes;
 
@@ -15,7 +15,7 @@ use crate::start;
 use mistakes::mistakes;
 use rayon::prelude::*;
 
-/// Excess mean square of the bare machine from which a mistake is looked for: weaker misfits are physics.
+/// Excess mean square of the dq-model from which a mistake is looked for: weaker misfits are physics.
 const FAR: f64 = 100.0;
 /// What may be left of the excess where a mistake is undone: physics that is missing beside it.
 const LEFT: f64 = 0.04;

@@ -1,4 +1,4 @@
-//! One fit of the equation of motion after the other, each without the load steps that did not pay in the one before.
+//! Repeated fits of the equation of motion, each without the load steps that explained too little in the one before.
 
 use super::state::{State, states_of};
 use super::steps::{steps_apart, worthwhile_steps};
@@ -26,7 +26,7 @@ pub struct Motion {
     pub squares: Vec<f64>,
 }
 
-/// Fits from given states that prune load steps until all that are left pay.
+/// Fits from given states that prune load steps until each of the rest explains more than its price.
 pub struct Settling<'a> {
     pub data: &'a Data,
     pub model: &'a Model,
@@ -39,9 +39,9 @@ pub struct Settling<'a> {
 
 /// Outcome of one fit.
 enum Round {
-    /// All load steps pay.
+    /// All load steps are worth their price.
     Settled(Motion),
-    /// Parameters, and the states of each recording with those steps that pay.
+    /// Parameters, and the states of each recording with the steps that are worth their price.
     Pruned(Vec<f64>, Vec<State>, Vec<Vec<usize>>),
 }
 
@@ -94,7 +94,7 @@ impl Settling<'_> {
                 .collect()
         };
         let all_pay = |keep: &[Vec<usize>]| keep.iter().zip(&nuisances).all(|(k, n)| k.len() == n.steps());
-        // Steps that do not pay hardly move the cost and are long in settling: they go before the fit is finished.
+        // Weak steps hardly change the cost and converge slowly: they are removed before the fit is finished.
         let rough = Settings { max_iterations: ROUGH, ..data.settings };
         let mut fitted = experiment.fit(&parameters, &free, &rough, monitor)?;
         let mut keep = worthwhile(&fitted);

@@ -1,4 +1,4 @@
-//! Steps of an unknown load: those that a fitted equation of motion still misses, and those that do not pay.
+//! Steps of an unknown load: those that a fitted equation of motion still misses, and those that explain too little.
 
 use super::state::State;
 use crate::diagnose::data::Data;
@@ -84,8 +84,8 @@ pub fn steps_apart(experiment: &Joint, fitted: &Fitted, run: usize) -> Vec<usize
     apart
 }
 
-/// Numbers of the steps of the fitted load of recording `run` that pay for themselves: the weakest is taken away as long as it does not, by
-/// what equal levels on either side would cost to second order (Wald).
+/// Numbers of the steps of the fitted load of recording `run` that explain more than their price. The weakest is removed as long as it does
+/// not, by the Wald statistic of equal levels on either side.
 pub fn worthwhile_steps(experiment: &Joint, fitted: &Fitted, run: usize) -> Vec<usize> {
     let (nuisance, own) = (experiment.runs()[run].nuisance, experiment.nuisance(run).start);
     let mut kept: Vec<usize> = (0..nuisance.steps()).collect();

@@ -19,7 +19,7 @@ pub struct Fitted {
 impl Fitted {
     /// From the derivatives J of the residual, which an orthonormal `basis` spans.
     pub fn new(jacobian: &DMatrix<f64>, basis: &DMatrix<f64>) -> Self {
-        // A parameter without any effect stands for nothing; its scale must only not be zero.
+        // A parameter that changes nothing absorbs nothing; its scale must only not be zero.
         let norm = |c: DVectorView<f64>| Some(c.norm()).filter(|x| *x > 1e-100).unwrap_or(1.0);
         let scale: Vec<f64> = jacobian.column_iter().map(norm).collect();
         let gram = tall::gram(jacobian);

@@ -1,5 +1,5 @@
-//! What lasts in whitened currents: sums over blocks of samples, in which white noise keeps its mean square and what is left for a reason
-//! stands out. Hypotheses are judged by them, see [`crate::experiment::Experiment::mean_squares`].
+//! Temporal aggregation of whitened currents: sums over blocks of samples. White noise keeps its mean square in them, and a systematic
+//! residual grows. Hypotheses are compared by them, see [`crate::experiment::Experiment::mean_squares`].
 
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;

@@ -1,4 +1,4 @@
-//! What the derivatives of effects are freed of before they are held against what is left.
+//! Projection of the derivatives of effects, orthogonal to those of the fitted parameters.
 
 use super::aggregation::Aggregated;
 use crate::diagnose::data::Data;
@@ -14,7 +14,7 @@ pub(super) struct Projector {
     pub(super) channels: Channels,
     /// The channels in the order of the rows.
     pub(super) order: Vec<Channel>,
-    /// What the rotor does on each recording. What is scored has no strength and changes nothing of it.
+    /// Motion of the rotor on each recording. An effect at zero strength does not change it.
     pub(super) courses: Vec<Option<Course>>,
     /// Initial speeds of the windows, rad/s.
     pub(super) starts: Option<Vec<f64>>,
@@ -22,8 +22,8 @@ pub(super) struct Projector {
     pub(super) residual: DVector<f64>,
     /// The residual as it is.
     pub(super) left: DVector<f64>,
-    /// What lasts of it, where the currents are judged by that.
-    pub(super) lasting: Option<Aggregated>,
+    /// The aggregated residual, where the currents are compared by that.
+    pub(super) aggregated: Option<Aggregated>,
 }
 
 impl Projector {
@@ -39,9 +39,9 @@ impl Projector {
         let basis = orthonormal(&linear.jacobian);
         let residual = &linear.residual - &basis * basis.tr_mul(&linear.residual);
         let courses = experiment.courses(&hypothesis.parameters);
-        let lasting = Aggregated::new(data, hypothesis, &order, &linear);
+        let aggregated = Aggregated::new(data, hypothesis, &order, &linear);
         let left = linear.residual;
-        (Self { channels, order, courses, starts, basis, residual, left, lasting }, linear.jacobian)
+        (Self { channels, order, courses, starts, basis, residual, left, aggregated }, linear.jacobian)
     }
 
     /// What of it, with the derivatives `jacobian` with respect to what was fitted, belongs to the speed and to what was fitted to the speed
@@ -64,7 +64,7 @@ impl Projector {
         let mut channels = self.channels.clone();
         channels.iter_mut().for_each(|run| run.retain(|(c, _)| !c.is_electrical()));
         let (order, courses, starts) = (vec![self.order[place]], self.courses.clone(), self.starts.clone());
-        Some(Self { channels, order, courses, starts, basis, residual, left, lasting: None })
+        Some(Self { channels, order, courses, starts, basis, residual, left, aggregated: None })
     }
 }
 

@@ -75,8 +75,7 @@ impl Search<'_> {
         Ok(simpler.min_by(|a, b| evidence.cost(a).total_cmp(&evidence.cost(b))))
     }
 
-    /// Whether an effect moves a rotor that noise lets wander: to first order the speed is seen as it is, and what noise does to it counts for
-    /// the effect.
+    /// Whether an effect acts on a speed with driven noise. The first-order gain does not filter that noise and counts it for the effect.
     fn wanders(&self, effect: EffectId) -> bool {
         effect.info().site == Site::Mechanical && self.data.runs().iter().any(|run| run.wander().is_some())
     }

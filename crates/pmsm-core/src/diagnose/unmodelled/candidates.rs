@@ -18,10 +18,11 @@ const FINE: [(usize, usize); 2] = [(3, 12), (3, 28)];
 /// Pieces of a smooth torque over the speed in each direction, the smoothest first, and the half-width about standstill within which they are
 /// narrow, share of the largest speed: forms of friction differ there.
 const SMOOTHNESS: [(usize, f64); 6] = [(3, 0.0), (3, DENSE), (9, 0.0), (9, DENSE), (28, 0.0), (28, DENSE)];
-/// Speeds at which a torque may level off, shares of the largest speed: brakes and fluids do so. Two neighbours beside the smoothest curve come
-/// within 0.2 % of any such torque, at the price of two numbers; the narrowest is still far from a jump, of which 9 % is left.
+/// Speeds at which a torque may level off, shares of the largest speed: brakes and fluids do so. Two neighbours and the smoothest curve come
+/// within 0.2 % of any such torque, with two coefficients. The narrowest is far from a jump: 9 % of one would remain.
 const LEVELS_OFF: [f64; 5] = [1.0, 0.5, 0.25, 0.125, 0.0625];
-/// Half-width about standstill within which a curve over the speed may bend most, share of the largest speed: forms of friction differ there.
+/// Half-width about standstill within which the pieces of a curve over the speed are narrow, share of the largest speed: forms of friction
+/// differ there.
 const DENSE: f64 = 0.1;
 /// Splines in each direction of a map over two variables.
 const SURFACE: (usize, usize) = (2, 2);
@@ -123,10 +124,11 @@ pub fn lost_voltages(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Par
     (smooth, over_turn)
 }
 
-/// Smooth torques over the speed, of which one may be there: curves, the smoothest first, and torques that level off; and the torques over the turn, which may be there together.
+/// Smooth torques over the speed, of which one may act, and torques over the turn, which may act together. Those over the speed are curves,
+/// the smoothest first, and torques that level off.
 ///
-/// Each direction of rotation has its own curve: what turns over at standstill within less than the shortest of its pieces is dry friction by
-/// any name. There is none over the motor's torque: in steady motion it is what it balances, whatever that is. Of a rotor [without
+/// Each direction of rotation has its own curve. A torque that changes sign at standstill within its shortest piece is dry friction. None is
+/// over the motor's torque, which in steady motion equals any torque that it balances. Of a rotor [without
 /// load](turns_one_way_without_load) the curves span both directions, so that their odd halves are the torques that vanish at standstill.
 pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part>) {
     let part = |first| Part { equations: vec![Equation::Mechanical], first, second: None };

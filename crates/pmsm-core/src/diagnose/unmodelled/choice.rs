@@ -1,9 +1,8 @@
-//! Which map, how large and how stiff: judged to first order on blocks that were left out.
+//! Choice of a map, its size and stiffness, by cross-validation to first order.
 //!
 //! The derivatives of the exact simulation with respect to the coefficients, at zero, and those with respect to the fitted
-//! parameters give normal equations block by block. The blocks are dealt to a few folds; coefficients from all folds but one,
-//! held back by a ridge, are judged on that one. So every tried size and stiffness costs one small solution, and the
-//! simulation is differentiated once per map.
+//! parameters give normal equations block by block. The blocks are dealt to a few folds. Coefficients from all folds but one, with a ridge,
+//! predict that one. Each size and stiffness costs one small solution, and the simulation is differentiated once per map.
 
 use super::view::View;
 use super::{Side, candidates};
@@ -93,7 +92,7 @@ struct Scale {
 }
 
 impl Scale {
-    /// Loss in nats of a map with so many coefficients that leaves so much; what falls below the floor earns nothing.
+    /// Loss in nats of a map with so many coefficients that leaves so much; a residual below the floor gains nothing.
     fn loss(&self, left: f64, coefficients: usize) -> f64 {
         let square = left / (self.channels * self.counted) as f64;
         0.5 * MOST_WORTH * self.channels as f64 * square.max(1.0).ln() + PRICE * coefficients as f64

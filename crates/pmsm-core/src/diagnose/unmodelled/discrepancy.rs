@@ -27,7 +27,7 @@ use nalgebra::{DMatrix, DVector};
 const UNSHOWN: f64 = 1e-9;
 
 /// Most that an effect is worth, nats, which a smooth term or what remains may replace: less than an even chance.
-const UNEARNED: f64 = -1e-9;
+const NOT_NAMED: f64 = -1e-9;
 /// Error of the columns of sensors, share of an effect that is taken back as far as it goes: they are of first order, and of a turn by 0.3 rad
 /// the second one is 0.15. `cargo test -p pmsm-core columns_of_a_late_angle` tells the error of the first order, which is far less.
 const SENSORS_KNOWN_TO: f64 = 0.15;
@@ -72,7 +72,7 @@ pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f6
         let (fewer, _) = choices.least(&without, machine.len() - own.len(), samples)?;
         let lost = choices.excess(&without, machine.len() - own.len(), NONE)?;
         let explained = choices.excess(&without, machine.len() - own.len(), *beside)? - remains;
-        // A smooth term is an approximation, as the form of an effect is. What explains less than its error earns no name.
+        // A smooth term is an approximation, as the form of an effect is. An effect that explains less than its error is not named.
         let of_form = explained < slot.effect.form().powi(2) * (alone - remains);
         // What remains is of unknown cause, which may well be that of this part, too.
         let of_remainder = lost - alone < data.options.beside_remainder * remains;
@@ -89,8 +89,8 @@ pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f6
             && outside(&normals, &back, &[&others[..], &choices.places(machine.len(), *beside)].concat())?
                 < SENSORS_KNOWN_TO.powi(2) * outside(&normals, &back, &others)?;
         let nats = if by_sensors { -cost } else { fewer - whole - cost };
-        // Unearned either way, but by how much tells which of several goes first.
-        Some(if of_form || of_remainder { nats.min(UNEARNED) } else { nats })
+        // Not named either way; the gain orders those that are dropped.
+        Some(if of_form || of_remainder { nats.min(NOT_NAMED) } else { nats })
     };
     let known = |slot: &Slot| (slot.effect, worth(slot).filter(|nats| !nats.is_nan()).unwrap_or(0.0));
     set.model.slots().iter().filter(asked).map(known).collect()
@@ -112,7 +112,7 @@ fn machine_parameters(data: &Data, set: &Hypothesis, side: Side) -> Vec<usize> {
     fitted.into_iter().filter(|k| *k < set.model.parameter_count()).collect()
 }
 
-/// What a set leaves of the motion beside the discrepancy that suits it best, with the price of its own parameters, nats.
+/// Cost of a set for the motion beside its best discrepancy, its own parameters included, nats.
 pub(super) fn cost_beside_discrepancy(runs: &[Seen], samples_of: &[Seen]) -> Option<f64> {
     let ((data, set), side) = (runs[0], Side::Mechanical);
     let choices = Choices::new(data, set, side);
@@ -201,7 +201,7 @@ impl Choices {
             + if self.sensors { LAGS + TURNED } else { 0 }
     }
 
-    /// What a set of so many parameters leaves beside the term that suits it best, with the price of that term, nats; and which it is.
+    /// Cost of a set of so many parameters beside its best term, the term included, nats; and which term that is.
     fn least(&self, normals: &[Normal], parameters: usize, samples: &[f64]) -> Option<(f64, usize)> {
         let cost = |choice: usize| {
             let left = left(&self.beside(normals, parameters, choice), samples)?;
@@ -243,7 +243,7 @@ fn size(part: &Part, odd: bool) -> usize {
 
 /// What a set and the discrepancy together leave on all runs, nats.
 fn left(normals: &[Normal], samples: &[f64]) -> Option<f64> {
-    // Below the noise nothing is earned.
+    // A residual below the noise gains nothing.
     let nats = |(excess, samples): (&f64, &f64)| 0.5 * samples * excess.max(0.0).ln_1p();
     Some(excesses(normals)?.iter().zip(samples).map(nats).sum())
 }

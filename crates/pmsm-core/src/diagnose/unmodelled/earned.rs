@@ -1,9 +1,9 @@
 //! Effects beside the discrepancy: which of a set explain what a smooth term of the same equation cannot.
 //!
-//! Where a set has more than noise left, something else is missing, and it may have lent its shape to a name: a curve of friction that no
-//! catalogue holds looks like a sum of those that it holds. So each effect is held against smooth terms. One that such a term replaces has
-//! not earned its name. Saturation and the like are not asked: their name covers whatever a map of the flux shows. An effect of the
-//! motion earns no name either if the standard error of its strength exceeds the strength.
+//! Where the residual of a set exceeds the noise, something else is missing, and a name may only describe its shape: a friction curve outside
+//! the catalogue resembles a sum of curves in it. Each effect is therefore compared with smooth terms, and one that such a term replaces is
+//! not named. Saturation and the like are not compared: their names cover any map of the flux. An effect of the motion is not named either
+//! if the standard error of its strength exceeds the strength.
 
 use super::discrepancy::{Seen, beside_discrepancy, cost_beside_discrepancy, likely};
 use super::{Side, sides};

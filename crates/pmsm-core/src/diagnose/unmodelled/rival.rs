@@ -1,6 +1,5 @@
-//! Whether what the named effects leave of the motion is of their own size. An effect that takes away nine tenths of a speed error may
-//! still be a poor account of the torque behind it: inertia hides what changes fast, so that the mean of a torque that sits at one place
-//! of the turn passes for friction.
+//! Whether the torque that the named effects do not explain is of their own size. An effect may explain nine tenths of a speed error and
+//! still describe the torque badly. Inertia filters fast changes, so that the mean of a torque at one place of the turn resembles friction.
 
 use super::{Side, Unmodelled, candidates, choice, laid, places, sides};
 use crate::base::Base;
