@@ -11,6 +11,9 @@ use crate::specification::Specification;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
+/// Normal quantile of a two-sided interval of 95 %.
+pub(super) const Z95: f64 = 1.959_964;
+
 /// Version of the answer's form.
 pub const SCHEMA: &str = "pmsm-rs.diagnosis/2";
 
@@ -18,7 +21,7 @@ pub const SCHEMA: &str = "pmsm-rs.diagnosis/2";
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// The dq-model explains the recording down to the noise.
+    /// The dq-model explains the recording, and the validation run, down to the noise.
     NoMismatch,
     /// The omitted physics is named.
     Named,
@@ -26,9 +29,10 @@ pub enum Verdict {
     Partial,
     /// Several effects explain it equally well.
     Ambiguous,
-    /// Something is missing that the catalogue does not hold.
+    /// Something is missing, and no effect of the catalogue has enough evidence for a name.
     Unknown,
-    /// The recording is too poor to say anything.
+    /// Nothing can be said: the recording shows too little, the fitted machine is no model of it, or recordings contradict each other.
+    /// `reason` says which.
     Undetermined,
 }
 
@@ -43,7 +47,7 @@ pub struct Estimate {
     pub ci95: Option<[f64; 2]>,
     /// SI unit.
     pub unit: String,
-    /// Why there is no uncertainty, or no value.
+    /// Why there is no value, or no uncertainty; none where both are given.
     pub why_none: Option<String>,
 }
 
@@ -62,7 +66,8 @@ pub struct Candidate {
     pub parameters: BTreeMap<String, Estimate>,
     /// Effects that this recording cannot tell from this one.
     pub equivalent_to: Vec<String>,
-    /// Share of the held-out residual's squares above the floor that it removes.
+    /// Share of the excess mean square that it removes, between −1 and 1: on the recordings that were not fitted, or on the fitted one without
+    /// any. It is the share of the whole set that holds the effect.
     pub gain_held_out: f64,
 }
 
@@ -73,7 +78,7 @@ pub struct FoundModel {
     pub effects: Vec<String>,
     /// Its base parameters.
     pub base: BTreeMap<String, Estimate>,
-    /// Where the verdict is `unknown`: what no candidate explains as a map without a name.
+    /// Where the verdict is `unknown` or `partial`: a map of what no effect explains.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unmodelled: Option<Unmodelled>,
     /// What is needed to simulate it again, to the bit; none where nothing was fitted.
@@ -165,7 +170,7 @@ pub struct Answer {
     pub options: DiagnosisOptions,
     /// Where the dq-model fails.
     pub located: Vec<Located>,
-    /// What the effects that were found, named or not, leave beyond noise, largest first; empty where they reach it.
+    /// Residual of each equation beyond the noise beside the effects that were found, named or not, largest first; empty where they reach it.
     pub remaining: Vec<Remaining>,
     /// Which share of the mismatch each effect takes away, by channel and run.
     pub budget: Vec<Budget>,

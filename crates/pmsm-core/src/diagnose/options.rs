@@ -1,7 +1,10 @@
-//! The constants on which a verdict rests, each with what it means.
+//! The constants on which a verdict rests, each with its meaning and the reason for its value.
 //!
-//! Those of the likelihood say how much a row tells, those of the prior how rare an effect is, the others from where on a verdict speaks. None
-//! of them belongs to a kind of machine or to an effect. They are echoed in every answer.
+//! Some belong to the likelihood (how much a row counts), some to the priors (how rare an effect is), the others say from where on a verdict
+//! speaks. None belongs to a kind of machine or to an effect. Every answer lists them.
+//!
+//! They are definitions and priors: no command computes them. `make proof SPLIT=calibration` counts right and wrong verdicts on the cases on
+//! which a value may be changed; `docs/proof.md` says which cases these are.
 
 use crate::effects::text::OwnEffects;
 use crate::error::{Error, Result};
@@ -11,58 +14,61 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DiagnosisOptions {
-    /// Rows of a waveform that count as one independent sample. Forms of real curves, quantisation and a floor known to a per cent make
-    /// errors that last. Steady points and rows at open terminals count each.
+    /// Rows of a waveform that count as one independent sample. Inexact forms of effects, quantisation and an inexact noise floor cause
+    /// correlated errors, which row by row would call for effects that do not exist. Steady points and rows at open terminals count each.
     pub rows_per_sample: f64,
-    /// Fewest independent samples of a channel.
+    /// Fewest independent samples of a channel: a short recording counts, too.
     pub fewest_samples: f64,
-    /// Mean square over that of the noise floor below which a model gains nothing: a floor is known to a tenth.
+    /// Mean square, over that of the noise floor, below which a model gains nothing: the mean square of the floor is uncertain by a tenth.
     pub floor_known_to: f64,
-    /// What an effect costs by itself, nats: of the two dozen of the catalogue about one is there, prior odds of 1 to 20. Physics that no
-    /// catalogue holds is as rare.
+    /// Prior cost of an effect, nats. The natural logarithm of prior odds of 1 to 20 is -3.0: of all effects of the catalogue one or two are
+    /// missing. Physics outside the catalogue is as rare.
     pub effect_cost: f64,
-    /// What a coefficient of a map costs, nats: its own prior holds it back.
+    /// Prior cost of a coefficient of a map, nats. It is below the price of a parameter, since a ridge holds the coefficient near zero.
     pub coefficient_cost: f64,
-    /// Gain from which a set counts as better, nats: posterior odds of ten to one.
+    /// Gain from which a set counts as better, nats: by definition posterior odds of ten to one, ln 10.
     pub decisive: f64,
-    /// Probability that is kept for physics outside the catalogue when a set reaches the noise.
+    /// Prior probability of physics outside the catalogue where a set reaches the noise. It limits the probability of a name to 0.98.
     pub unknown: f64,
-    /// Posterior probability from which an effect is named beside something else.
+    /// Posterior probability from which an effect is named beside something else: by definition nine names of ten are right.
     pub named: f64,
-    /// Excess mean square that an effect must explain beside the others, over the excess that remains. It is asked where something else is
-    /// missing, beside the discrepancy, and where the forms of right effects may be the cause of the rest.
+    /// Excess mean square that an effect must explain beside the others, over the excess that remains: by definition at least as much. It is
+    /// asked where something else is missing, beside the discrepancy, and where inexact forms of effects may be the cause of the rest.
     pub beside_remainder: f64,
-    /// Most effects in one set.
+    /// Most effects in one set: a limit of computing time above the number that recordings have shown at once.
     pub most_effects: usize,
-    /// Excess mean square, over the floor's, from which a channel is called mismatched; below it nothing is looked for.
+    /// Excess mean square, over the floor's, from which a channel is mismatched. Below it the uncertainty of the floor may be the cause, and
+    /// nothing is looked for.
     pub mismatch: f64,
-    /// The same on a recording that was not used for fitting.
+    /// The same on a recording that was not used for fitting, where errors of the parameters add to it.
     pub mismatch_held_out: f64,
-    /// Excess mean square that a channel may have and still count as explained. An effect is named only if it lowers a channel by more.
+    /// Excess mean square up to which a channel counts as explained, about the uncertainty of the floor. An effect is named only if it lowers
+    /// the mean square of a channel by more.
     pub explained: f64,
-    /// A mean square on another recording beyond this multiple of the dq-model's, and beyond that by `refuted_by`, refutes a model.
+    /// Multiple of the dq-model's mean square on another recording beyond which a model is refuted, with `refuted_by` added: by definition it
+    /// predicts far worse.
     pub refuted_times: f64,
-    /// See `refuted_times`.
+    /// Mean square, over the floor's, that is added to that multiple. It keeps noise from refuting a model where the dq-model has no mismatch.
     pub refuted_by: f64,
-    /// Residual, times the noise, from which a further cause is missing. Below it lie errors of the forms of right effects: real saturation
-    /// curves, shaft dampings and friction humps are not quite those of the catalogue.
+    /// Residual, times the noise, from which a further cause is missing. A smaller one may be the error of the forms of right effects: real
+    /// saturation curves, shaft dampings and friction humps are not quite those of the catalogue.
     pub remaining_times: f64,
-    /// Probability of so much by chance above which nothing is said to remain.
+    /// Probability of so large a residual by chance above which nothing is said to remain: the level of a significance test.
     pub remaining_chance: f64,
-    /// Highest probability of any name where nothing is named, or where another recording speaks against it.
+    /// Highest probability of any name where nothing is named, or where another recording contradicts it: by definition below an even chance.
     pub ceiling_unknown: f64,
-    /// Highest probability of a name in doubt: an even chance. Something else remains beside it, or a poor recording does not predict another
-    /// one.
+    /// Highest probability of a name in doubt: by definition an even chance. Something else remains beside it, or a poor recording does not
+    /// predict another one.
     pub ceiling_doubtful: f64,
     /// Standard deviation of the logarithm of a nameplate value: magnets and windings scatter and warm up.
     pub nameplate_spread: f64,
     /// Standard deviation of a stated friction, or of a value of zero, share of the value: a bearing's friction may vanish.
     pub friction_spread: f64,
-    /// Time in which its largest torque brings a rotor to its largest speed, s: all that is known of an inertia that no nameplate states.
+    /// Time in which its largest torque brings a rotor to its largest speed, s: the prior of an inertia that no nameplate states.
     pub run_up: f64,
-    /// Standard deviation of the logarithm of that time: milliseconds in a servo, half a minute in a vehicle.
+    /// Standard deviation of the logarithm of that time, a factor of ten: milliseconds in a servo, half a minute in a vehicle.
     pub run_up_spread: f64,
-    /// Factor by which the residual of a dq-model may exceed the signal's own variation: in a short window noise that adds up does that.
+    /// Factor by which the residual of a dq-model may exceed the signal's own variation: in a short window accumulated noise does that.
     pub worse_than_constant: f64,
     /// A signal that varies by less than this many times its noise has nothing to explain.
     pub still: f64,
