@@ -7,9 +7,9 @@
 //!   (swarm, least squares, uncertainty), which know no motor.
 //! - [`machine`] (nameplate), [`base`] (its parameters in the equations), [`recording`] (checked columns).
 //! - [`effect`] (what an omitted effect is), [`terms`] (what effects share), [`effects`] (the catalogue), [`model`] (machine
-//!   plus effects), [`map`] (missing voltage or torque without a name), [`equations`] (a model as a list of operations).
-//! - [`signals`] (a recording as it drives a model), [`simulate`] (free runs), [`specification`] (a model as it is written to files),
-//!   [`start`] (first values).
+//!   plus effects), [`map`] (missing voltage or torque without a name).
+//! - [`signals`] (a recording as it drives a model), [`simulate`] (free runs), [`start`] (first values), [`equations`] (a model as a list of
+//!   operations), [`specification`] (a model as it is written to files).
 //! - [`drive`] (a closed-loop drive that makes recordings).
 //! - [`noise`] (what a log can tell), [`load_steps`].
 //! - [`experiment`] (one recording seen through one model, and the floor of its residuals), [`kernels`] (many parameter sets at once).

@@ -3,6 +3,7 @@
 pub(crate) mod basis;
 pub mod bytecode;
 pub mod derivative;
+pub(crate) mod differences;
 pub mod dimension;
 pub mod dual;
 pub mod expression;

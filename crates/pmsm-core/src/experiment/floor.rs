@@ -4,6 +4,7 @@
 use crate::experiment::{Channel, Experiment};
 use crate::noise::input::InputNoise;
 use crate::noise::wander::Wander;
+use crate::numerics::differences::white_noise;
 use crate::numerics::extent::peak;
 use crate::numerics::random::normal;
 use crate::numerics::real::Real;
@@ -12,11 +13,6 @@ use crate::recording::Kind;
 use crate::signals::Signals;
 use crate::simulate::electrical::incremental_inductances;
 use std::f64::consts::SQRT_2;
-
-/// Samples of a stretch over which noise is compared, and how much louder than the median stretch the whole may be for nothing but
-/// noise.
-const STRETCH: usize = 64;
-const LOUD: f64 = 1.2;
 
 /// Share of driven noise in the square of a floor from which a speed's residual is whitened, and a current's may lie above it by chance.
 const WANDERS: f64 = 0.05;
@@ -87,27 +83,6 @@ impl Floor {
     pub fn share(&self) -> f64 {
         (self.driven / self.total()).powi(2)
     }
-}
-
-/// Standard deviation of white noise on a smooth signal, from third differences (binomial weights 1, 3, 3, 1: the
-/// variance of the difference is 20 times that of the noise). A cubic drops out entirely; where transients that do not drop out make
-/// some stretches much louder, the quieter ones count.
-pub fn white_noise(x: &[f64]) -> f64 {
-    if x.len() < 4 {
-        return 0.0;
-    }
-    let squares: Vec<f64> = x.windows(4).map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).powi(2)).collect();
-    let mean = |s: &[f64]| s.iter().sum::<f64>() / s.len() as f64;
-    let whole = mean(&squares);
-    let mut stretches: Vec<f64> = squares.chunks_exact(STRETCH).map(mean).collect();
-    let square = if stretches.is_empty() {
-        whole
-    } else {
-        let middle = stretches.len() / 2;
-        let median = *stretches.select_nth_unstable_by(middle, f64::total_cmp).1;
-        if whole > LOUD * median && median > 0.0 { median } else { whole }
-    };
-    (square / 20.0).sqrt()
 }
 
 /// Sensor noise of the currents in the rotor frame, A, from i_a + i_b + i_c, which is zero but for noise, offsets and
@@ -401,23 +376,5 @@ impl Gaussian {
     fn next(&mut self) -> f64 {
         self.count += 1;
         normal(SEED, [self.count, 0, 0, 0])
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn third_differences_see_the_noise_and_not_the_signal() {
-        let mut random = Gaussian { count: 0 };
-        let x: Vec<f64> = (0..20_000)
-            .map(|k| {
-                let t = f64::from(k) * 1e-3;
-                100.0 * (0.5 * t).sin() + 3.0 * t * t + 0.2 * random.next()
-            })
-            .collect();
-        assert!((white_noise(&x) / 0.2 - 1.0).abs() < 0.03, "{}", white_noise(&x));
-        assert!(white_noise(&(0..100).map(f64::from).collect::<Vec<_>>()) < 1e-12);
     }
 }

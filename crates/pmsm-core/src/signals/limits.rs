@@ -3,7 +3,7 @@
 
 use super::steps::{held_rows, quantum, rounding};
 use super::{Finding, Signals, derived};
-use crate::experiment::floor::white_noise;
+use crate::numerics::differences::white_noise;
 use crate::numerics::extent::peak;
 use crate::numerics::transforms::SQRT3;
 use crate::recording::{Kind, Recording};

@@ -1,6 +1,6 @@
 //! White noise of the channels of a window.
 
-use crate::experiment::floor::white_noise;
+use crate::numerics::differences::white_noise;
 use crate::numerics::extent::peak;
 use crate::signals::Signals;
 
