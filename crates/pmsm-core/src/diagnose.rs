@@ -1,8 +1,8 @@
 //! Diagnosis: what does the model of this machine leave out?
 //!
-//! 1. [`join`]: the recordings are read, with their noise floors and priors.
+//! 1. `join`: the recordings are read, with their noise floors and priors.
 //! 2. `baseline`: the dq-model without effects is fitted; `adequacy`, `wiring` and `torque_sign` check that it is a model of the log.
-//! 3. `search`, `select`: sets of effects are grown, exchanged and pruned by [`evidence`]. Each is refitted by simulation and validated on
+//! 3. `search`, `select`: sets of effects are grown, exchanged and pruned by `evidence`. Each is refitted by simulation and validated on
 //!    samples that it was not fitted to.
 //! 4. `noise_update`, `voltage_frame`: noise and voltage are read anew with the best set, and the search repeated if that changes them.
 //! 5. `conclude`: verdict, estimates with their uncertainty, map of the rest, power and next experiment.
@@ -22,30 +22,30 @@ mod collinearity;
 mod conclude;
 mod consistency;
 mod coverage;
-pub mod data;
+mod data;
 mod decide;
 mod decimation;
-pub mod evidence;
+mod evidence;
 mod experiment_design;
 mod fitting;
-pub mod hypothesis;
+mod hypothesis;
 mod identifiability;
 mod incumbent;
-pub mod join;
+mod join;
 pub mod locate;
 mod motion;
+mod nameplate;
 mod noise_update;
 mod options;
 mod outputs;
 mod parameters_alone;
 mod per_recording;
-mod plausible;
 mod power;
 mod predict;
 pub mod remaining;
-pub mod score;
+mod score;
 mod search;
-pub mod select;
+mod select;
 mod short_circuit;
 mod stated_load;
 #[cfg(test)]
@@ -55,7 +55,7 @@ mod torque_points;
 mod torque_sign;
 mod transfer;
 pub mod unmodelled;
-pub mod verdict;
+mod verdict;
 mod voltage_frame;
 mod wiring;
 
@@ -79,8 +79,8 @@ const RICH: &str = "Record a rich manoeuvre: reversals, two levels of i_q, steps
 /// estimated but initial values and an unknown load. `options` are the constants on which the verdict rests.
 ///
 /// # Errors
-/// [`Error::Unusable`] if the validation run is one of the recordings; those of [`DiagnosisOptions::check`], [`join::prepare`] and [`crate::signals::Signals::new`],
-/// [`crate::start::values`] and the least-squares fits. An interruption through `monitor` is no error: the answer is then
+/// [`Error::Unusable`] if the validation run is one of the recordings; those of [`DiagnosisOptions::check`], [`crate::signals::Signals::new`],
+/// [`crate::start::values`], of recordings that cannot be combined, and the least-squares fits. An interruption through `monitor` is no error: the answer is then
 /// `undetermined`, and holds the best model so far.
 pub fn diagnose(
     recordings: &[&Recording],

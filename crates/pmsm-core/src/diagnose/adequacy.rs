@@ -7,6 +7,13 @@ use crate::experiment::{Block, Channel, Prior};
 use crate::machine::BaseParameter;
 use crate::signals::Finding;
 
+/// Standard deviations of its prior beyond which a parameter has run away: its ordinary scatter is less.
+const FAR: f64 = 3.0;
+/// Relative distance from a bound below which a parameter lies on it: what a bounded fit leaves by rounding.
+const AT_BOUND: f64 = 1e-6;
+/// Largest share of the variance of a signal that a fit which explains the larger part may leave.
+const HALF: f64 = 0.5;
+
 /// Residual of the dq-model in a channel of one recording, and the variation of that channel.
 struct Excess {
     run: usize,
@@ -64,7 +71,7 @@ pub fn explains_half(data: &Data, fitted: &Hypothesis, electrical: bool) -> bool
         let variation = experiment.runs()[block.run].variation(block.channel);
         floor.is_some_and(|floor| {
             variation <= data.options.still * floor.sensor
-                || (left * floor.total()).powi(2) < 0.5 * variation * variation
+                || (left * floor.total()).powi(2) < HALF * variation * variation
         })
     })
 }
@@ -87,15 +94,15 @@ fn ran_away(data: &Data, base: &Hypothesis, channel: Channel) -> Option<String> 
             _ => {
                 let (low, high) = p.physical_range();
                 // No friction at all is where a bearing may be.
-                let bound = [low, high].into_iter().find(|b| *b > 0.0 && (value - b).abs() <= 1e-6 * b)?;
+                let bound =
+                    [low, high].into_iter().find(|b| *b > 0.0 && (value - b).abs() <= AT_BOUND * b)?;
                 (f64::INFINITY, format!("its bound is {bound:.0e} {unit}"))
             }
         };
         Some((off, format!("; {} ran away to {value:.3e} {unit}, where {against}", p.name())))
     };
     let farthest = candidates.filter_map(told).max_by(|a, b| a.0.total_cmp(&b.0))?;
-    // Within its ordinary scatter a parameter has not run away.
-    (farthest.0 > 3.0).then_some(farthest.1)
+    (farthest.0 > FAR).then_some(farthest.1)
 }
 
 #[cfg(test)]

@@ -21,6 +21,8 @@ const AWAY: f64 = 0.005;
 const PREFIXES: [f64; 2] = [1e-3, 1e3];
 /// Signals must exceed their noise by this factor for anything to be said.
 const LEAST_SIGNAL: f64 = 5.0;
+/// Change of the residual, in units of the noise, that an electrical base parameter must cause as a whole to matter: three times the noise.
+const MATTERS: f64 = 3.0;
 /// Relative standard error of an electrical base parameter, from the sensors' noise alone, from which the recording is
 /// called poor.
 const POOR: f64 = 0.01;
@@ -97,7 +99,8 @@ fn is_alive(data: &Data) -> bool {
 /// Electrical base parameters that the recording does not determine although its equations contain them.
 pub fn weak_parameters(data: &Data, base: &Hypothesis) -> Vec<String> {
     let experiment = data.whole(base);
-    let free: Vec<usize> = base.free.iter().copied().filter(|k| *k < 4).collect();
+    let free: Vec<usize> =
+        base.free.iter().copied().filter(|k| *k < BaseParameter::ELECTRICAL.len()).collect();
     if free.is_empty() || !data.has_electrical() {
         return Vec::new();
     }
@@ -110,7 +113,7 @@ pub fn weak_parameters(data: &Data, base: &Hypothesis) -> Vec<String> {
         .filter(|(column, index)| {
             let value = base.parameters[**index].abs();
             // A parameter that changes nothing at all (a magnet at standstill) is no lack of the manoeuvre.
-            let matters = linear.jacobian.column(*column).norm() * value > 3.0;
+            let matters = linear.jacobian.column(*column).norm() * value > MATTERS;
             matters && covariance[(*column, *column)].sqrt() > POOR * value
         })
         .map(|(_, index)| names[*index].name().to_string())

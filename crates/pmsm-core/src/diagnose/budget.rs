@@ -109,7 +109,7 @@ pub fn budgets(
     let mut out = Vec::new();
     for (run, of) in [("recording", first as Side), ("validation", second as Side)] {
         let (Some(before), Some(named), Some(after)) = (of(&base), of(&set), of(&told)) else { continue };
-        for channel in channels(before) {
+        for channel in before.channels() {
             let excess = |h: Option<&Hypothesis>| h.map_or(0.0, |h| (square(h, channel) - 1.0).max(0.0));
             let whole = excess(Some(before));
             if whole <= data.options.mismatch {
@@ -157,13 +157,6 @@ fn first(on: &On) -> Option<&Hypothesis> {
 
 fn second(on: &On) -> Option<&Hypothesis> {
     on.1.as_ref()
-}
-
-fn channels(hypothesis: &Hypothesis) -> Vec<Channel> {
-    let mut channels: Vec<Channel> = hypothesis.squares.iter().map(|(channel, _)| *channel).collect();
-    channels.sort_unstable();
-    channels.dedup();
-    channels
 }
 
 /// Mean square of a channel over the floor's, over all recordings that hold it.

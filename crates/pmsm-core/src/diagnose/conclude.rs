@@ -14,8 +14,8 @@ use super::select::Outcome;
 use super::transfer::transfer;
 use super::unmodelled::Earned;
 use super::{
-    adequacy, attribution, budget, consistency, coverage, experiment_design, identifiability, per_recording,
-    plausible, power, remaining, stated_load, unmodelled, verdict,
+    adequacy, attribution, budget, consistency, coverage, experiment_design, identifiability, nameplate,
+    per_recording, power, remaining, stated_load, unmodelled, verdict,
 };
 use crate::effect::Site;
 use crate::effects::EffectId;
@@ -111,8 +111,8 @@ pub fn conclude(
     let (before, found) =
         rayon::join(|| on_validation(&outcome.base.fitted), || on_validation(&outcome.best.fitted));
     let (before, mut after): (Option<(&Data, Hypothesis)>, _) = (before?, found?);
-    let foreseen = after.as_ref().map(|(run, found)| (*run, found));
-    let mut remaining = remaining::beside(data, &outcome.best.fitted, foreseen);
+    let predicted = after.as_ref().map(|(run, found)| (*run, found));
+    let mut remaining = remaining::beside(data, &outcome.best.fitted, predicted);
     if data.poor && verdict == Verdict::Ambiguous && !remaining.is_empty() {
         // Beside another cause no name is sure, however much of the mismatch it explains.
         decide::doubt(&mut ranked, data.options.ceiling_doubtful);
@@ -120,8 +120,8 @@ pub fn conclude(
     // What a set leaves on the validation run, and of each equation.
     let left_by = |set: &Hypothesis| -> Result<_> {
         let after = on_validation(set)?;
-        let foreseen = after.as_ref().map(|(run, found)| (*run, found));
-        let remaining = remaining::beside(data, set, foreseen);
+        let predicted = after.as_ref().map(|(run, found)| (*run, found));
+        let remaining = remaining::beside(data, set, predicted);
         Ok((after, remaining))
     };
     let found = !outcome.best.fitted.effects().is_empty() && !cannot_tell(data, &outcome.best.fitted);
@@ -204,8 +204,8 @@ pub fn conclude(
     let predicted = predicted.map(|(_, before, after)| (verdict::excess(before), verdict::excess(after)));
     let others = validated.iter().filter(|_| data.poor && !refuted);
     let limit = data.options.mismatch_held_out;
-    let unforeseen: Vec<Finding> = others.filter_map(|(_, _, after)| not_foreseen(after, limit)).collect();
-    if !unforeseen.is_empty() {
+    let unpredicted: Vec<Finding> = others.filter_map(|(_, _, after)| not_predicted(after, limit)).collect();
+    if !unpredicted.is_empty() {
         decide::doubt(&mut ranked, data.options.ceiling_doubtful);
     }
     let gains = (searched, predicted);
@@ -220,12 +220,12 @@ pub fn conclude(
     data_quality.extend(few);
     let [r_s, psi_m] = [BaseParameter::RS, BaseParameter::PsiM].map(|p| best.fitted.own()[p.index()]);
     data_quality.extend(data.runs().iter().find_map(|run| run.signals.of_clock(r_s, psi_m)));
-    data_quality.extend(plausible::against_nameplate(data, &model_outputs.base()));
+    data_quality.extend(nameplate::contradicts(data, &model_outputs.base()));
     data_quality.extend(stated_load::may_be_off(data, &asymmetric));
     data_quality.extend(contradiction.map(|c| c.finding));
     data_quality.splice(0..0, ran_away);
     data_quality.extend(validation.and_then(|run| coverage::validates_the_motion_alone(data, run)));
-    data_quality.extend(unforeseen);
+    data_quality.extend(unpredicted);
     let step = |set: &verdict::Validated| {
         monitor.go_on()?;
         Ok(step(data, &set.fitted))
@@ -391,7 +391,7 @@ fn quality(data: &Data, weak: &[String], found: &[Collinearity], refuted: bool) 
 }
 
 /// A finding if a model fitted to a poor recording does not predict the validation run.
-fn not_foreseen(on_validation: &Hypothesis, limit: f64) -> Option<Finding> {
+fn not_predicted(on_validation: &Hypothesis, limit: f64) -> Option<Finding> {
     if verdict::largest_excess(on_validation) <= limit {
         return None;
     }

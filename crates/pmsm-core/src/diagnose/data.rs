@@ -20,6 +20,10 @@ use crate::simulate::mechanical::{self, Nuisance};
 use crate::start;
 use std::ops::Range;
 
+/// Noise of a current that no third phase shows, share of the largest current: a usual sensor of a drive.
+const CURRENT_NOISE: f64 = 0.002;
+/// Noise of the voltage of a steady point before its neighbours show it, share of the largest voltage.
+const VOLTAGE_NOISE: f64 = 0.005;
 /// Fewest mechanical windows from which every other one is held out where no validation run is given.
 const FEWEST_WINDOWS: usize = 4;
 
@@ -99,11 +103,11 @@ impl Data {
             .iter()
             .map(|&channel| {
                 let sensor = match channel {
-                    Channel::ID | Channel::IQ => current.unwrap_or(0.002 * signals.context.i_max),
+                    Channel::ID | Channel::IQ => current.unwrap_or(CURRENT_NOISE * signals.context.i_max),
                     Channel::OmegaE => {
                         floor::speed_noise(&signals).max(floor::RESOLUTION * signals.context.omega_e_max)
                     }
-                    Channel::VD | Channel::VQ => 0.005 * signals.context.v_max,
+                    Channel::VD | Channel::VQ => VOLTAGE_NOISE * signals.context.v_max,
                 };
                 Floor { channel, sensor, driven: 0.0, unsure: 0.0, swing: 0.0, wander: None }
             })

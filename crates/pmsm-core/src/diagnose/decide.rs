@@ -6,6 +6,11 @@ use super::unmodelled::{Alternative, Earned};
 use super::verdict::Validated;
 use crate::effects::EffectId;
 
+/// Largest logarithm of a set's weight over that of the best one. It only keeps the exponential finite: such odds are certain.
+const LARGEST_LOG_WEIGHT: f64 = 50.0;
+/// Probability of an effect whose set has as much evidence as the dq-model, where neither is named. Below it the effect is only told as not
+/// excluded; by definition one in five.
+const AS_GOOD_AS_NONE: f64 = 0.2;
 /// Candidates less probable than this are not listed.
 const LEAST_LISTED: f64 = 0.001;
 
@@ -31,7 +36,8 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
     let options = outcome.evidence.options();
     let known = if outcome.best.refuted { options.ceiling_unknown } else { 1.0 - options.unknown };
     let least = outcome.evidence.cost(&outcome.best);
-    let weight = |validated: &Validated| (least - outcome.evidence.cost(validated)).min(50.0).exp();
+    let weight =
+        |validated: &Validated| (least - outcome.evidence.cost(validated)).min(LARGEST_LOG_WEIGHT).exp();
     let total = 1.0 + outcome.swaps.iter().map(|s| weight(&s.validated)).sum::<f64>();
     let mut ranked: Vec<Ranked> = Vec::new();
     for &effect in &effects {
@@ -161,7 +167,7 @@ fn unlikely(outcome: &Outcome) -> Vec<Ranked> {
                 - outcome.evidence.cost_on_recording(&validated.fitted))
             .min(0.0)
             .exp();
-            let probability = 0.2 * odds;
+            let probability = AS_GOOD_AS_NONE * odds;
             (probability > LEAST_LISTED).then(|| Ranked {
                 effect: prospect.effect,
                 probability,

@@ -161,6 +161,14 @@ impl Hypothesis {
             || effect.idles(own, context)
     }
 
+    /// The channels that it was compared on, each once.
+    pub fn channels(&self) -> Vec<Channel> {
+        let mut channels: Vec<Channel> = self.squares.iter().map(|(channel, _)| *channel).collect();
+        channels.sort_unstable();
+        channels.dedup();
+        channels
+    }
+
     /// The mean square of one channel, over the floor's, in the recording where it is largest.
     pub fn square(&self, channel: Channel) -> f64 {
         let all = self.squares.iter().filter(|(c, _)| *c == channel).map(|(_, s)| *s);

@@ -17,6 +17,14 @@ const LISTED: f64 = 0.05;
 const REGION: (f64, f64) = (0.7, 0.6);
 /// A range narrower than this share of its larger end is a fixed setting, not a region.
 const NARROW: f64 = 0.02;
+/// Blocks of a residual whose mean squares are compared, and fewest of them for a trend over the recording.
+const BLOCKS: usize = 24;
+const FEWEST_BLOCKS: f64 = 12.0;
+/// Student's t of the logarithm of a residual's energy over time from which it is said to grow or to fade: far beyond chance, as many
+/// quantities are looked at.
+const TREND: f64 = 4.5;
+/// Standard deviation of a floor's mean square, share of it: the floor is known to three per cent.
+const FLOOR_SPREAD: f64 = 0.06;
 /// Bins of equal count per variable.
 const BINS: usize = 10;
 
@@ -236,14 +244,14 @@ fn narrowest(name: &str, unit: &str, x: &[f64], residual: &[f64]) -> Option<Regi
 
 /// Mean squares of blocks of the residual.
 fn blocks(residual: &[f64]) -> Vec<f64> {
-    let size = (residual.len() / 24).max(1);
+    let size = (residual.len() / BLOCKS).max(1);
     residual.chunks(size).map(|b| b.iter().map(|r| r * r).sum::<f64>() / b.len() as f64).collect()
 }
 
 fn trend(data: &Data, residual: &[f64]) -> Option<String> {
     let energy: Vec<f64> = blocks(residual).iter().map(|b| b.max(1e-300).ln()).collect();
     let n = energy.len() as f64;
-    if n < 12.0 || data.signals.kind == Kind::OperatingPoints {
+    if n < FEWEST_BLOCKS || data.signals.kind == Kind::OperatingPoints {
         return None;
     }
     let mean = energy.iter().sum::<f64>() / n;
@@ -257,7 +265,7 @@ fn trend(data: &Data, residual: &[f64]) -> Option<String> {
     }
     let correlation = xy / (xx * yy).sqrt().max(f64::MIN_POSITIVE);
     let score = correlation * ((n - 2.0) / (1.0 - correlation * correlation).max(1e-9)).sqrt();
-    (score.abs() > 4.5).then(|| if score > 0.0 { "grows" } else { "fades" }.to_string())
+    (score.abs() > TREND).then(|| if score > 0.0 { "grows" } else { "fades" }.to_string())
 }
 
 /// One-sided probability that blocks of pure noise average so much more than the floor, from their own scatter and a
@@ -267,7 +275,7 @@ fn chance(residual: &[f64]) -> f64 {
     let n = energy.len() as f64;
     let mean = energy.iter().sum::<f64>() / n;
     let scatter = energy.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0) / n;
-    let z = (mean - 1.0) / (scatter + 0.06f64.powi(2)).sqrt();
+    let z = (mean - 1.0) / (scatter + FLOOR_SPREAD.powi(2)).sqrt();
     upper_tail(z)
 }
 

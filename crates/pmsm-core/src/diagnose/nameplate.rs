@@ -1,17 +1,19 @@
-//! What an answer contradicts of the nameplate. That is no physics that a model leaves out, and a wrong unit or scale fits as well as the
-//! right one.
+//! Contradictions between estimates and the nameplate. They are no missing physics: a wrong unit or scale fits as well as the right one.
 
 use super::answer::Estimate;
 use super::data::Data;
-use crate::machine::BaseParameter;
+use super::options::DiagnosisOptions;
+use crate::machine::{BaseParameter, Machine};
 use crate::numerics::transforms::SQRT3;
 use crate::signals::Finding;
 use std::collections::BTreeMap;
 use std::f64::consts::SQRT_2;
 
+/// Standard errors beyond which a value of known uncertainty and the nameplate's differ.
+const DIFFERS: f64 = 3.0;
 /// Factor by which a nameplate may be off either way; what lies beyond was written or measured in another unit or scale.
 const OFF: f64 = 1.35;
-/// Standard error, share of the value, up to which a parameter is known well enough to be held against the nameplate.
+/// Standard error, share of the value, up to which a parameter is known well enough to be compared with the nameplate.
 const CERTAIN: f64 = 0.1;
 /// What may be logged in a wrong scale, and the powers of it by which r_s, l_d, l_q, psi_m and j are then off.
 const LOGGED: [(&str, [f64; 5]); 3] = [
@@ -29,7 +31,7 @@ const MISTAKEN: [(f64, &str); 5] = [
 ];
 
 /// Base parameters that came out far from the nameplate, and of what scale that may come. A poor recording does not contradict it.
-pub fn against_nameplate(data: &Data, base: &BTreeMap<String, Estimate>) -> Option<Finding> {
+pub fn contradicts(data: &Data, base: &BTreeMap<String, Estimate>) -> Option<Finding> {
     if data.poor {
         return None;
     }
@@ -38,7 +40,7 @@ pub fn against_nameplate(data: &Data, base: &BTreeMap<String, Estimate>) -> Opti
         let found = base.get(p.name()).filter(|e| certain(e))?.value?;
         (nameplate > 0.0 && found > 0.0).then(|| (*p, found / nameplate))
     };
-    // A bearing's friction is nobody's nameplate.
+    // The friction of bearings varies too much for a nameplate.
     let ratios: Vec<(BaseParameter, f64)> =
         BaseParameter::ALL.iter().filter(|p| **p != BaseParameter::B).filter_map(ratio).collect();
     let off: Vec<String> = ratios
@@ -52,6 +54,26 @@ pub fn against_nameplate(data: &Data, base: &BTreeMap<String, Estimate>) -> Opti
             "a wrong unit, scale or number of pole pairs fits as well as the right one, and nothing else tells of it"
                 .into(),
         fix: format!("check {}", suspect(&ratios)),
+    })
+}
+
+/// A finding where a value with its standard error lies farther from that on the nameplate than the spread of nameplates.
+pub fn contradicts_value(
+    machine: &Machine,
+    (parameter, value, error): (BaseParameter, f64, f64),
+    options: &DiagnosisOptions,
+) -> Option<Finding> {
+    let stated = machine.get(parameter).filter(|stated| *stated > 0.0 && parameter != BaseParameter::B)?;
+    let far =
+        (value / stated).ln().abs() > options.nameplate_spread && (value - stated).abs() > DIFFERS * error;
+    (value <= 0.0 || far).then(|| Finding {
+        finding: format!(
+            "{} is {value:.3e} {} by these points, the nameplate states {stated:.3e}",
+            parameter.name(),
+            parameter.unit()
+        ),
+        consequence: "one of the two is not that of this machine, or not in this state".into(),
+        fix: "check the nameplate, n_p, and units and scale of the columns".into(),
     })
 }
 

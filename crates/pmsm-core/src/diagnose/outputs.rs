@@ -1,6 +1,6 @@
 //! Parameters of a fitted hypothesis with their uncertainties.
 
-use super::answer::{Covariance, Estimate};
+use super::answer::{Covariance, Estimate, Z95};
 use super::collinearity::{self, Collinearity};
 use super::data::Data;
 use super::hypothesis::Hypothesis;
@@ -25,8 +25,6 @@ const FORM: f64 = 1.5;
 /// and angle at instants, and what happens between them is interpolated. With this and [`FORM`], 305 of 321 intervals of 95 % hold the
 /// truth: `python -m proof --split calibration --families singles,pairs --cases 44 --seed 7301` and `--families clean --cases 24 --seed 7101`.
 const BETWEEN_ROWS: f64 = 1e-4;
-/// Normal quantile of a 95 % interval.
-const Z95: f64 = 1.959_964;
 /// Uncertainty of a fitted hypothesis on its recording.
 pub struct Outputs<'a> {
     data: &'a Data,

@@ -1,4 +1,4 @@
-//! What a model leaves beside its effects, against the noise and on every recording, whatever share of the mismatch they explain.
+//! What remains beside the effects of a model: the residual of each equation in times the noise, on every recording.
 
 use super::answer::Step;
 use super::data::Data;
@@ -51,24 +51,21 @@ impl Remaining {
     }
 }
 
-/// What `model` leaves on the recording and, as `foreseen`, on the validation run, largest first; empty where that is noise.
-pub fn beside(data: &Data, model: &Hypothesis, foreseen: Option<(&Data, &Hypothesis)>) -> Vec<Remaining> {
+/// Residuals of `model` on the recording and, as `predicted`, on the validation run, largest first; empty where they are noise.
+pub fn beside(data: &Data, model: &Hypothesis, predicted: Option<(&Data, &Hypothesis)>) -> Vec<Remaining> {
     let names: Vec<String> = model.effects().iter().map(|e| e.id().to_string()).collect();
-    let mut channels: Vec<Channel> = model.squares.iter().map(|(channel, _)| *channel).collect();
-    channels.sort_unstable();
-    channels.dedup();
     let of = |channel: Channel| {
         let here = Seen::of(model, channel)?;
-        let there = foreseen.and_then(|(_, found)| Seen::of(found, channel));
+        let there = predicted.and_then(|(_, found)| Seen::of(found, channel));
         let further = |seen: &Seen| seen.is_a_further_cause(&data.options);
         let worst = [Some(here), there].into_iter().flatten().filter(further).reduce(Seen::larger)?;
-        let (run, found) = foreseen.filter(|_| there == Some(worst)).unwrap_or((data, model));
+        let (run, found) = predicted.filter(|_| there == Some(worst)).unwrap_or((data, model));
         let equation = locate::equation_of(channel);
         let place = locate::locate(run, found).into_iter().find(|at| at.equation == equation);
         Some(told(equation, &names, channel, (here, there), worst, place.as_ref()))
     };
     let size = |r: &Remaining| r.times_noise.validation.unwrap_or(0.0).max(r.times_noise.recording);
-    let mut out: Vec<Remaining> = channels.into_iter().filter_map(of).collect();
+    let mut out: Vec<Remaining> = model.channels().into_iter().filter_map(of).collect();
     out.sort_by(|a, b| size(b).total_cmp(&size(a)));
     out
 }

@@ -24,6 +24,8 @@ const STEP: f64 = 1e-5;
 const ANGLE: (f64, f64) = (3.0, 0.02);
 /// Standard error of the logarithm of a ratio beyond which it is not shown.
 const SHOWN: f64 = 0.2;
+/// Residual, relative to each measured value, beyond which the fit is no model of the points: it misses half of them.
+const NO_MODEL: f64 = 0.5;
 /// Fewest points from which the drag that grows with the speed is told from one that does not.
 const DRAGS: usize = 8;
 
@@ -201,7 +203,7 @@ impl<'a> Points<'a> {
         let variance = best / (rows - 3) as f64;
         let error = std::array::from_fn(|k| (variance * inverse[(k, k)]).sqrt());
         let rms = (best / rows as f64).sqrt();
-        let found = rms < 0.5 && error.iter().all(|e: &f64| !e.is_nan());
+        let found = rms < NO_MODEL && error.iter().all(|e: &f64| !e.is_nan());
         found.then(|| Fit { ratios: [x[0].exp(), x[1].exp(), x[2].exp()], error, rms, of_size })
     }
 

@@ -20,7 +20,9 @@ use crate::simulate::mechanical::WINDOW;
 const EACH_WAY: f64 = 0.1;
 /// Standard errors from which a term is told.
 const SHOWN: f64 = 3.0;
-/// Wild rows that a sentence names.
+/// Range of a term, share of its largest value, from which it is told from a constant.
+const VARIES: f64 = 0.1;
+/// Most outliers that a sentence names.
 const NAMED: usize = 6;
 
 /// Whether a recording holds such points: a measured load torque beside currents, in rows so far apart that no window of the motion holds two.
@@ -192,7 +194,7 @@ impl Balance {
 /// Whether values differ by a good part of the largest: else their term is that of a constant.
 fn varies(x: &[f64]) -> bool {
     let (low, high) = x.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
-    high - low > 0.1 * high.abs().max(low.abs())
+    high - low > VARIES * high.abs().max(low.abs())
 }
 
 #[cfg(test)]

@@ -15,6 +15,8 @@ use std::f64::consts::TAU;
 
 /// Other turns that are tried from one in which the run has been fitted.
 const TRIED: usize = 2;
+/// Mean square, over the floor's, below which a turn is no better: the floor is no more certain. It is that of `floor_known_to` by default.
+const LEAST_SQUARE: f64 = 0.9;
 /// Share of what is left that another turn must promise to take away.
 const PROMISE: f64 = 1e-3;
 
@@ -54,7 +56,7 @@ fn on_run(data: &Data, model: &Model, own: &[f64], monitor: &dyn Monitor) -> Res
 }
 
 fn total(hypothesis: &Hypothesis) -> f64 {
-    hypothesis.squares.iter().map(|(_, s)| s.max(0.9).ln()).sum()
+    hypothesis.squares.iter().map(|(_, s)| s.max(LEAST_SQUARE).ln()).sum()
 }
 
 /// The model's parameters as they are if the run begins in the first, second, … electrical turn of the revolution; only the first if

@@ -18,6 +18,11 @@ use nalgebra::{DMatrix, DVector};
 /// Singular values of a run's own parameters below this share of the largest carry no information.
 const SINGULAR: f64 = 1e-10;
 
+/// Least weight of a channel, which keeps a hopeless misfit from dividing by zero.
+const LEAST_WEIGHT: f64 = 1e-6;
+/// Share of the cost below which a step of a rival ends its fit: manoeuvres are ranked, and no parameter of it is told.
+const ROUGH: f64 = 1e-4;
+
 /// A hypothesis with what the recording says of its parameters.
 pub struct Rival<'a> {
     /// Fitted on the recording.
@@ -53,7 +58,7 @@ impl<'a> Rival<'a> {
             blocks.iter().zip(&fitted.squares).zip(&fitted.samples).map(weigh).collect();
         let mut channels = data.channels(true, true);
         for ((_, sigma), (_, weight)) in channels.iter_mut().flatten().zip(&all) {
-            *sigma /= weight.max(1e-6);
+            *sigma /= weight.max(LEAST_WEIGHT);
         }
         let experiment = data.experiment(&fitted.model, &fitted.nuisances, channels);
         // The manoeuvre is logged as the leading recording was.
@@ -113,7 +118,7 @@ impl<'a> Rival<'a> {
         let at: Vec<f64> = free.iter().map(|k| start[*k]).collect();
         let problem = Together { experiment: &experiment, rival: self, start: &start, free: &free };
         let settings =
-            Settings { max_iterations: iterations, cost_tolerance: 1e-4, ..crate::diagnose::data::SETTINGS };
+            Settings { max_iterations: iterations, cost_tolerance: ROUGH, ..crate::diagnose::data::SETTINGS };
         let fit = least_squares::minimise(&problem, &at, &bounds, &settings, monitor)?;
         monitor.go_on()?;
         let whole = problem.whole(&fit.parameters);
@@ -139,7 +144,7 @@ impl<'a> Rival<'a> {
         let mut channels: Channels = trial.channels(true, true);
         for (channel, sigma) in channels.iter_mut().flatten().filter(|_| weighed) {
             if let Some((_, weight)) = self.weights.iter().find(|(c, _)| c == channel) {
-                *sigma /= weight.max(1e-6);
+                *sigma /= weight.max(LEAST_WEIGHT);
             }
         }
         trial.experiment(&self.fitted.model, &[nuisance], channels)

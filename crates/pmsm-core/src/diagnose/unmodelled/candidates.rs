@@ -50,9 +50,6 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
     waves.extend(swings(data, best, located));
     let variables = variables(data, best, side);
     let commands = commands(data, side);
-    let line = |v: &(Variable, f64, f64), (degree, pieces): (usize, usize)| {
-        Factor::Spline(Spline { variable: v.0, low: v.1, high: v.2, degree, pieces, warp: 0.0 })
-    };
     let dense = |v: &(Variable, f64, f64)| {
         let (degree, pieces) = FINE[1];
         let warp = DENSE * v.1.abs().max(v.2.abs());
@@ -60,15 +57,15 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
     };
     let mut pairs: Vec<(Factor, Option<Factor>)> = waves.iter().map(|wave| (*wave, None)).collect();
     for (k, x) in variables.iter().enumerate() {
-        pairs.push((line(x, CURVE), None));
+        pairs.push((spline(x, CURVE), None));
         if side == Side::Mechanical {
-            pairs.extend(FINE.map(|size| (line(x, size), None)));
+            pairs.extend(FINE.map(|size| (spline(x, size), None)));
             if x.0 == Variable::OmegaE && x.1 < 0.0 && x.2 > 0.0 {
                 pairs.push((dense(x), None));
             }
         }
         for y in &variables[k + 1..] {
-            pairs.push((line(x, SURFACE), Some(line(y, SURFACE))));
+            pairs.push((spline(x, SURFACE), Some(spline(y, SURFACE))));
         }
     }
     for x in variables.iter().chain(&commands) {
@@ -79,21 +76,26 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
                 }
                 other => other,
             };
-            pairs.push((fewer, Some(line(x, LINE))));
+            pairs.push((fewer, Some(spline(x, LINE))));
         }
     }
     if side == Side::Mechanical && reverses(data) {
         let direction = Factor::Direction { width: DIRECTION * data.signals.context.omega_e_max };
         pairs.extend(waves.iter().map(|wave| (*wave, Some(direction))));
         let load = variables.iter().filter(|v| v.0 == Variable::TauE);
-        pairs.extend(load.map(|x| (line(x, CURVE), Some(direction))));
+        pairs.extend(load.map(|x| (spline(x, CURVE), Some(direction))));
     }
     if located.iter().any(|l| l.trend.is_some()) {
         let t = (Variable::T, 0.0, data.signals.context.duration);
-        pairs.push((line(&t, CURVE), None));
+        pairs.push((spline(&t, CURVE), None));
     }
     let equations = side.equations(data);
     pairs.into_iter().map(|(first, second)| Part { equations: equations.clone(), first, second }).collect()
+}
+
+/// A spline of this degree and number of uniform pieces over a variable, given with its range.
+fn spline(v: &(Variable, f64, f64), (degree, pieces): (usize, usize)) -> Factor {
+    Factor::Spline(Spline { variable: v.0, low: v.1, high: v.2, degree, pieces, warp: 0.0 })
 }
 
 /// Smooth voltages over speed and currents, of which one may be there, the simplest first; and the voltages over the turn, which may be there
@@ -101,9 +103,6 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
 pub fn lost_voltages(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part>) {
     let equations = Side::Electrical.equations(data);
     let part = |first, second| Part { equations: equations.clone(), first, second };
-    let spline = |v: &(Variable, f64, f64), (degree, pieces): (usize, usize)| {
-        Factor::Spline(Spline { variable: v.0, low: v.1, high: v.2, degree, pieces, warp: 0.0 })
-    };
     let variables = variables(data, best, Side::Electrical);
     let curves: Vec<Part> = variables.iter().map(|x| part(spline(x, CURVE), None)).collect();
     let surfaces = |size: (usize, usize)| -> Vec<Part> {
@@ -144,13 +143,13 @@ pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part
         None => Vec::new(),
     };
     let curve = |(pieces, dense): (usize, f64)| -> Vec<Part> {
-        let spline = |(low, high): &(f64, f64)| {
+        let over = |(low, high): &(f64, f64)| {
             let (variable, low, high) = (Variable::OmegaE, *low, *high);
             let warp = dense * data.signals.context.omega_e_max;
             let pieces = if odd { (2 * pieces).min(MOST - 3) / 2 * 2 } else { pieces };
             part(Factor::Spline(Spline { variable, low, high, degree: 3, pieces, warp }))
         };
-        ranges.iter().map(spline).collect()
+        ranges.iter().map(over).collect()
     };
     let (low, high) = range(&data.signals.theta_m);
     let over_turn: Vec<Part> = if high - low > TAU || data.signals.kind == Kind::OperatingPoints {

@@ -29,6 +29,13 @@ const RIDGES: [f64; 8] = [1e-11, 1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2];
 const HARMONICS: [usize; 4] = [1, 2, 4, 8];
 /// Largest number of derivatives held for one map.
 const CELLS: usize = 8_000_000;
+/// Independent samples that one channel counts in the choice of a map, whatever the length of the recording, and at most in that of a
+/// manoeuvre.
+pub const MOST_WORTH: f64 = 200.0;
+/// Price of a coefficient, nats, as by the default of `coefficient_cost`.
+const PRICE: f64 = 0.5;
+/// Gain from which a map is worth a fit by simulation, nats: prior odds of 1 to 20, as for an effect.
+const LEAST_GAIN: f64 = 3.0;
 /// Ridge that leaves a base parameter where it is if the blocks in use do not show it.
 const UNSHOWN: f64 = 1e-8;
 
@@ -79,11 +86,6 @@ pub fn choose(
     let worth = chosen.filter(|chosen| loss(chosen) < scale.loss(bare, 0) - LEAST_GAIN);
     Ok(worth.map(|chosen| settled(&view, chosen)))
 }
-
-/// Most independent samples that one channel is worth, price of a coefficient and least gain, nats.
-pub const MOST_WORTH: f64 = 200.0;
-const PRICE: f64 = 0.5;
-const LEAST_GAIN: f64 = 3.0;
 
 /// What a sum of squares over some channels is worth, by the rule by which effects are compared.
 struct Scale {
