@@ -6,6 +6,7 @@
 
 mod course;
 mod currents;
+mod decay;
 mod fitting;
 pub mod floor;
 mod forms;

@@ -1,5 +1,7 @@
 //! Free-run simulations of a model, each driven by what was measured on the other side.
 //!
+//! - [`environment`]: time, speed, angles and temperatures at a sample.
+//! - [`inductances`]: incremental inductances along a recording.
 //! - [`electrical`]: currents from the logged voltage and the measured speed and angle.
 //! - [`watched`]: the same, for those who look on at every sample.
 //! - [`mechanical`]: speed from the torque of the measured currents, in windows.
@@ -9,7 +11,9 @@
 
 pub mod coupled;
 pub mod electrical;
+pub mod environment;
 mod forms;
+pub mod inductances;
 pub mod mechanical;
 pub mod quasi_static;
 pub mod response;

@@ -1,10 +1,7 @@
 //! The answer: what was found, where, what else it could be, and what it is worth.
 
-use super::answer::{
-    Answer, BeforeAfter, Candidate, Columns, FitTable, FoundModel, SCHEMA, Step, Traces, Verdict,
-};
+use super::answer::{Answer, Candidate, FitTable, FoundModel, SCHEMA, Step, Traces, Verdict};
 use super::budget::Ends;
-use super::collinearity::{self, Collinearity};
 use super::data::Data;
 use super::decide::{self, Ranked};
 use super::fitting;
@@ -14,16 +11,15 @@ use super::select::Outcome;
 use super::transfer::transfer;
 use super::unmodelled::Earned;
 use super::{
-    adequacy, attribution, budget, consistency, coverage, experiment_design, identifiability, nameplate,
-    per_recording, power, remaining, stated_load, unmodelled, verdict,
+    adequacy, attribution, budget, consistency, coverage, data_quality, experiment_design, identifiability,
+    nameplate, per_recording, power, remaining, stated_load, traces, unmodelled, verdict,
 };
 use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
 use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
-use crate::recording::Kind;
-use crate::signals::{self, Finding};
+use crate::signals::Finding;
 use crate::specification::{Reading, Specification};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -193,18 +189,20 @@ pub fn conclude(
     let ends = Ends { base: (&outcome.base.fitted, bare), set: &best.fitted, told: (settled, left) };
     let budget = budget::budgets(data, validation, &ends, monitor)?;
     monitor.go_on()?;
-    let mut traces = Traces { recording: traces(data, &outcome.base.fitted, settled), ..Traces::default() };
-    let mut fit = FitTable { recording: table(&traces.recording, data), ..FitTable::default() };
+    let mut traces =
+        Traces { recording: traces::columns(data, &outcome.base.fitted, settled), ..Traces::default() };
+    let mut fit = FitTable { recording: traces::table(&traces.recording, data), ..FitTable::default() };
     if let Some((run, before, after)) = &validated {
-        traces.validation = self::traces(run, before, after);
-        fit.validation = table(&traces.validation, run);
+        traces.validation = traces::columns(run, before, after);
+        fit.validation = traces::table(&traces.validation, run);
     }
     // Of the model as it is told: the search may have compared it as fitted to both runs.
     let predicted = validated.as_ref().filter(|_| described.is_none() && !outcome.base.held_out.is_empty());
     let predicted = predicted.map(|(_, before, after)| (verdict::excess(before), verdict::excess(after)));
     let others = validated.iter().filter(|_| data.poor && !refuted);
     let limit = data.options.mismatch_held_out;
-    let unpredicted: Vec<Finding> = others.filter_map(|(_, _, after)| not_predicted(after, limit)).collect();
+    let unpredicted: Vec<Finding> =
+        others.filter_map(|(_, _, after)| data_quality::not_predicted(after, limit)).collect();
     if !unpredicted.is_empty() {
         decide::doubt(&mut ranked, data.options.ceiling_doubtful);
     }
@@ -216,7 +214,7 @@ pub fn conclude(
     let ranking = ranked.par_iter().map(candidate).collect::<Result<_>>()?;
     let next_experiment =
         experiment_design::next_experiment(data, &ranked, &outcome, (verdict, &remaining), weak, monitor)?;
-    let mut data_quality = quality(data, weak, &ties, refuted);
+    let mut data_quality = data_quality::findings(data, weak, &ties, refuted);
     data_quality.extend(few);
     let [r_s, psi_m] = [BaseParameter::RS, BaseParameter::PsiM].map(|p| best.fitted.own()[p.index()]);
     data_quality.extend(data.runs().iter().find_map(|run| run.signals.of_clock(r_s, psi_m)));
@@ -298,28 +296,8 @@ fn step(data: &Data, hypothesis: &Hypothesis) -> Step {
         effects: effects.iter().map(|e| e.id().to_string()).collect(),
         base: outputs.base(),
         parameters: effects.iter().map(|e| (e.id().to_string(), outputs.effect(*e))).collect(),
-        rms: residual_rms(data, hypothesis),
+        rms: traces::residual_rms(data, hypothesis),
     }
-}
-
-/// Root mean square of model minus measurement by channel, over all recordings that hold it.
-fn residual_rms(data: &Data, hypothesis: &Hypothesis) -> BTreeMap<String, f64> {
-    let mut sums: BTreeMap<String, Vec<(f64, usize)>> = BTreeMap::new();
-    let floors = data.runs().iter().flat_map(|run| run.floors.iter().map(|f| (f, run.signals.len())));
-    let experiment = data.whole(hypothesis).plain();
-    let relative = experiment.relative_rms(&experiment.residual(&hypothesis.parameters));
-    for ((floor, samples), relative) in floors.zip(relative) {
-        let rms = relative * floor.total();
-        sums.entry(floor.channel.name().to_string()).or_default().push((rms, samples));
-    }
-    let root = |parts: Vec<(f64, usize)>| match parts[..] {
-        [(rms, _)] => rms,
-        _ => {
-            let samples: usize = parts.iter().map(|(_, n)| n).sum();
-            (parts.iter().map(|(rms, n)| rms * rms * *n as f64).sum::<f64>() / samples as f64).sqrt()
-        }
-    };
-    sums.into_iter().map(|(name, parts)| (name, root(parts))).collect()
 }
 
 fn candidate(
@@ -347,107 +325,4 @@ fn candidate(
         equivalent_to: ranked.equivalent.iter().map(|e| e.id().to_string()).collect(),
         gain_held_out: if before > 0.0 { ((before - after) / before).clamp(-1.0, 1.0) } else { 0.0 },
     }
-}
-
-fn quality(data: &Data, weak: &[String], found: &[Collinearity], refuted: bool) -> Vec<Finding> {
-    let mut findings = data.signals.findings.clone();
-    let noise: Vec<Vec<Finding>> = data.runs().iter().map(|run| run.input.findings(&run.signals)).collect();
-    findings.extend(signals::join::findings(noise.iter().map(Vec::as_slice)));
-    findings.extend(collinearity::findings(found));
-    if data.signals.kind == Kind::OperatingPoints && data.signals.averaged == 1 {
-        findings.push(Finding {
-            finding: "the samples are far apart compared with the electrical time constants".into(),
-            consequence: "they are taken as steady operating points; nothing is said about transients or ripple".into(),
-            fix: "sample at the switching frequency for those questions".into(),
-        });
-    }
-    let richer = match data.signals.kind {
-        Kind::OperatingPoints => "record points at other levels of i_q and i_d, and in both directions",
-        _ => "add reversals, a second level of i_q and steps of i_d",
-    };
-    if !weak.is_empty() {
-        findings.push(Finding {
-            finding: format!("the recording does not pin down {}", weak.join(", ")),
-            consequence: "effects that resemble a change of these parameters cannot be told from it".into(),
-            fix: richer.into(),
-        });
-    }
-    if weak.is_empty() && coverage::stays_at_one_point(&data.signals) {
-        findings.push(Finding {
-            finding: "the machine was recorded at one speed and load".into(),
-            consequence: "what has the same form there cannot be told apart, and nothing is said of other speeds and loads".into(),
-            fix: richer.into(),
-        });
-    }
-    if refuted {
-        findings.push(Finding {
-            finding: "what fits this recording predicts the validation run worse than the dq-model alone"
-                .into(),
-            consequence: "the candidates are listed, but none is put into the model".into(),
-            fix: "diagnose a manoeuvre with reversals, two levels of i_q and steps of i_d".into(),
-        });
-    }
-    findings
-}
-
-/// A finding if a model fitted to a poor recording does not predict the validation run.
-fn not_predicted(on_validation: &Hypothesis, limit: f64) -> Option<Finding> {
-    if verdict::largest_excess(on_validation) <= limit {
-        return None;
-    }
-    let (channel, square) = on_validation.squares.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
-    Some(Finding {
-        finding: format!(
-            "on the validation run the model has a residual of {} times the noise in {}",
-            power::times(square.sqrt()),
-            channel.name()
-        ),
-        consequence: "either a parameter that this recording does not pin down is wrong, or something is missing that it does not show"
-            .into(),
-        fix: "diagnose the validation run by itself, or both recordings together".into(),
-    })
-}
-
-/// What was measured, and what two sets predict, with the operating points.
-fn traces(data: &Data, before: &Hypothesis, after: &Hypothesis) -> Columns {
-    let mut columns = Columns::new();
-    let s = &data.signals;
-    columns.insert("t".into(), s.t.clone());
-    if let Some(number) = per_recording::numbers(data) {
-        columns.insert("recording".into(), number);
-    }
-    let first = data.whole(before);
-    let shown = |hypothesis: &Hypothesis| data.whole(hypothesis).predict(&hypothesis.parameters);
-    let (x, y) = rayon::join(|| shown(before), || shown(after));
-    for (at, channel) in first.channels().iter().enumerate() {
-        let name = channel.name();
-        columns.insert(format!("{name}_measured"), first.measured(*channel));
-        columns.insert(format!("{name}_before"), x[at].clone());
-        columns.insert(format!("{name}_after"), y[at].clone());
-    }
-    columns.insert("op_omega_e".into(), s.omega_e.clone());
-    if let Some([d, q]) = &s.i {
-        columns.insert("op_i_d".into(), d.clone());
-        columns.insert("op_i_q".into(), q.clone());
-    }
-    if s.angle_known && s.kind != Kind::OperatingPoints {
-        columns.insert("op_theta_e".into(), s.theta_e.clone());
-        columns.insert("op_theta_m".into(), s.theta_m.clone());
-    }
-    columns
-}
-
-fn table(columns: &Columns, data: &Data) -> BeforeAfter {
-    let rms = |when: &str| -> BTreeMap<String, f64> {
-        data.floors
-            .iter()
-            .filter_map(|f| {
-                let name = f.channel.name();
-                let (measured, model) =
-                    (columns.get(&format!("{name}_measured"))?, columns.get(&format!("{name}_{when}"))?);
-                Some((name.to_string(), per_recording::rms(measured, model)))
-            })
-            .collect()
-    };
-    BeforeAfter { before: rms("before"), after: rms("after") }
 }

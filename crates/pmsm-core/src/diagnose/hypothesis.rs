@@ -9,7 +9,7 @@ use crate::machine::BaseParameter;
 use crate::model::Model;
 use crate::noise::colour::effective_samples;
 use crate::noise::whitening::{Bench, Whitening};
-use crate::simulate::electrical::incremental_inductances;
+use crate::simulate::inductances::incremental_inductances;
 use crate::simulate::mechanical::Nuisance;
 
 /// Share of its typical strength below which an effect counts as absent.

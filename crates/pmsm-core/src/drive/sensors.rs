@@ -126,7 +126,7 @@ mod tests {
         let (seen, error) = SensorBox::new(&s, &model, &p, 1, 1e-4).measure(0, [-2.0, 7.0], &truth);
         let at = Env { theta_e: seen.theta_e, theta_m: seen.theta_m, omega_e: seen.omega_e, ..truth };
         let sensor = model.sensor(&p, &at);
-        let back = crate::simulate::electrical::true_env(&sensor, &at, 3.0);
+        let back = crate::simulate::environment::true_env(&sensor, &at, 3.0);
         assert!((back.theta_e - 2.0).abs() < 1e-14 && (back.omega_e - 300.0).abs() < 1e-10);
         assert!((sensor.angle - error).abs() < 1e-15 && error.abs() > 0.01);
         let i = model.true_current(&sensor, seen.abc, seen.theta_e);

@@ -43,7 +43,7 @@ mod tests {
     use crate::effects::EffectId;
     use crate::effects::testing::{CX, MACHINE, close, env};
     use crate::model::Model;
-    use crate::simulate::electrical::true_env;
+    use crate::simulate::environment::true_env;
     use crate::numerics::transforms::rotate;
 
     #[test]

@@ -49,7 +49,7 @@ mod tests {
     use crate::effects::EffectId;
     use crate::effects::testing::{CX, MACHINE, close, env};
     use crate::model::Model;
-    use crate::simulate::electrical::true_env;
+    use crate::simulate::environment::true_env;
 
     #[test]
     fn a_late_angle_lags_behind_the_rotor_in_either_direction() {

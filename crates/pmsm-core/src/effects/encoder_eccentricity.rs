@@ -67,7 +67,7 @@ mod tests {
     use crate::effects::EffectId;
     use crate::effects::testing::{CX, MACHINE, base, close, env};
     use crate::model::Model;
-    use crate::simulate::electrical::true_env;
+    use crate::simulate::environment::true_env;
 
     #[test]
     fn true_speed_is_the_derivative_of_the_true_angle() {

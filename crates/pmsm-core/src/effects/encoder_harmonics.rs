@@ -93,7 +93,7 @@ mod tests {
     use crate::effects::EffectId;
     use crate::effects::testing::{CX, MACHINE, base, close, env, fourier};
     use crate::model::Model;
-    use crate::simulate::electrical::true_env;
+    use crate::simulate::environment::true_env;
 
     /// What the sensor does at a measured angle.
     fn shown(p: &[f64], theta_e: f64) -> Sensor<f64> {

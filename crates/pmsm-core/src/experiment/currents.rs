@@ -4,7 +4,8 @@ use super::rows::{Rows, of_groups};
 use super::{Channel, Experiment, LANES, seed};
 use crate::numerics::dual::Dual;
 use crate::numerics::real::Real;
-use crate::simulate::electrical::{self, incremental_inductances};
+use crate::simulate::electrical;
+use crate::simulate::inductances::incremental_inductances;
 use crate::simulate::quasi_static;
 use rayon::prelude::*;
 

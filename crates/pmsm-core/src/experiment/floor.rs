@@ -11,7 +11,7 @@ use crate::numerics::real::Real;
 use crate::numerics::transforms::{inverse_clarke, rotate};
 use crate::recording::Kind;
 use crate::signals::Signals;
-use crate::simulate::electrical::incremental_inductances;
+use crate::simulate::inductances::incremental_inductances;
 use std::f64::consts::SQRT_2;
 
 /// Share of driven noise in the square of a floor from which a speed's residual is whitened, and a current's may lie above it by chance.

@@ -1,6 +1,8 @@
-//! An unknown load as the derivatives of the speed see it.
+//! Derivatives of the speed with respect to an unknown load.
 
 use super::Experiment;
+use super::decay::{kept, root};
+use crate::machine::BaseParameter;
 
 /// Levels and instants of an unknown load, followed along the recording.
 pub(super) struct Profile<'p> {
@@ -47,5 +49,46 @@ impl<'p> Profile<'p> {
             pushes[2] = self.of_instant[level].map(|c| (c, -higher / h));
         }
         pushes
+    }
+}
+
+impl Experiment<'_> {
+    /// Derivatives of the speed with respect to the levels and instants of the load, from its derivative `slope` with respect
+    /// to the initial speed of the window: what a torque adds over one sample fades as an initial speed does.
+    pub(super) fn load_columns(
+        &self,
+        (p, free, columns): (&[f64], &[usize], &[usize]),
+        slope: &[f64],
+        mut rows: Vec<&mut [f64]>,
+    ) {
+        let weight = self.speed_weight();
+        let per_torque = -self.signals.n_p / p[BaseParameter::J.index()];
+        let mut profile = Profile::new(self, p, free, columns);
+        let t = &self.signals.t;
+        let mut responses = vec![0.0; columns.len()];
+        // Columns that have acted in this window; the others' rows are zeros as they came.
+        let mut acting: Vec<usize> = Vec::new();
+        for window in self.windows {
+            acting.drain(..).for_each(|column| responses[column] = 0.0);
+            for k in window.clone() {
+                for column in &acting {
+                    rows[*column][k] = responses[*column] * weight;
+                }
+                if k + 1 >= window.end {
+                    break;
+                }
+                let kept = kept(slope, k, 1);
+                for column in &acting {
+                    responses[*column] *= kept;
+                }
+                let gain = per_torque * root(kept) * (t[k + 1] - t[k]);
+                for (column, push) in profile.pushes(t[k], t[k + 1]).into_iter().flatten() {
+                    responses[column] += gain * push;
+                    if !acting.contains(&column) {
+                        acting.push(column);
+                    }
+                }
+            }
+        }
     }
 }

@@ -14,7 +14,7 @@ use crate::map::{Equation, Factor, MOST, Map, Part, Point};
 use crate::numerics::dual::Dual;
 use crate::numerics::lanes::{self, Job, Lane, Path};
 use crate::numerics::real::Real;
-use crate::simulate::electrical::between;
+use crate::simulate::environment::between;
 use crate::simulate::watched::{self, Watch};
 use nalgebra::DMatrix;
 use std::array::from_fn;

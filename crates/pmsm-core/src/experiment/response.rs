@@ -5,12 +5,11 @@
 //! then costs its share of the acceleration at each sample, in place of a run.
 
 use super::course::{Course, Gains, Run};
-use super::load::Profile;
+use super::decay::{added, kept, root};
 use super::rows::{Rows, of_groups};
-use super::{Experiment, seed};
+use super::{Experiment, decay, seed};
 use crate::base::BASE;
 use crate::effect::{Role, Site};
-use crate::machine::BaseParameter;
 use crate::model::Slot;
 use crate::numerics::dual::Dual;
 use crate::numerics::real::Real;
@@ -238,79 +237,13 @@ impl Experiment<'_> {
                 let three = [&a, &b, &c];
                 let half = root(kept) * h / 12.0;
                 put(k + 1, &added(&response, kept, [5.0 * half, 8.0 * half, -half], three));
-                let (h, kept) = ((t[k + 2] - t[k]) / 6.0, self::kept(slope, k, 2));
+                let (h, kept) = ((t[k + 2] - t[k]) / 6.0, decay::kept(slope, k, 2));
                 response = added(&response, kept, [kept * h, 4.0 * root(kept) * h, h], three);
                 k += 2;
             }
             put(k, &response);
         }
     }
-
-    /// Derivatives of the speed with respect to the levels and instants of the load, from its derivative `slope` with respect
-    /// to the initial speed of the window: what a torque adds over one sample fades as an initial speed does.
-    fn load_columns(
-        &self,
-        (p, free, columns): (&[f64], &[usize], &[usize]),
-        slope: &[f64],
-        mut rows: Vec<&mut [f64]>,
-    ) {
-        let weight = self.speed_weight();
-        let per_torque = -self.signals.n_p / p[BaseParameter::J.index()];
-        let mut profile = Profile::new(self, p, free, columns);
-        let t = &self.signals.t;
-        let mut responses = vec![0.0; columns.len()];
-        // Columns that have acted in this window; the others' rows are zeros as they came.
-        let mut acting: Vec<usize> = Vec::new();
-        for window in self.windows {
-            acting.drain(..).for_each(|column| responses[column] = 0.0);
-            for k in window.clone() {
-                for column in &acting {
-                    rows[*column][k] = responses[*column] * weight;
-                }
-                if k + 1 >= window.end {
-                    break;
-                }
-                let kept = kept(slope, k, 1);
-                for column in &acting {
-                    responses[*column] *= kept;
-                }
-                let gain = per_torque * root(kept) * (t[k + 1] - t[k]);
-                for (column, push) in profile.pushes(t[k], t[k + 1]).into_iter().flatten() {
-                    responses[column] += gain * push;
-                    if !acting.contains(&column) {
-                        acting.push(column);
-                    }
-                }
-            }
-        }
-    }
-}
-
-/// Share of a change of the speed at sample `k` of a window that is left some samples later.
-#[inline(always)]
-fn kept(slope: &[f64], k: usize, later: usize) -> f64 {
-    if slope[k] == 0.0 { 0.0 } else { slope[k + later] / slope[k] }
-}
-
-/// The share that is left halfway.
-#[inline(always)]
-fn root(kept: f64) -> f64 {
-    kept.max(0.0).sqrt()
-}
-
-/// What is left of a response, and what came to it.
-#[inline(always)]
-fn added<const N: usize>(
-    response: &[f64; N],
-    kept: f64,
-    [a, b, c]: [f64; 3],
-    [x, y, z]: [&[f64; N]; 3],
-) -> [f64; N] {
-    let mut out = [0.0; N];
-    for n in 0..N {
-        out[n] = response[n] * kept + a * x[n] + b * y[n] + c * z[n];
-    }
-    out
 }
 
 #[cfg(test)]
@@ -319,6 +252,7 @@ mod tests {
     use crate::effects::{ALL, EffectId};
     use crate::experiment::Linearisation;
     use crate::experiment::testing::{of_speed, reversing};
+    use crate::machine::BaseParameter;
     use crate::model::Model;
     use crate::simulate::mechanical::Nuisance;
 

@@ -9,7 +9,7 @@ use crate::numerics::basis;
 use crate::numerics::dual::Dual;
 use crate::numerics::real::Real;
 use crate::signals::Signals;
-use crate::simulate::electrical::measured_env;
+use crate::simulate::environment::measured_env;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 

@@ -12,15 +12,20 @@
 //! iteration; one that a step would carry across its bound is put there and the others are solved for again.
 
 mod information;
+mod problem;
+mod settings;
 mod step;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
 use crate::error::{Error, Result};
 use crate::monitor::Monitor;
+use problem::{checked, evaluate};
 use step::{RIDGE, Step, lie_on};
 
 pub use information::{WeakDirection, covariance, scaled_inverse, weak_directions};
+pub use problem::{Normal, Problem};
+pub use settings::Settings;
 
 /// Damping at which a rejected step has become pure gradient descent of no length: no lower cost will be found.
 const MAX_DAMPING: f64 = 1e16;
@@ -35,100 +40,6 @@ const COST_NOISE: f64 = 1e-8;
 const STALLED: usize = 3;
 /// What a step promises falls with the one before to no less than this share, as far as can be relied on: from far away it falls faster.
 const FASTEST: f64 = 1e-5;
-
-/// Normal equations at one point.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Normal {
-    /// Sum of squared weighted residuals, rᵀr.
-    pub cost: f64,
-    /// JᵀJ, dim × dim.
-    pub jtj: DMatrix<f64>,
-    /// Jᵀr, half the gradient of the cost, with r = model − data.
-    pub jtr: DVector<f64>,
-}
-
-impl Normal {
-    fn is_finite(&self) -> bool {
-        self.cost.is_finite() && self.jtj.iter().chain(self.jtr.iter()).all(|x| x.is_finite())
-    }
-}
-
-/// A sum of squares to be minimised.
-pub trait Problem: Sync {
-    /// Number of parameters.
-    fn dim(&self) -> usize;
-    /// Number of residuals that count, where it is known.
-    fn residuals(&self) -> Option<usize> {
-        None
-    }
-    /// Sum of squared weighted residuals at `p`. Not finite where the model cannot be evaluated.
-    fn cost(&self, p: &[f64]) -> f64;
-    /// Cost and normal equations at `p`.
-    fn normal(&self, p: &[f64]) -> Normal;
-    /// Cost at a trial point, with the normal equations if they are worth having at once. The first trial of a search is
-    /// the one that is mostly accepted.
-    fn trial(&self, p: &[f64], _first: bool) -> (f64, Option<Normal>) {
-        (self.cost(p), None)
-    }
-}
-
-/// When to stop, and how carefully to begin.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Settings {
-    /// Most accepted or abandoned steps, at least 1.
-    pub max_iterations: usize,
-    /// Converged once the undamped step promises to lower the cost by no more than this share of it, ≥ 0. The promise
-    /// is the squared distance to the minimum in standard errors, divided by the degrees of freedom.
-    pub cost_tolerance: f64,
-    /// Converged once the undamped step is no longer than this share of the parameters, both measured in the norm
-    /// that weights each parameter with its column of J, ≥ 0.
-    pub step_tolerance: f64,
-    /// First μ, ≥ 0; 0 begins with a Gauss–Newton step.
-    pub initial_damping: f64,
-    /// Whether the last step is left to the caller, who takes it without an evaluation, see [`Fit::go_on`]. Converged is then also where
-    /// the step behind it would promise no more than `cost_tolerance` allows, if it falls behind it as that one fell behind the one before.
-    pub leaves_rest: bool,
-    /// Converged also where three steps on end lower the cost less and less, and by no more than this share of it, ≥ 0, times the mean
-    /// square of the residuals where that is known and above one: a parameter runs away where hardly anything shows it, whatever the model
-    /// promises.
-    pub stall_tolerance: f64,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            max_iterations: 100,
-            cost_tolerance: 1e-14,
-            step_tolerance: 1e-10,
-            initial_damping: 1e-3,
-            leaves_rest: false,
-            stall_tolerance: 0.0,
-        }
-    }
-}
-
-impl Settings {
-    /// Checks every setting.
-    ///
-    /// # Errors
-    /// [`Error::Quantity`] naming the first setting that is out of range.
-    pub fn validate(&self) -> Result<()> {
-        if self.max_iterations == 0 {
-            return Err(Error::quantity("max_iterations", 0.0, "", "it must be at least 1"));
-        }
-        for (name, value) in [
-            ("cost_tolerance", self.cost_tolerance),
-            ("step_tolerance", self.step_tolerance),
-            ("stall_tolerance", self.stall_tolerance),
-            ("initial_damping", self.initial_damping),
-        ] {
-            if !(value.is_finite() && value >= 0.0) {
-                return Err(Error::quantity(name, value, "", "it must be finite and not negative"));
-            }
-        }
-        Ok(())
-    }
-}
 
 /// Why a fit ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -250,20 +161,6 @@ fn check_box(dim: usize, start: &[f64], bounds: &[(f64, f64)]) -> Result<()> {
     Ok(())
 }
 
-fn evaluate(problem: &dyn Problem, p: &[f64]) -> Result<Normal> {
-    checked(problem.normal(p), p.len())
-}
-
-fn checked(normal: Normal, dim: usize) -> Result<Normal> {
-    if normal.jtj.shape() != (dim, dim) || normal.jtr.len() != dim {
-        return Err(Error::unusable(
-            format!("normal equations of shape {:?} for {dim} parameters", normal.jtj.shape()),
-            "the problem must deliver a square matrix and a vector of its dimension",
-        ));
-    }
-    Ok(normal)
-}
-
 /// Outcome of one search for a lower cost.
 enum Search {
     Found(Vec<f64>, Normal),
@@ -316,6 +213,7 @@ fn descend(
 mod tests {
     use super::*;
     use crate::monitor::{Silent, StopFlag};
+    use nalgebra::DMatrix;
 
     const FREE: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
 

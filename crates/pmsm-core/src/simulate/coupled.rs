@@ -4,7 +4,8 @@
 //! Voltages are held from sample to sample in the rotor's own frame. What an effect does to the sensors is not
 //! simulated here: currents, angle and speed are the true ones.
 
-use super::electrical::{STABLE, measured_env, taps};
+use super::electrical::{STABLE, taps};
+use super::environment::measured_env;
 use crate::base::Base;
 use crate::effect::Env;
 use crate::effects::{ELECTRICAL_STATES, MECHANICAL_STATES, STATES};

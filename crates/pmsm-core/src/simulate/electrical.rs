@@ -1,12 +1,13 @@
 //! Currents in free run, driven by the logged voltage (held from sample to sample) and the measured speed and angle.
 
+use super::environment::{between, measured_env, true_env};
 use super::forms::{Each, Sink, beside};
 use super::watched::{self, Shown};
 use crate::base::Base;
-use crate::effect::{Env, Sensor};
+use crate::effect::Env;
 use crate::effects::ELECTRICAL_STATES;
 use crate::model::{Known, Model, Standing};
-use crate::numerics::real::{Abreast, Carries, Loop, Real, Several};
+use crate::numerics::real::{Abreast, Real, Several};
 use crate::numerics::rk4::{self, Slope};
 use crate::numerics::transforms::rotate;
 use crate::signals::Signals;
@@ -57,67 +58,6 @@ impl<T: Real, S: FnMut(usize, usize, [T; 2]), const N: usize> Abreast<T> for For
             let mut sink = Each::new(&mut self.sink, group * W::COUNT, forms.len());
             run_sized::<W, N>(self.model, self.signals, &p, &mut sink);
         }
-    }
-}
-
-/// Samples of a recording at which its inductances are looked at.
-const POINTS: usize = 64;
-
-/// The inductances (d, q), H, that noise of the voltage meets: those of small changes, at the measured currents of samples all over
-/// the recording, so that their mean square is that of the slopes ∂i/∂λ.
-pub fn incremental_inductances<T: Real>(model: &Model, signals: &Signals, p: &[T]) -> [T; 2] {
-    T::compact(Incremental { model, signals, p })
-}
-
-struct Incremental<'a, T> {
-    model: &'a Model,
-    signals: &'a Signals,
-    p: &'a [T],
-}
-
-impl<T: Real> Loop<T> for Incremental<'_, T> {
-    type Output = [T; 2];
-    #[inline(always)]
-    fn run<W: Carries<T>>(self) -> [T; 2] {
-        let Self { model, signals, .. } = self;
-        let p: Vec<W> = self.p.iter().map(|x| W::carry(*x)).collect();
-        let base = Base::new(&p);
-        let Some(i) = &signals.i else { return [base.l_d.give(), base.l_q.give()] };
-        let stride = signals.len().div_ceil(POINTS).max(1);
-        let (mut squares, mut count) = ([W::zero(); 2], 0.0);
-        for k in (0..signals.len()).step_by(stride) {
-            let env = measured_env(signals, k);
-            let now = [0, 1].map(|axis: usize| W::constant(i[axis][k]));
-            let state: [W; ELECTRICAL_STATES] = model.steady_state(&p, &base, now, &env).0;
-            let [d, _, q] = model.state_current(&p, &base, &state, &env).inverse;
-            squares = [squares[0] + d * d, squares[1] + q * q];
-            count += 1.0;
-        }
-        squares.map(|square| (W::one() / (square * (1.0 / count)).sqrt()).give())
-    }
-}
-
-/// The environment at sample `k`, in the measured frame.
-#[inline(always)]
-pub fn measured_env<T: Real>(signals: &Signals, k: usize) -> Env<T> {
-    Env {
-        t: T::constant(signals.t[k]),
-        omega_e: T::constant(signals.omega_e[k]),
-        theta_e: T::constant(signals.theta_e[k]),
-        theta_m: T::constant(signals.theta_m[k]),
-        heating: signals.heating.as_ref().map_or(0.0, |x| x[k]),
-        magnet_heating: signals.magnet_heating.as_ref().map_or(0.0, |x| x[k]),
-    }
-}
-
-/// The environment behind the measured one, once the sensor's angle error is taken away.
-#[inline(always)]
-pub fn true_env<T: Real>(sensor: &Sensor<T>, measured: &Env<T>, n_p: f64) -> Env<T> {
-    Env {
-        theta_e: measured.theta_e - sensor.angle,
-        theta_m: measured.theta_m - sensor.angle * (1.0 / n_p),
-        omega_e: measured.omega_e * (T::one() - sensor.angle_slope),
-        ..*measured
     }
 }
 
@@ -293,24 +233,6 @@ fn taps_of_log<T: Real>(v: &[Vec<f64>; 2], start: usize, k: usize) -> [[T; 2]; 3
         *tap = [T::constant(v[0][k]), T::constant(v[1][k])];
     }
     taps
-}
-
-#[inline(always)]
-fn mix<T: Real>(x: T, y: T, c: f64) -> T {
-    x * (1.0 - c) + y * c
-}
-
-/// Linear interpolation between two environments.
-#[inline(always)]
-pub fn between<T: Real>(a: &Env<T>, b: &Env<T>, c: f64) -> Env<T> {
-    Env {
-        t: a.t + (b.t - a.t) * c,
-        omega_e: mix(a.omega_e, b.omega_e, c),
-        theta_e: mix(a.theta_e, b.theta_e, c),
-        theta_m: mix(a.theta_m, b.theta_m, c),
-        heating: a.heating + c * (b.heating - a.heating),
-        magnet_heating: a.magnet_heating + c * (b.magnet_heating - a.magnet_heating),
-    }
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@
 //! flux linkage that belongs to the measured current, less this, is the unexplained voltage. At operating points, where
 //! nothing is known of the angle, the magnet's flux does not depend on it.
 
-use super::electrical::{measured_env, true_env};
+use super::environment::{measured_env, true_env};
 use crate::base::Base;
 use crate::effects::ELECTRICAL_STATES;
 use crate::model::Model;

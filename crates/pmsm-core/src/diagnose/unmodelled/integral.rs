@@ -9,7 +9,7 @@ use crate::experiment::Channel;
 use crate::machine::BaseParameter;
 use crate::map::{Part, Point};
 use crate::recording::Kind;
-use crate::simulate::electrical::measured_env;
+use crate::simulate::environment::measured_env;
 use crate::simulate::mechanical::{Rotor, Torque};
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;

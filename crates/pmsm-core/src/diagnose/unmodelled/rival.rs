@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::map::Map;
 use crate::model::Slot;
 use crate::monitor::Monitor;
-use crate::simulate::electrical::measured_env;
+use crate::simulate::environment::measured_env;
 
 /// Root mean square of an unmodelled torque, over that of the effects, from which these are no explanation.
 const COMPARABLE: f64 = 0.5;

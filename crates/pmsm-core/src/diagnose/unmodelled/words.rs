@@ -4,7 +4,7 @@ use super::{Basis, Side, Term, Unmodelled, candidates};
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::map::{Equation, Factor, Map, Part, Point, Variable};
-use crate::simulate::electrical::measured_env;
+use crate::simulate::environment::measured_env;
 use std::f64::consts::TAU;
 
 /// Says what the maps of `fitted` are, or that none of those tried on some sides helps. `gain` is the share that they take away, and

@@ -4,7 +4,7 @@ use crate::effect::Env;
 use crate::model::Model;
 use crate::numerics::real::{Carries, Real, Several};
 use crate::signals::Signals;
-use crate::simulate::electrical::{measured_env, true_env};
+use crate::simulate::environment::{measured_env, true_env};
 use std::ops::Range;
 
 /// Largest electrical angle (rad) between samples at which steps over two samples still follow torque that depends on the angle.

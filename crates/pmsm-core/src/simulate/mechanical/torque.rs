@@ -8,7 +8,7 @@ use crate::model::{Known, Model};
 use crate::numerics::real::{Abreast, Carries, Loop, Real, Several};
 use crate::numerics::transforms::rotate;
 use crate::signals::Signals;
-use crate::simulate::electrical::{measured_env, true_env};
+use crate::simulate::environment::{measured_env, true_env};
 use std::ops::Range;
 
 /// Samples taken together at most.
