@@ -108,9 +108,9 @@ pub fn diagnose(
         }
     }
     let mut whole = join::prepare(recordings, machine, options)?;
-    let found = Incumbent::default();
-    match in_stages(&mut whole, (recordings, machine, validation, options), (monitor, &found)) {
-        Err(Error::Interrupted) => Ok(found.answer(&whole)),
+    let incumbent = Incumbent::default();
+    match in_stages(&mut whole, (recordings, machine, validation, options), (monitor, &incumbent)) {
+        Err(Error::Interrupted) => Ok(incumbent.answer(&whole)),
         ended => ended,
     }
 }
@@ -124,13 +124,13 @@ fn in_stages(
         Option<&Recording>,
         &DiagnosisOptions,
     ),
-    (monitor, so_far): (&dyn Monitor, &Incumbent),
+    (monitor, incumbent): (&dyn Monitor, &Incumbent),
 ) -> Result<Answer> {
     if let Some(finding) = baseline::silent(whole) {
         return Ok(conclude::undetermined(whole, finding, Some(RICH)));
     }
     let mut base = baseline::fit(whole, monitor)?;
-    so_far.note(&base);
+    incumbent.note(&base);
     if let Some(finding) = baseline::diverged(&base) {
         let mut answer = conclude::undetermined(whole, finding, None);
         answer.data_quality.extend(wiring::suspected(recordings, machine, &base, options, monitor)?);
@@ -190,7 +190,7 @@ fn in_stages(
         base = fitting::refit(whole, &base, monitor)?;
     }
     monitor.report("dq-model", 0.1);
-    let watch = (monitor, so_far);
+    let watch = (monitor, incumbent);
     let mut outcome = search::search(whole, &others, &base, None, watch)?;
     let (bare, best) = outcome.ends();
     let Validated { fitted: found, held_out, .. } = best;
@@ -199,7 +199,7 @@ fn in_stages(
         || !found.effects().is_empty()
             && matches!(voltage_frame::select(whole, &mut others, found, known, monitor)?, Frame::Stator(_))
         || voltage_frame::in_place_of_one(whole, &mut others, &outcome, monitor)?;
-    so_far.note(found);
+    incumbent.note(found);
     if again {
         base = fitting::refit(whole, &base, monitor)?;
         let found = outcome.best.fitted;
@@ -207,7 +207,7 @@ fn in_stages(
     } else if let Some(finer) = search::with_updated_noise(whole, &others, &outcome, watch)? {
         (*whole, others, outcome) = finer;
     }
-    so_far.note(&outcome.ends().1.fitted);
+    incumbent.note(&outcome.ends().1.fitted);
     monitor.report("answer", 0.97);
     let validation = others.last().filter(|_| validation.is_some());
     // A log that was wired or written wrong has no names of what the model leaves out.

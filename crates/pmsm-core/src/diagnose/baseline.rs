@@ -129,7 +129,7 @@ pub fn is_poor(data: &Data, weak: &[String]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{self, choice, setup, speeds};
+    use super::super::testing::{self, choice, prepared, setup, speeds};
     use super::super::verdict;
     use super::*;
     use crate::drive::{Schedule, Setup, Shape, simulate};
@@ -224,8 +224,7 @@ mod tests {
                 (name.to_string(), (0..x.len()).filter(|k| logged(*k)).map(|k| x[k]).collect())
             });
             let recording = Recording::new(columns.collect(), Some(recording.load())).unwrap();
-            let signals = Signals::new(&recording, &setup.nameplate).unwrap();
-            let mut data = Data::new(signals, &setup.nameplate, &Default::default()).unwrap();
+            let mut data = prepared(&recording, &setup);
             let base = fit(&mut data, &Silent).unwrap();
             let current = *data.floors.iter().find(|f| f.channel == Channel::ID).unwrap();
             (current, base.square(Channel::ID), data.whitening.is_some_and(|w| w.wanders()))
@@ -250,8 +249,7 @@ mod tests {
             let mut setup = setup(speeds(2.0, &path), effects);
             setup.drive.sensors.noise_i = 0.3;
             let recording = simulate(&setup, &Silent).unwrap().recording;
-            let signals = Signals::new(&recording, &setup.nameplate).unwrap();
-            let mut data = Data::new(signals, &setup.nameplate, &Default::default()).unwrap();
+            let mut data = prepared(&recording, &setup);
             let base = fit(&mut data, &Silent).unwrap();
             (data, base)
         };
@@ -282,12 +280,7 @@ mod tests {
             setup.nameplate = plate;
             setup.nameplate.base[BaseParameter::J.index()] =
                 j.map(|share| share * setup.machine.get(BaseParameter::J).unwrap());
-            let mut data = Data::new(
-                Signals::new(&recording, &setup.nameplate).unwrap(),
-                &setup.nameplate,
-                &Default::default(),
-            )
-            .unwrap();
+            let mut data = prepared(&recording, &setup);
             let base = fit(&mut data, &Silent).unwrap();
             BaseParameter::ALL.map(|p| base.own()[p.index()] / setup.machine.get(p).unwrap())
         };

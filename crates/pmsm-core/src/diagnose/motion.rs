@@ -175,7 +175,7 @@ pub fn whitened(
 mod tests {
     use super::*;
     use crate::diagnose::hypothesis::Hypothesis;
-    use crate::diagnose::testing::{data, fitted, setup, speeds};
+    use crate::diagnose::testing::{data, fitted, prepared, setup, speeds};
     use crate::diagnose::verdict::largest_excess;
     use crate::diagnose::{baseline, fitting};
     use crate::drive::{Choice, Schedule, Shape, simulate};
@@ -183,7 +183,6 @@ mod tests {
     use crate::experiment::Channel;
     use crate::monitor::Silent;
     use crate::recording::Recording;
-    use crate::signals::Signals;
 
     /// A step of the load, N·m, that lowers the mean square of the innovations by less than its share.
     const SMALL: f64 = 0.045;
@@ -241,12 +240,7 @@ mod tests {
             *machine = machine.clone().with_drive(Some(560.0), Some(20.0), Some(2e4)).unwrap();
         }
         let recording = simulate(&setup, &Silent).unwrap().recording;
-        let mut data = Data::new(
-            Signals::new(&recording, &setup.nameplate).unwrap(),
-            &setup.nameplate,
-            &Default::default(),
-        )
-        .unwrap();
+        let mut data = prepared(&recording, &setup);
         let base = baseline::fit(&mut data, &Silent).unwrap();
         let speed = data.floors.iter().find(|f| f.channel == Channel::OmegaE).unwrap();
         assert!(speed.wander.is_some(), "{speed:?}");
@@ -274,12 +268,7 @@ mod tests {
         let names = ["t", "v_d", "v_q", "i_a", "i_b", "i_c", "theta_e", "omega_e"];
         let columns = names.iter().filter_map(|name| Some((name.to_string(), logged(whole.column(name)?))));
         let recording = Recording::new(columns.collect(), None).unwrap();
-        let mut data = Data::new(
-            Signals::new(&recording, &setup.nameplate).unwrap(),
-            &setup.nameplate,
-            &Default::default(),
-        )
-        .unwrap();
+        let mut data = prepared(&recording, &setup);
         let base = baseline::fit(&mut data, &Silent).unwrap();
         let shaft = fitted(&data, &base, EffectId::TwoMassShaft);
         assert_eq!(shaft.nuisances[0].initial, 6);

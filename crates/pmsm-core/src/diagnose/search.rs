@@ -24,21 +24,21 @@ pub fn search(
     others: &[Data],
     base: &Hypothesis,
     from: Option<&Hypothesis>,
-    (monitor, found): Watch,
+    (monitor, incumbent): Watch,
 ) -> Result<Outcome> {
-    if let Some(found) = decimated(whole, others, base, from, (monitor, found))? {
+    if let Some(found) = decimated(whole, others, base, from, (monitor, incumbent))? {
         return Ok(found);
     }
-    if let Some(found) = in_halves(whole, others, base, (monitor, found))? {
+    if let Some(found) = in_halves(whole, others, base, (monitor, incumbent))? {
         return Ok(found);
     }
     if !whole.poor {
-        return open(whole, others, from, (monitor, found)).run(base.clone());
+        return open(whole, others, from, (monitor, incumbent)).run(base.clone());
     }
     // A poor recording determines some parameters badly: another one refutes its sets only where they predict far worse than the dq-model.
     let bare = |data| Ok((data, transfer(data, base, monitor)?));
     let refuting = others.iter().map(bare).collect::<Result<Vec<_>>>()?;
-    Search { data: whole, held_out: Vec::new(), refuting, most: 1, from: None, monitor, found }
+    Search { data: whole, held_out: Vec::new(), refuting, most: 1, from: None, monitor, incumbent }
         .run(base.clone())
 }
 
@@ -48,13 +48,13 @@ fn decimated(
     others: &[Data],
     base: &Hypothesis,
     from: Option<&Hypothesis>,
-    (monitor, found): Watch,
+    (monitor, incumbent): Watch,
 ) -> Result<Option<Outcome>> {
     let Some((fewer, theirs)) = decimation::decimated(whole, others) else { return Ok(None) };
     let start = fitting::carried_over(&fewer, base, monitor)?;
-    let found = match in_halves(&fewer, &theirs, &start, (monitor, found))? {
+    let found = match in_halves(&fewer, &theirs, &start, (monitor, incumbent))? {
         Some(found) => found,
-        None => open(&fewer, &theirs, from, (monitor, found)).run(start)?,
+        None => open(&fewer, &theirs, from, (monitor, incumbent)).run(start)?,
     };
     decimation::on_every_sample(whole, others, found, base, monitor).map(Some)
 }
@@ -64,7 +64,7 @@ fn in_halves(
     whole: &Data,
     others: &[Data],
     base: &Hypothesis,
-    (monitor, found): Watch,
+    (monitor, incumbent): Watch,
 ) -> Result<Option<Outcome>> {
     // Half a recording may not determine all parameters. Where the dq-model fits the whole, no split is needed.
     let split = others.is_empty() && !whole.poor && verdict::largest_excess(base) > whole.options.mismatch;
@@ -78,7 +78,7 @@ fn in_halves(
         most: whole.options.most_effects,
         from: None,
         monitor,
-        found,
+        incumbent,
     };
     on_whole(whole, search.run(start)?, base, monitor).map(Some)
 }
@@ -88,7 +88,7 @@ fn open<'a>(
     data: &'a Data,
     others: &'a [Data],
     from: Option<&Hypothesis>,
-    (monitor, found): Watch<'a>,
+    (monitor, incumbent): Watch<'a>,
 ) -> Search<'a> {
     let held_out = others.iter().collect();
     Search {
@@ -98,7 +98,7 @@ fn open<'a>(
         most: data.options.most_effects,
         from: from.cloned(),
         monitor,
-        found,
+        incumbent,
     }
 }
 
@@ -110,7 +110,7 @@ pub fn with_updated_noise(
     whole: &Data,
     others: &[Data],
     outcome: &Outcome,
-    (monitor, found): Watch,
+    (monitor, incumbent): Watch,
 ) -> Result<Option<(Data, Vec<Data>, Outcome)>> {
     let best = &outcome.best;
     let effects = best.fitted.effects();
@@ -127,7 +127,7 @@ pub fn with_updated_noise(
         return Ok(None);
     }
     let base = fitting::refit(&again, &outcome.base.fitted, monitor)?;
-    let anew = search(&again, &theirs, &base, Some(&best.fitted), (monitor, found))?;
+    let anew = search(&again, &theirs, &base, Some(&best.fitted), (monitor, incumbent))?;
     let fewer = anew.best.fitted.effects().len() < effects.len();
     Ok(fewer.then_some((again, theirs, anew)))
 }

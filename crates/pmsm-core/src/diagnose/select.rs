@@ -43,7 +43,7 @@ pub struct Search<'a> {
     /// Asked whether to go on.
     pub monitor: &'a dyn Monitor,
     /// Keeps the best set so far.
-    pub found: &'a Incumbent,
+    pub incumbent: &'a Incumbent,
 }
 
 /// Scored effects, each with the set that was refitted with it, if it was.
@@ -124,7 +124,7 @@ impl Search<'_> {
         let mut shown = Vec::new();
         for _ in 0..self.data.options.most_effects {
             self.monitor.go_on()?;
-            self.found.note(&best.fitted);
+            self.incumbent.note(&best.fitted);
             let evidence = self.evidence().limited(std::iter::once(&best));
             let fitted = best.fitted.clone();
             let traces = Traces::new(self.data, &fitted);
@@ -223,7 +223,7 @@ mod tests {
             most: data.options.most_effects,
             from: None,
             monitor: &Silent,
-            found: Box::leak(Box::default()),
+            incumbent: Box::leak(Box::default()),
         }
     }
 

@@ -11,6 +11,7 @@ use crate::experiment::Channel;
 use crate::machine::Machine;
 use crate::model::Model;
 use crate::monitor::Silent;
+use crate::recording::Recording;
 use crate::signals::Signals;
 
 /// A servo motor at 5 kHz with ordinary sensors.
@@ -44,8 +45,13 @@ pub fn narrow() -> Manoeuvre {
 /// The simulated recording made ready, with its floors settled on the dq-model.
 pub fn data(setup: &Setup) -> (Data, Hypothesis) {
     let recording = simulate(setup, &Silent).unwrap().recording;
-    let signals = Signals::new(&recording, &setup.nameplate).unwrap();
-    settled(Data::new(signals, &setup.nameplate, &Default::default()).unwrap())
+    settled(prepared(&recording, setup))
+}
+
+/// A recording made with this setup, with the floors of its sensors.
+pub fn prepared(recording: &Recording, setup: &Setup) -> Data {
+    let signals = Signals::new(recording, &setup.nameplate).unwrap();
+    Data::new(signals, &setup.nameplate, &Default::default()).unwrap()
 }
 
 /// A recording made ready with its floors settled on the dq-model, and that machine.

@@ -153,12 +153,11 @@ pub fn worthwhile_steps(experiment: &Joint, fitted: &Fitted, run: usize) -> Vec<
 mod tests {
     use super::*;
     use crate::diagnose::data::SETTINGS;
-    use crate::diagnose::testing::{setup, speeds};
+    use crate::diagnose::testing::{prepared, setup, speeds};
     use crate::drive::{Schedule, Shape, simulate};
     use crate::machine::BaseParameter;
     use crate::monitor::Silent;
     use crate::recording::Recording;
-    use crate::signals::Signals;
 
     #[test]
     fn of_two_steps_in_a_gap_of_the_log_one_stays() {
@@ -174,12 +173,7 @@ mod tests {
         let names = ["t", "v_d", "v_q", "i_a", "i_b", "i_c", "theta_e", "omega_e"];
         let columns = names.iter().filter_map(|name| Some((name.to_string(), logged(whole.column(name)?))));
         let recording = Recording::new(columns.collect(), None).unwrap();
-        let data = Data::new(
-            Signals::new(&recording, &setup.nameplate).unwrap(),
-            &setup.nameplate,
-            &Default::default(),
-        )
-        .unwrap();
+        let data = prepared(&recording, &setup);
         let model = Model::new(data.signals.context, &[]);
         let own: Vec<f64> = BaseParameter::ALL.iter().map(|p| setup.machine.get(*p).unwrap()).collect();
         let torque = data.torque(&model, &own);

@@ -202,15 +202,7 @@ mod tests {
     /// The effects of the simpler set that is preferred to the set `of` these effects, if one is.
     fn simpler(manoeuvre: Manoeuvre, present: Vec<Choice>, of: &[EffectId]) -> Option<Vec<EffectId>> {
         let (data, base) = data(&setup(manoeuvre, present));
-        let search = Search {
-            data: &data,
-            held_out: Vec::new(),
-            refuting: Vec::new(),
-            most: data.options.most_effects,
-            from: None,
-            monitor: &Silent,
-            found: Box::leak(Box::default()),
-        };
+        let search = search(&data);
         let best = set(&data, &base, of);
         let evidence = search.evidence();
         let worth = Traces::new(&data, &best.fitted).worth(evidence.samples());

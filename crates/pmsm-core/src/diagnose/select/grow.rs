@@ -68,7 +68,7 @@ impl Search<'_> {
             let alone = next.fitted.effects().len() == 1;
             // The number of a single effect was chosen for it alone.
             best = if alone { next } else { self.renewed(next, &|_| true)? };
-            self.found.note(&best.fitted);
+            self.incumbent.note(&best.fitted);
             seen.push(best.clone());
             let share = best.fitted.effects().len() as f64 / self.data.options.most_effects as f64;
             self.monitor.report("effects", 0.2 + 0.6 * share);
