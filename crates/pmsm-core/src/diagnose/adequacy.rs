@@ -52,7 +52,7 @@ fn excesses(data: &Data, base: &Hypothesis) -> Vec<Excess> {
         let floor = data.runs()[run].floors.iter().find(|f| f.channel == channel)?;
         let variation = experiment.runs()[run].variation(channel);
         let left = left * floor.total();
-        // Not "greater": what is not a number is no model either.
+        // Written with `<=`, so that a NaN is no model.
         let still = variation <= data.options.still * floor.sensor;
         let fits = left <= data.options.worse_than_constant * variation || still;
         (!fits).then_some(Excess { run, channel, left, variation })

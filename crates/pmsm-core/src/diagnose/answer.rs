@@ -172,7 +172,7 @@ pub struct Answer {
     pub located: Vec<Located>,
     /// Residual of each equation beyond the noise beside the effects that were found, named or not, largest first; empty where they reach it.
     pub remaining: Vec<Remaining>,
-    /// Which share of the mismatch each effect takes away, by channel and run.
+    /// Share of the mismatch that each effect explains, by channel and run.
     pub budget: Vec<Budget>,
     /// Why nothing is said, where the verdict is `undetermined`.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -185,7 +185,7 @@ pub struct Answer {
     pub path: Vec<Step>,
     /// What the recording would not show.
     pub cannot_see: Vec<Unseen>,
-    /// What recording would decide.
+    /// The recording that would decide.
     pub next_experiment: Option<String>,
     /// What a perfect model would leave in each channel.
     pub noise_floor: BTreeMap<String, f64>,

@@ -1,5 +1,5 @@
-//! Whether the voltage of a log moved between its rows: rows that were picked from a faster drive hold the voltage of one instant, and not
-//! that which acts up to the next row. What such a log leaves in the voltage equations is no physics.
+//! Whether the voltage of a log changed between its rows. Rows picked from a faster drive hold the voltage of one instant, and not that which
+//! acts up to the next row. The residual of the voltage equations is then no physics.
 
 use super::data::Data;
 use super::fitting;
@@ -54,7 +54,7 @@ pub fn moved(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result<Op
     let count = ratios.len() as f64;
     let mean = ratios.iter().sum::<f64>() / count;
     let spread = (ratios.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt();
-    // Not "at most": what is not a number decides nothing.
+    // A NaN decides nothing.
     let beyond = mean * count.sqrt() - DECISIVE * spread;
     if beyond.is_nan() || beyond <= 0.0 {
         return Ok(None);

@@ -1,7 +1,7 @@
-//! The budget of the mismatch: which share of what the dq-model leaves beyond the noise each effect takes away.
+//! The budget of the mismatch: the share of the excess mean square of the dq-model that each effect explains.
 //!
-//! Each effect is taken out of the model and the rest fitted anew, which tells what it takes away beside the others; and it is put into the
-//! dq-model by itself. What several of them could take away is shared. Shares are of the excess mean square.
+//! The model without an effect, refitted, shows what it explains beside the others; the dq-model with the effect shows what it explains alone.
+//! A part that any of several effects could explain is shared.
 
 use super::data::Data;
 use super::fitting;
@@ -16,12 +16,12 @@ use crate::monitor::Monitor;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// What an effect takes away, shares of the excess mean square of the dq-model.
+/// What an effect explains, shares of the excess mean square of the dq-model.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Part {
     /// The effect.
     pub effect: String,
-    /// By itself; more than all of it where the fit without the others went another way, below zero where it makes things worse.
+    /// By itself. Above one where that fit found a lower minimum than the whole set, below zero where it is worse than the dq-model.
     pub alone: f64,
     /// Beside the others, none of which takes its place.
     pub beside: f64,
@@ -36,17 +36,17 @@ pub struct Budget {
     pub channel: &'static str,
     /// `d`, `q` or `mechanical`.
     pub equation: &'static str,
-    /// Times the noise that the dq-model leaves.
+    /// Residual of the dq-model, times the noise.
     pub before: f64,
-    /// Times the noise that the model leaves.
+    /// Residual of the model, times the noise.
     pub after: f64,
-    /// What each effect of the model takes away.
+    /// What each effect of the model explains.
     pub parts: Vec<Part>,
-    /// Share that any of several effects could take away.
+    /// Share that any of several effects could explain.
     pub shared: f64,
-    /// Share that the map of what has no name takes away.
+    /// Share that the map without a name explains.
     pub unmodelled: f64,
-    /// Share that is left.
+    /// Share that remains.
     pub rest: f64,
 }
 
@@ -126,7 +126,7 @@ pub fn budgets(
                     beside: (share(excess(of(others))) - left).max(0.0),
                 })
                 .collect();
-            // What one takes away while another makes up for a part of it counts once.
+            // A part that one effect explains and another absorbs counts once.
             let (explained, sum) = ((1.0 - left).max(0.0), parts.iter().map(|p| p.beside).sum::<f64>());
             if sum > explained {
                 parts.iter_mut().for_each(|part| part.beside *= explained / sum);

@@ -9,7 +9,7 @@ use super::hypothesis::Hypothesis;
 use super::outputs::Outputs;
 use super::select::Outcome;
 use super::transfer::transfer;
-use super::unmodelled::Earned;
+use super::unmodelled::Supported;
 use super::{
     adequacy, attribution, budget, consistency, coverage, data_quality, experiment_design, identifiability,
     nameplate, per_recording, power, remaining, stated_load, traces, unmodelled, verdict,
@@ -126,10 +126,10 @@ pub fn conclude(
         _ => verdict == Verdict::Unknown,
     };
     if found && open {
-        let mut earned = unmodelled::earned(data, validation, &outcome.best.fitted, monitor)?;
-        earned.set = final_estimate(data, &earned.set, monitor)?;
-        let nearest = earned.nearest.as_ref().map(|set| step(data, set));
-        verdict = decide::beside_discrepancy(&mut outcome, &mut ranked, earned);
+        let mut supported = unmodelled::supported(data, validation, &outcome.best.fitted, monitor)?;
+        supported.set = final_estimate(data, &supported.set, monitor)?;
+        let nearest = supported.nearest.as_ref().map(|set| step(data, set));
+        verdict = decide::beside_discrepancy(&mut outcome, &mut ranked, supported);
         if verdict != Verdict::Unknown {
             (after, remaining) = left_by(&outcome.best.fitted)?;
         }
@@ -149,7 +149,7 @@ pub fn conclude(
         verdict = decide::beside_discrepancy(
             &mut outcome,
             &mut ranked,
-            Earned { set, probabilities, alternatives: Vec::new(), nearest: None },
+            Supported { set, probabilities, alternatives: Vec::new(), nearest: None },
         );
         if verdict != Verdict::Unknown {
             (after, remaining) = left_by(&outcome.best.fitted)?;

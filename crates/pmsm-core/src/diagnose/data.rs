@@ -154,14 +154,14 @@ impl Data {
         self.runs().iter().rev().max_by_key(rank).expect("at least one recording")
     }
 
-    /// The same with more that is believed of parameters beforehand.
+    /// The same with further priors.
     pub fn with_prior(mut self, more: &[Prior]) -> Self {
         self.prior.extend(more);
         self.parts.iter_mut().for_each(|part| part.prior.extend(more));
         self
     }
 
-    /// The same with nothing known of parameters beforehand.
+    /// The same without priors.
     pub fn without_prior(mut self) -> Self {
         self.prior.clear();
         self.parts = self.parts.into_iter().map(Self::without_prior).collect();

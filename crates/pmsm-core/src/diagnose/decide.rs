@@ -2,7 +2,7 @@
 
 use super::answer::Verdict;
 use super::select::Outcome;
-use super::unmodelled::{Alternative, Earned};
+use super::unmodelled::{Alternative, Supported};
 use super::verdict::Validated;
 use crate::effects::EffectId;
 
@@ -82,21 +82,21 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
 
 /// The verdict where a set has more than noise left: the effects that explain what a map cannot are named beside it, and make up the set
 /// from then on.
-pub fn beside_discrepancy(outcome: &mut Outcome, ranked: &mut Vec<Ranked>, earned: Earned) -> Verdict {
+pub fn beside_discrepancy(outcome: &mut Outcome, ranked: &mut Vec<Ranked>, supported: Supported) -> Verdict {
     let options = *outcome.evidence.options();
-    let kept = earned.set.effects();
+    let kept = supported.set.effects();
     if kept.is_empty() {
         doubt(ranked, options.ceiling_unknown);
         return Verdict::Unknown;
     }
-    let set = Validated { fitted: earned.set, held_out: Vec::new(), refuted: false };
+    let set = Validated { fitted: supported.set, held_out: Vec::new(), refuted: false };
     for &effect in &kept {
         if ranked.iter().all(|candidate| candidate.effect != effect) {
             ranked.push(Ranked { effect, probability: 0.0, equivalent: Vec::new(), validated: set.clone() });
         }
     }
     for candidate in ranked.iter_mut() {
-        match earned.probabilities.iter().find(|(effect, _)| *effect == candidate.effect) {
+        match supported.probabilities.iter().find(|(effect, _)| *effect == candidate.effect) {
             Some((_, probability)) => {
                 candidate.probability = (1.0 - options.unknown) * probability;
                 candidate.validated = set.clone();
@@ -104,7 +104,7 @@ pub fn beside_discrepancy(outcome: &mut Outcome, ranked: &mut Vec<Ranked>, earne
             None => candidate.probability = candidate.probability.min(options.ceiling_unknown),
         }
     }
-    for Alternative { present, absent, share } in earned.alternatives {
+    for Alternative { present, absent, share } in supported.alternatives {
         let of_both = ranked.iter().find(|c| c.effect == present).map_or(0.0, |c| c.probability);
         // A decisively less probable alternative is not equivalent.
         let close = (1.0 / share - 1.0).ln() < options.decisive;
@@ -254,13 +254,13 @@ mod tests {
         let told = |share: f64| {
             let mut outcome = outcome(validated(&[], 9.0), validated(&[wide, other], 3.0), Vec::new());
             let mut ranked = decide(&outcome, false).1;
-            let earned = Earned {
+            let supported = Supported {
                 set: validated(&[dry, other], 3.0).fitted,
                 probabilities: vec![(dry, 0.99), (other, 0.99)],
                 alternatives: vec![Alternative { present: dry, absent: wide, share }],
                 nearest: None,
             };
-            let verdict = beside_discrepancy(&mut outcome, &mut ranked, earned);
+            let verdict = beside_discrepancy(&mut outcome, &mut ranked, supported);
             let of = |e: EffectId| ranked.iter().find(|r| r.effect == e).unwrap();
             let probabilities = [dry, wide, other].map(|e| of(e).probability);
             (verdict, probabilities, of(dry).equivalent.clone())

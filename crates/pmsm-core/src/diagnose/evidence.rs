@@ -1,4 +1,4 @@
-//! Evidence of fitted sets of effects: how well a set explains the recordings against how much it may choose.
+//! Evidence of fitted sets of effects: likelihood of the recordings less the price of parameters and effects.
 //!
 //! With the variance of a channel's residual s·σ² (σ² the floor's) taken as unknown, a set with k fitted parameters costs
 //!
@@ -32,8 +32,8 @@ impl Evidence {
         Self { fitted: of(data), held_out, options: data.options }
     }
 
-    /// The same by what these sets have left: beyond noise it lasts, and counts as the few independent values that it is. The whitest
-    /// residual of each channel tells.
+    /// The same with no more samples than the residuals of these sets have: beyond noise they are correlated. The whitest residual of each
+    /// channel counts.
     #[must_use]
     pub fn limited<'a>(mut self, sets: impl Iterator<Item = &'a Validated> + Clone) -> Self {
         let fewest = self.options.fewest_samples;
@@ -191,7 +191,7 @@ fn of_run(run: &Data) -> impl Iterator<Item = f64> {
     run.floors.iter().map(move |_| samples)
 }
 
-/// Logarithm of a mean square of at least `least`; what is not a number costs all.
+/// Logarithm of a mean square of at least `least`; infinite for one that is not finite.
 fn log_square(square: f64, least: f64) -> f64 {
     if square.is_finite() { square.max(least).ln() } else { 1e6 }
 }

@@ -69,7 +69,7 @@ pub struct Hypothesis {
     pub parameters: Vec<f64>,
     /// Parameters that were fitted.
     pub free: Vec<usize>,
-    /// What each recording left open.
+    /// The parameters of each recording: its unknown load and initial values.
     pub nuisances: Vec<Nuisance>,
     /// Mean square of the residual over the floor's, per channel of each recording in turn.
     pub squares: Vec<(Channel, f64)>,

@@ -78,8 +78,8 @@ pub struct Located {
     pub recordings: Vec<usize>,
 }
 
-/// Lists where `base` leaves more than the floors, largest share first. Of several recordings the one that shows most of a
-/// channel's excess is looked at, and said where others show none.
+/// The places where the residual of `base` exceeds the floors, largest share first. Of several recordings the one with most of a channel's
+/// excess is described, and named where others show none.
 pub fn locate(data: &Data, base: &Hypothesis) -> Vec<Located> {
     let experiment = data.whole(base);
     let (residual, plain) = rayon::join(

@@ -1,8 +1,8 @@
 //! Selection of the set of effects by evidence: whole sets are grown, pruned and exchanged, each refitted by simulation.
 //!
 //! At a fitted set every absent effect is scored to first order; the whole set is refitted with each of the best few, and the one with
-//! the most evidence is gone on from. What the others make superfluous is dropped, and what another recording calls for is added. Nothing is
-//! asked of an effect by itself: on a bench on which several things are missing none explains much alone.
+//! the most evidence is kept. An effect that the others make superfluous is dropped, and one that another recording needs is added. Single
+//! effects are not tested: where several are missing none explains much alone.
 
 mod exchange;
 mod grow;
@@ -38,9 +38,9 @@ pub struct Search<'a> {
     pub refuting: Vec<(&'a Data, Hypothesis)>,
     /// Most effects in one model.
     pub most: usize,
-    /// The set from which it begins, where noise was measured anew with its help; the dq-model where there is none.
+    /// The set from which it begins, where the noise was measured again with it; the dq-model where there is none.
     pub from: Option<Hypothesis>,
-    /// Asked whether to go on.
+    /// Progress and interruption of the call.
     pub monitor: &'a dyn Monitor,
     /// Keeps the best set so far.
     pub incumbent: &'a Incumbent,
@@ -60,11 +60,11 @@ pub struct Outcome {
     pub best: Validated,
     /// For each effect of `best`, the sets in which another effect or none is in its place.
     pub swaps: Vec<Swap>,
-    /// Effects that could not be asked about, and why.
+    /// Effects that the recordings cannot show, and why.
     pub unidentifiable: Vec<(EffectId, String)>,
     /// What the recording would have shown of the effects that are not in the best set.
     pub shown: Vec<Shown>,
-    /// By what the sets were compared.
+    /// The evidence by which the sets were compared.
     pub evidence: Evidence,
     /// The way to the best set, one effect more at each step.
     pub path: Vec<Validated>,
@@ -76,7 +76,7 @@ impl Outcome {
         (&self.path[0], &self.path[self.path.len() - 1])
     }
 
-    /// Whether the best set without `effect`, all else fitted anew, has more than noise: then no other parameter makes up for it.
+    /// Whether the best set without `effect`, refitted, has a residual above the noise, so that no other parameter absorbs the effect.
     pub fn needs(&self, effect: EffectId) -> bool {
         let without = self.swaps.iter().find(|s| s.replaced == effect && s.by.is_none());
         without.map_or(&self.base, |s| &s.validated).excess() > self.evidence.options().mismatch
@@ -155,7 +155,7 @@ impl Search<'_> {
         Ok(Outcome { base, singles, best, swaps, unidentifiable, shown, evidence, path })
     }
 
-    /// By what sets are compared.
+    /// The evidence by which sets are compared.
     fn evidence(&self) -> Evidence {
         Evidence::new(self.data, &self.held_out)
     }

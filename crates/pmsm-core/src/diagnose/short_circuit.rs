@@ -17,10 +17,11 @@ use crate::recording::{Kind, Recording};
 use crate::signals::{Finding, Signals};
 use nalgebra::{Matrix3, Vector3};
 
-/// Rounds of Levenberg's method, and the share of a ratio by which its derivatives are taken.
+/// Most rounds of Levenberg's method.
 const ROUNDS: usize = 200;
+/// Step of its difference quotients, in the logarithm of a ratio.
 const STEP: f64 = 1e-5;
-/// Times more of both currents than of their size that must be left, and share of the current, for the angle not to be believed.
+/// Residual of both currents, over that of their size alone, and as a share of the current, above both of which the angle is not used.
 const ANGLE: (f64, f64) = (3.0, 0.02);
 /// Standard error of the logarithm of a ratio beyond which it is not shown.
 const SHOWN: f64 = 0.2;

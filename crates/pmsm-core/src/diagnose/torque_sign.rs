@@ -1,5 +1,5 @@
-//! Whether the torque counts against the acceleration: an encoder, a current or a torque of the opposite sign. The machine that then fits
-//! best is one that hardly turns, and everything seems to be noise.
+//! Whether the torque has the opposite sign of the acceleration, from an encoder, a current or a torque sensor. The best fit is then a rotor
+//! that hardly turns, and everything seems to be noise.
 //!
 //! Both signs are fitted alike, each with its own inertia, friction and load, and compared by their likelihood. No physics of a rotor turns
 //! the sign round: with the right one the fit can always do as well as a rotor that no torque moves.
@@ -69,10 +69,10 @@ struct Left {
     chance: f64,
 }
 
-/// What the bare rotor leaves of each recording's speed when this torque drives it, N·m.
+/// Residual of each recording's speed when this torque, N·m, drives the rotor without effects.
 fn left(data: &Data, base: &Hypothesis, torque: &[f64], monitor: &dyn Monitor) -> Result<Vec<Left>> {
     let rotor = BaseParameter::MECHANICAL.map(BaseParameter::index);
-    // Where the fit as logged has gone is no place to start from.
+    // The fit as logged may have diverged and is no start.
     let mut start = base.own().to_vec();
     for prior in data.prior.iter().filter(|prior| rotor.contains(&prior.index)) {
         start[prior.index] = prior.value;

@@ -17,7 +17,7 @@ use std::f64::consts::TAU;
 const TRIED: usize = 2;
 /// Mean square, over the floor's, below which a turn is no better: the floor is no more certain. It is that of `floor_known_to` by default.
 const LEAST_SQUARE: f64 = 0.9;
-/// Share of what is left that another turn must promise to take away.
+/// Share of the residual that another turn must explain to first order to be tried.
 const PROMISE: f64 = 1e-3;
 
 /// Estimates on `data` what its run leaves open, and nothing else.

@@ -8,11 +8,11 @@
 mod candidates;
 mod choice;
 mod discrepancy;
-mod earned;
 mod integral;
 mod linear;
 mod rival;
 mod share;
+mod supported;
 mod view;
 mod words;
 
@@ -34,8 +34,8 @@ use choice::Choice;
 use serde::Serialize;
 
 pub use choice::MOST_WORTH;
-pub use earned::{Alternative, Earned, earned, without_motion};
 pub use rival::rival;
+pub use supported::{Alternative, Supported, supported, without_motion};
 
 /// Most parts of a map on one side, chosen one after the other.
 const PARTS: usize = 2;
@@ -130,11 +130,11 @@ pub fn explain(
     best: &Hypothesis,
     monitor: &dyn Monitor,
 ) -> Result<(Hypothesis, Unmodelled)> {
-    laid(data, validation, best, &sides(data, best), monitor)
+    with_maps(data, validation, best, &sides(data, best), monitor)
 }
 
 /// Maps on these sides, one after the other.
-fn laid(
+fn with_maps(
     data: &Data,
     validation: Option<&Data>,
     best: &Hypothesis,
@@ -163,7 +163,7 @@ fn laid(
     let useful: Vec<Side> =
         sides.iter().zip(&taken.sides).filter(|each| !worse(*each)).map(|(side, _)| *side).collect();
     if useful.len() < sides.len() && !useful.is_empty() {
-        return laid(data, validation, best, &useful, monitor);
+        return with_maps(data, validation, best, &useful, monitor);
     }
     if taken.whole <= 0.0 || useful.is_empty() {
         current = best.clone();

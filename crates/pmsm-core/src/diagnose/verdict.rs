@@ -1,16 +1,16 @@
-//! What a fitted hypothesis leaves on the recordings, and when that is a mismatch, an explanation or a refutation.
+//! The excess of a fitted hypothesis on the recordings: the comparisons by which it is a mismatch, an explanation or a refutation.
 
 use super::hypothesis::Hypothesis;
 use super::options::DiagnosisOptions;
 
-/// A hypothesis with what it leaves on a recording that was not used for fitting.
+/// A hypothesis with its validation on recordings that were not used for fitting.
 #[derive(Debug, Clone)]
 pub struct Validated {
     /// Fitted on the recording.
     pub fitted: Hypothesis,
     /// The same model on recordings that were not used for fitting.
     pub held_out: Vec<Hypothesis>,
-    /// Whether it predicts another recording so much worse than the dq-model that, as it is, it cannot be right.
+    /// Whether it predicts another recording so much worse than the dq-model that it cannot be right.
     pub refuted: bool,
 }
 
@@ -41,10 +41,10 @@ pub fn excess(hypothesis: &Hypothesis) -> f64 {
     hypothesis.squares.iter().map(|(_, s)| (s - 1.0).max(0.0)).sum()
 }
 
-/// Whether a model leaves so much more than the dq-model on a recording that it cannot be right.
+/// Whether the residual of a model exceeds that of the dq-model on a recording so far that it cannot be right.
 pub fn refutes(model: &Hypothesis, bare: &Hypothesis, options: &DiagnosisOptions) -> bool {
     let (times, more) = (options.refuted_times, options.refuted_by);
-    // Not "greater": what is not a number refutes, too.
+    // Written with `<=`, so that a NaN refutes, too.
     !model.squares.iter().zip(&bare.squares).all(|((_, s), (_, bare))| *s <= times * bare + more)
 }
 

@@ -82,7 +82,7 @@ pub fn select(
     }
     let mut logged = Logged::Command;
     let (by_mean, mean) = in_stator(Logged::Mean)?;
-    if left_over(&mean) < left_over(&held) {
+    if log_squares(&mean) < log_squares(&held) {
         (tried, held, logged) = (by_mean, mean, Logged::Mean);
     }
     let mut after = vec![held.clone()];
@@ -156,7 +156,7 @@ fn promises(before: &[Hypothesis], after: &Hypothesis, enough: f64) -> bool {
 }
 
 /// Sum of the logarithms of the mean squares of all channels: each channel counts by its ratio.
-fn left_over(hypothesis: &Hypothesis) -> f64 {
+fn log_squares(hypothesis: &Hypothesis) -> f64 {
     hypothesis.squares.iter().map(|(_, square)| square.ln()).sum()
 }
 
@@ -225,7 +225,7 @@ mod tests {
         assert!(!promises(&[left(1.02, 1.0, 50.0)], &left(1.0, 1.0, 50.0), ENOUGH));
         assert!(promises(&[left(1.02, 1.0, 1.0), left(1.4, 1.0, 1.0)], &left(1.05, 1.0, 1.0), ENOUGH));
         // Of two readings the one that leaves less of a faint channel is the better, whatever a loud one says.
-        assert!(left_over(&left(1.0, 1.0, 50.1)) < left_over(&left(1.2, 1.1, 50.0)));
+        assert!(log_squares(&left(1.0, 1.0, 50.1)) < log_squares(&left(1.2, 1.1, 50.0)));
     }
 
     #[test]

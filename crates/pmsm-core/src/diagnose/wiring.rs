@@ -1,5 +1,5 @@
-//! Mistakes of wiring, sign and order that make a sound machine's log one that no physics explains: each is undone in turn, and told
-//! where the dq-model then fits as no missing effect would let it.
+//! Mistakes of wiring, sign and column order, which no physics explains. Each is undone in turn, and reported where the dq-model then fits far
+//! better than with any missing effect.
 
 mod mistakes;
 
@@ -17,12 +17,13 @@ use rayon::prelude::*;
 
 /// Excess mean square of the dq-model from which a mistake is looked for: weaker misfits are physics.
 const FAR: f64 = 100.0;
-/// What may be left of the excess where a mistake is undone: physics that is missing beside it.
+/// Share of the excess that may remain with a mistake undone: further physics may be missing.
 const LEFT: f64 = 0.04;
-/// Share of the squares that a regression leaves of the log as it is, below which it must come with a mistake undone.
+/// Ratio of the residuals of a regression with a mistake undone and without, below which the mistake is tried by simulation.
 const BETTER: f64 = 0.9;
-/// Mistakes that are tried by simulation at most, the likeliest first, and the factor within which what they leave is the same.
+/// Most mistakes that are tried by simulation, the likeliest first.
 const TRIED: usize = 4;
+/// Factor within which the residuals of two mistakes count as equal.
 const ALIKE: f64 = 1.05;
 
 /// A mistake that explains what the `base` machine, fitted to the `recordings`, leaves, if one does.
@@ -38,7 +39,7 @@ pub fn suspected(
 ) -> Result<Option<Finding>> {
     let finite = base.squares.iter().all(|(_, square)| square.is_finite());
     let before = if finite { verdict::largest_excess(base) } else { f64::INFINITY };
-    // Without starting values of the nameplate a sound log may diverge, too, and with a mistake undone by chance not.
+    // Without starting values of the nameplate a correct log may diverge, too, and with a mistake undone converge by chance.
     let stated = BaseParameter::ELECTRICAL.iter().all(|p| machine.base[p.index()].is_some());
     if before <= FAR || !finite && !stated {
         return Ok(None);
@@ -64,7 +65,7 @@ pub fn suspected(
         let Ok(mut data) = join::prepare(&undone, machine, options) else { continue };
         let fitted = baseline::fit(&mut data, monitor)?;
         let left = verdict::largest_excess(&fitted);
-        // Nothing is a share of what is not finite.
+        // A diverged fit has no share.
         let most = if finite { LEFT * before } else { FAR };
         if left < most && adequacy::lack_of_fit(&data, &fitted).is_none() {
             explaining.push((left, *at));

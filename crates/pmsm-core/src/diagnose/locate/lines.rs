@@ -26,7 +26,7 @@ fn order_lines(s: &Signals, residual: &[f64]) -> Vec<(f64, f64)> {
     if turned > TAU {
         orders.extend((1..=4).map(f64::from).filter(|k| (k / s.n_p).fract() != 0.0));
     }
-    // What changes slowly by itself must not pass for an order.
+    // A slow change must not be taken for an order.
     let mean = residual.iter().sum::<f64>() / residual.len() as f64;
     let total: f64 = residual.iter().map(|r| (r - mean).powi(2)).sum();
     // Sums over the samples for each order: r·cos, r·sin, cos², sin².

@@ -1,4 +1,4 @@
-//! What one recording leaves open of the motion.
+//! The parameters of one recording in the equation of motion: its unknown load and initial values.
 
 use crate::diagnose::data::Data;
 use crate::experiment::split;
@@ -61,7 +61,7 @@ impl State {
         [&self.levels[..], &self.steps, &self.deviations].concat()
     }
 
-    /// The same with some of its steps only. Of what lay between two of them the level that lasted longest stays.
+    /// The same with some of its steps only. Between two of them the level that lasted longest stays.
     pub fn with_steps(self, keep: &[usize], duration: f64) -> Self {
         if self.levels.is_empty() {
             return self;
@@ -88,7 +88,7 @@ pub fn states_of(nuisances: &[Nuisance], values: &[f64]) -> Vec<State> {
     split(nuisances, values).map(|(nuisance, own)| State::of(own, nuisance)).collect()
 }
 
-/// Mean torque that is neither acceleration nor viscous friction: where the search for the load begins; none where a model has run away.
+/// Mean torque that is neither acceleration nor viscous friction: the start of the search for the load; none where a model diverged.
 fn start_level(data: &Data, torque: &[f64], own: &[f64]) -> f64 {
     let b = own[BaseParameter::B.index()];
     let friction = data.signals.omega_e.iter().map(|w| b * w / data.signals.n_p);

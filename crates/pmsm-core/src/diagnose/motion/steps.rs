@@ -13,8 +13,8 @@ use nalgebra::{DMatrix, DVector};
 
 /// Instants tried for a missing step.
 const TRIED: usize = 96;
-/// What a load step must be worth: this share of the floor's variance over all values in which what is left is looked at, and this
-/// many times the variance of what is left, colour included.
+/// Least gain of a load step: this share of the floor's variance over all values of the residual, and this many times the variance of the
+/// coloured residual.
 const STEP_SHARE: f64 = 0.003;
 const STEP_SIGNIFICANCE: f64 = 25.0;
 
@@ -51,7 +51,7 @@ pub fn with_missing_step(
         let (mut before, behind) = responses.columns_range_pair_mut(column - 1, column);
         before += behind;
     }
-    // What the present levels can do is theirs.
+    // The part that the present levels explain is projected off.
     let (mut present, mut others) = (vec![0], Vec::new());
     for (column, step) in (1..).zip(&steps) {
         if state.steps.contains(step) { &mut present } else { &mut others }.push(column);

@@ -1,4 +1,4 @@
-//! What the fitted parameters can do, and which of them absorb an effect.
+//! Absorption: which fitted parameters take up the trace of an effect.
 
 use crate::numerics::tall;
 use nalgebra::{DMatrix, DVector, DVectorView};

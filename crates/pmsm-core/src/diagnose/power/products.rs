@@ -1,5 +1,4 @@
-//! Long columns seen through their products, channel by channel: the squares of whatever is put together from them, without putting it
-//! together row by row.
+//! Products of long columns, channel by channel. They give the squares of linear combinations without computing these row by row.
 
 use crate::diagnose::score::Sensitivity;
 use crate::experiment::Block;
@@ -11,7 +10,7 @@ use std::ops::Range;
 /// A sum of columns: the share of each, the known ones first.
 pub(super) type Sum = DVector<f64>;
 
-/// Columns that everybody's are compared with.
+/// Columns with which those of each effect are compared.
 pub(super) struct Known {
     columns: DMatrix<f64>,
     /// How many of them come first that are an orthonormal basis of what the fitted parameters can do.

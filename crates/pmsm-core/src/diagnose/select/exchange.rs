@@ -14,11 +14,11 @@ use crate::effects::EffectId;
 use crate::error::Result;
 use rayon::prelude::*;
 
-/// To first order a rival may lose this many nats more than it does once refitted.
+/// Nats by which a refit may improve a rival over its first-order gain.
 const FIRST_ORDER: f64 = 20.0;
 /// Nats to first order from which an effect is needed, whatever a refit without it could make up for.
 const SURE: f64 = 60.0;
-/// Multiple of what is left from which an effect is no matter of the forms of the others.
+/// Multiple of the remaining excess from which an effect explains more than errors in the forms of the others.
 const COMPARABLE: f64 = 3.0;
 /// Rivals of one effect that are refitted in its place.
 const RIVALS: usize = 2;
@@ -40,8 +40,8 @@ pub struct Swap {
 }
 
 impl Search<'_> {
-    /// The set with less that has more evidence, if there is one: without an effect, or with a special case of it. What is worth much to
-    /// first order, and explains much more than is left, is not asked: `worth` in nats, and how much more.
+    /// A simpler set with more evidence, if there is one: without an effect, or with a special case of it. An effect is not tested if its
+    /// first-order gain `worth`, nats, is large and it explains many times the remaining excess, by the factor `over`.
     pub(super) fn simpler(
         &self,
         best: &Validated,

@@ -12,7 +12,7 @@ use crate::error::Result;
 use crate::recording::Kind;
 use rayon::prelude::*;
 
-/// Effects with which the whole set is refitted before the best of them is gone on from.
+/// Leading effects with each of which the whole set is refitted before the best is kept.
 pub(super) const REFITTED: usize = 3;
 /// Share of the leading score from which an effect of the same side is refitted, too.
 const RIVAL: f64 = 0.5;
@@ -37,7 +37,7 @@ impl Search<'_> {
             let fitted = fitting::carried_over(self.data, from, self.monitor)?;
             best = Validated { fitted, held_out: Vec::new(), refuted: false };
         }
-        // Of steady points the noise is known from a few neighbours alone: what may be noise is not looked into.
+        // The noise of steady points is known from a few neighbours alone: a residual that may be noise is not explained.
         let noise = |set: &Validated| {
             self.data.signals.kind == Kind::OperatingPoints && set.excess() <= self.data.options.mismatch
         };
@@ -76,9 +76,9 @@ impl Search<'_> {
         Ok((best, singles))
     }
 
-    /// Whether the effects that `larger` has more take away what the leading one of so many as there may still be must: of several effects
-    /// that together explain the rest of a channel, one explains at least their mean. Where nothing does, the rest is not in the catalogue,
-    /// and what trades one channel for another describes it no better. What the forms of right effects may leave is not asked about.
+    /// Whether the further effects of `larger` explain the part that the leading one of those still possible must explain. Of several effects
+    /// that together explain the rest of a channel, one explains at least their mean. If none does, the rest is outside the catalogue. An
+    /// effect that improves one channel and worsens another explains nothing either. A residual up to the error of forms is not tested.
     fn explains_its_part(&self, larger: &Hypothesis, smaller: &Hypothesis) -> bool {
         let excess = |set: &Hypothesis| verdict::beyond_chance(set).map(|x| x.max(0.0)).collect::<Vec<f64>>();
         let (before, after) = (excess(smaller), excess(larger));
@@ -94,8 +94,8 @@ impl Search<'_> {
         leads && after.iter().sum::<f64>() < before.iter().sum()
     }
 
-    /// Chooses whole numbers, such as an order, anew for those effects of a set that are `asked`. They were chosen beside other effects. The
-    /// numbers that lead to first order are refitted, and the one with most evidence stays.
+    /// Chooses whole numbers, such as an order, again for those effects of a set that are `asked`: they were chosen beside other effects. The
+    /// numbers with the highest scores are refitted, and the one with most evidence stays.
     pub(super) fn renewed(&self, mut set: Validated, asked: &dyn Fn(EffectId) -> bool) -> Result<Validated> {
         let effects = set.fitted.effects();
         if set.excess() <= self.data.options.mismatch {
@@ -115,7 +115,7 @@ impl Search<'_> {
                 let each = effect.info().parameters.iter().zip(&own).zip(&prospect.start);
                 each.filter(|((p, _), _)| p.role == Role::Fixed).all(|((_, a), b)| a == b)
             };
-            // Beside a number that leads by far no other is asked about.
+            // Where one number leads by far, no other is tried.
             let present = prospects.iter().find(same).map_or(0.0, |p| p.score);
             let rivals = |p: &&Prospect| !same(p) && p.score > RIVAL * present;
             let without = Validated { fitted: without, ..set.clone() };
@@ -167,7 +167,7 @@ impl Search<'_> {
         let score = |effect: &EffectId| scorer.score(*effect, self.monitor);
         let mut prospects: Vec<Prospect> = candidates.par_iter().map(score).collect::<Result<_>>()?;
         prospects.sort_by(|a, b| b.score.total_cmp(&a.score));
-        // Those that lead on their side, and those that may be what leads.
+        // The leading effects of each side, and those with a score near theirs.
         let mut leading: Vec<EffectId> = Vec::new();
         for moves in [true, false] {
             let side =
@@ -175,7 +175,7 @@ impl Search<'_> {
             let top = side().next().map_or(0.0, |p| p.score);
             leading.extend(side().take(REFITTED).filter(|p| p.score >= RIVAL * top).map(|p| p.effect));
         }
-        // The steps of an unknown load can do what a friction does whose torque jumps at reversals: no score tells.
+        // Steps of an unknown load absorb a friction whose torque jumps at reversals, so that its score is small.
         if parent.fitted.nuisances.iter().any(|nuisance| nuisance.steps() > 0) {
             leading.extend(candidates.iter().filter(|effect| effect.jumps()));
         }

@@ -1,4 +1,4 @@
-//! A set refitted with one effect more, from where the score sees it.
+//! A set refitted with one effect more, starting from the values of its score.
 
 use super::Search;
 use crate::diagnose::data::Data;
@@ -11,11 +11,11 @@ use crate::error::Result;
 use crate::model::Model;
 use crate::monitor::Monitor;
 
-/// A fit that takes away less than this share of what its score promised is tried once more: with the shapes held until the rest has
-/// settled, and then from a fraction of the strength.
+/// Share of its score that a fit must explain; else it is repeated, first with fixed shapes and then from a fraction of the strength.
 const KEPT_PROMISE: f64 = 0.1;
+/// That fraction of the strength.
 const FAINTER: f64 = 0.1;
-/// Score from which a promise counts.
+/// Score below which no fit is repeated.
 const LEAST_PROMISE: f64 = 0.02;
 
 impl Search<'_> {

@@ -1,4 +1,4 @@
-//! A friction in place of the steps that an unknown load has where the rotor reverses. Both do the same; the friction needs one number.
+//! A friction in place of the steps of an unknown load at reversals. Both describe the same torque, the friction with one parameter.
 
 use super::Search;
 use crate::diagnose::evidence::Evidence;

@@ -1,11 +1,11 @@
-//! The discrepancy of an equation: what a smooth torque over speed and turn, or a smooth voltage over speed, currents and turn, could explain.
+//! The discrepancy of an equation: a smooth torque over speed and turn, or a smooth voltage over speed, currents and turn.
 //!
-//! An effect that such a term replaces has no claim to its name: an eddy brake looks much like Stribeck friction, and is none. How smooth
-//! the term is, evidence decides for each set: friction that jumps at standstill beside a smooth torque is simpler than a torque that is as
-//! steep as a jump. What a smooth torque cannot do at all is a high order or a frequency. Sensors may err, too: those of the
-//! currents lag behind, that of the angle be late or flawed.
-//! In integral form along the measured speed all of this is linear for the motion, so that one least-squares solution per set tells; beside a
-//! shaft, and for the currents, it is so to first order. The recording and the validation run are solved for together.
+//! An effect that such a term replaces is not named: an eddy brake resembles Stribeck friction, and is none. Evidence decides how smooth the
+//! term is, for each set anew: friction that jumps at standstill beside a smooth torque is simpler than a torque as steep as a jump. A smooth
+//! torque describes neither a high order nor a frequency. Sensors may err, too: current sensors lag, and the angle is late or flawed.
+//!
+//! In integral form along the measured speed the motion is linear in all of this, so that one least-squares solution per set suffices. With a
+//! shaft, and for the currents, it is linear to first order. The recording and the validation run are solved for together.
 
 use super::linear::Linear;
 use super::{Side, candidates};
@@ -26,14 +26,14 @@ use nalgebra::{DMatrix, DVector};
 /// Weight of a coefficient of the discrepancy at zero, share of its own square: what no row shows stays there.
 const UNSHOWN: f64 = 1e-9;
 
-/// Most that an effect is worth, nats, which a smooth term or what remains may replace: less than an even chance.
+/// Most nats of an effect that a smooth term or the remainder may replace: less than an even chance.
 const NOT_NAMED: f64 = -1e-9;
 /// Error of the columns of sensors, share of an effect that is taken back as far as it goes: they are of first order, and of a turn by 0.3 rad
 /// the second one is 0.15. `cargo test -p pmsm-core columns_of_a_late_angle` tells the error of the first order, which is far less.
 const SENSORS_KNOWN_TO: f64 = 0.15;
 /// The choice of no discrepancy.
 const NONE: usize = 0;
-/// Time over which what is missing says one thing, s: that of a window of the motion.
+/// Time over which a missing effect counts as one independent sample, s: that of a window of the motion.
 const LASTS: f64 = 0.25;
 /// Most numbers held of one run.
 const CELLS: usize = 20_000_000;
@@ -41,8 +41,8 @@ const CELLS: usize = 20_000_000;
 /// A recording with a set of effects fitted to it, or transferred to it.
 pub(super) type Seen<'a> = (&'a Data, &'a Hypothesis);
 
-/// What each effect on one side of a set explains beside the discrepancy, nats; zero, an even chance, where no solution tells. It is not
-/// asked of a shaft, whose trace changes with its strength and which nothing smooth replaces, nor of names that cover any function. `runs`
+/// Gain of each effect on one side of a set beside the discrepancy, nats; zero, an even chance, where there is no solution. A shaft is not
+/// compared: its trace changes with its strength, and no smooth term replaces it. Nor are names that cover any function. `runs`
 /// are the recording and the validation run, each with the same set.
 pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f64)> {
     let (data, set) = runs[0];
@@ -61,7 +61,7 @@ pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f6
     let worth = |slot: &Slot| -> Option<f64> {
         let (samples, whole, beside, remains, alone) = solved.as_ref()?;
         let own: Vec<usize> = (0..machine.len()).filter(|k| slot.parameters.contains(&machine[*k])).collect();
-        // At zero strength an effect is not there: its strengths go all the way back, and its shapes tell nothing any more.
+        // The set without an effect has it at zero strength, where its shapes do not matter.
         let back = |k: &usize| {
             let parameter = machine[*k];
             let role = slot.effect.info().parameters[parameter - slot.parameters.start].role;
@@ -74,16 +74,16 @@ pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f6
         let explained = choices.excess(&without, machine.len() - own.len(), *beside)? - remains;
         // A smooth term is an approximation, as the form of an effect is. An effect that explains less than its error is not named.
         let of_form = explained < slot.effect.form().powi(2) * (alone - remains);
-        // What remains is of unknown cause, which may well be that of this part, too.
+        // The remainder is of unknown cause, which may be the cause of this part, too.
         let of_remainder = lost - alone < data.options.beside_remainder * remains;
         // Of the forms that were tried one is there.
         let forms = slot.effect.probes(set.model.context()).len().max(1) as f64;
-        // What swings in time has its own phase by the clock of each run.
+        // An oscillation in time has another phase on the clock of each run.
         let clocked = slot.effect.info().parameters.iter().any(|p| p.unit == "Hz");
         let times = if clocked { normals.len() } else { 1 };
         let options = &data.options;
         let cost = options.effect_cost + forms.ln() + price(samples, options) * (times * own.len()) as f64;
-        // An angle that is off may turn the frame far: what the columns of sensors can do but for their second order, they can do.
+        // A wrong angle may turn the frame far. The columns of sensors then explain an effect up to their second order.
         let others: Vec<usize> = (0..machine.len()).filter(|k| !own.contains(k)).collect();
         let by_sensors = choices.of_sensors(*beside)
             && outside(&normals, &back, &[&others[..], &choices.places(machine.len(), *beside)].concat())?
@@ -96,7 +96,7 @@ pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f6
     set.model.slots().iter().filter(asked).map(known).collect()
 }
 
-/// Square, summed over the runs, of what a step of some columns does that the `others` cannot.
+/// Sum of squares over the runs of the part of a step of some columns that is orthogonal to the `others`.
 fn outside(normals: &[Normal], step: &[(usize, f64)], others: &[usize]) -> Option<f64> {
     let gram = total(normals).0;
     let product = |k: usize| step.iter().map(|(own, x)| gram[(k, *own)] * x).sum::<f64>();
@@ -131,8 +131,8 @@ pub(super) fn likely(nats: f64) -> bool {
     nats >= 0.0
 }
 
-/// Independent samples of the mean square on each of the runs. Noise has many; of what is missing a window of the motion, or as long a stretch
-/// of the currents, is one. The variance of the sum of both tells.
+/// Independent samples of the mean square on each of the runs, from the variance of noise and missing effect together. Noise has many. Of a
+/// missing effect a window of the motion, or as long a stretch of the currents, is one.
 fn samples(normals: &[Normal]) -> Option<Vec<f64>> {
     let each = excesses(normals)?;
     let count = |(normal, excess): (&Normal, f64)| {
@@ -213,7 +213,7 @@ impl Choices {
         (0..self.columns.len()).filter_map(cost).min_by(|a, b| a.0.total_cmp(&b.0))
     }
 
-    /// Mean squares beyond the noise that such a set leaves beside one of the terms, summed over the runs.
+    /// Excess mean square of such a set beside one of the terms, summed over the runs.
     fn excess(&self, normals: &[Normal], parameters: usize, choice: usize) -> Option<f64> {
         let each = excesses(&self.beside(normals, parameters, choice))?;
         Some(each.iter().map(|excess| excess.max(0.0)).sum())
@@ -241,14 +241,14 @@ fn size(part: &Part, odd: bool) -> usize {
     if odd { part.count() / 2 } else { part.count() }
 }
 
-/// What a set and the discrepancy together leave on all runs, nats.
+/// Cost of the residual of a set with the discrepancy on all runs, nats.
 fn left(normals: &[Normal], samples: &[f64]) -> Option<f64> {
     // A residual below the noise gains nothing.
     let nats = |(excess, samples): (&f64, &f64)| 0.5 * samples * excess.max(0.0).ln_1p();
     Some(excesses(normals)?.iter().zip(samples).map(nats).sum())
 }
 
-/// Mean square that is left on each run, over the floor's and beyond one.
+/// Excess mean square of each run, in units of the floor's.
 fn excesses(normals: &[Normal]) -> Option<Vec<f64>> {
     let (gram, along) = total(normals);
     let step = step(gram, &along)?;
@@ -299,7 +299,7 @@ impl Normal {
         };
         let view = Linear::new(data, set, side, &torque);
         let count = machine.len() + choices.count();
-        // Of a long recording every so many rows say the same: neighbours hardly differ.
+        // A long recording is decimated: neighbouring rows hardly differ.
         let (residual, known) = view.at(&[machine, &own].concat());
         let stride = (residual.len() * count).div_ceil(CELLS).max(1);
         let kept = residual.len().div_ceil(stride);
@@ -332,7 +332,7 @@ impl Normal {
         let channels = seen.max().unwrap_or(0).max(1) as f64;
         let rows = data.counted() as f64 * channels / stride as f64;
         let windows = match data.signals.kind {
-            // Points that follow one another are often alike: as many as have independent values beside all terms.
+            // Successive points are often alike: as many count as have independent values beside all terms.
             Kind::OperatingPoints => {
                 let left =
                     step(gram.clone(), &along).map_or(residual.clone(), |step| &residual + &all * step);

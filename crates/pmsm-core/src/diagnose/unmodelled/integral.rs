@@ -1,7 +1,7 @@
 //! The equation of motion in integral form along the measured speed: ω(t) = ω(0) + ∫ a(ω_measured) dt within each window.
 //!
-//! In free run a torque that is missing moves the speed to where it is another one, and what a map could do to first order says little.
-//! Along the measured speed the prediction is linear in load, friction and the coefficients of a map, however much is missing.
+//! In free run a missing torque moves the simulated speed away from the measured one, and a linearisation there says little about a map.
+//! Along the measured speed the prediction is linear in load, friction and the coefficients of a map, however large the missing torque.
 
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;

@@ -1,4 +1,4 @@
-//! The equations of one side near a fitted model: what is left, and its derivatives by parameters and by the coefficients of a map.
+//! The equations of one side linearised at a fitted model: the residual, and its derivatives by parameters and coefficients of a map.
 
 use super::Side;
 use super::integral::Integral;

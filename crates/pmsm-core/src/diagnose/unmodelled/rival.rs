@@ -1,7 +1,7 @@
 //! Whether the torque that the named effects do not explain is of their own size. An effect may explain nine tenths of a speed error and
 //! still describe the torque badly. Inertia filters fast changes, so that the mean of a torque at one place of the turn resembles friction.
 
-use super::{Side, Unmodelled, candidates, choice, laid, places, sides};
+use super::{Side, Unmodelled, candidates, choice, places, sides, with_maps};
 use crate::base::Base;
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
@@ -38,7 +38,7 @@ pub fn rival(
     if share(data, &promised) < COMPARABLE {
         return Ok(None);
     }
-    let (fitted, unmodelled) = laid(data, validation, best, &[Side::Mechanical], monitor)?;
+    let (fitted, unmodelled) = with_maps(data, validation, best, &[Side::Mechanical], monitor)?;
     Ok((share(data, &fitted) > COMPARABLE).then_some((fitted, unmodelled)))
 }
 

@@ -1,4 +1,4 @@
-//! What a map takes away, of the model that is in the answer and by the figures that the answer gives.
+//! The share of the excess that a map explains, by the model and the figures of the answer.
 
 use super::Side;
 use crate::diagnose::data::Data;

@@ -1,4 +1,4 @@
-//! A recording as one side sees it: what the fitted parameters can do to it and what they leave, and beside that the columns of a map.
+//! Normal equations of one side of a recording, fold by fold: fitted parameters, residual and the columns of a map.
 
 use super::Side;
 use super::linear::Linear;
@@ -11,10 +11,10 @@ use crate::optimise::least_squares::Normal;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
-/// The recording as one side sees it: what the fitted parameters can do, and what they leave.
+/// One side of a recording: a basis of the fitted parameters, and the residual.
 pub(super) struct View<'a> {
     linear: Linear<'a>,
-    /// Basis of what the fitted parameters can do, and behind it what they leave.
+    /// Orthonormal basis of the derivatives by the fitted parameters, and behind it the residual.
     pub(super) known: DMatrix<f64>,
     /// The rows of each fold, and the products of what is known over them.
     folds: Vec<Vec<Range<usize>>>,

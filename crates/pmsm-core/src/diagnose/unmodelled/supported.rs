@@ -20,15 +20,15 @@ use crate::experiment::Channel;
 use crate::model::{Model, Slot};
 use crate::monitor::Monitor;
 
-/// A set of effects, each of which explains what a map cannot.
-pub struct Earned {
+/// A set of effects that the evidence supports beside the discrepancy.
+pub struct Supported {
     /// The set without a map.
     pub set: Hypothesis,
     /// Posterior probability of each of its effects beside a map.
     pub probabilities: Vec<(EffectId, f64)>,
     /// What may be in place of one of its effects: a wider one, or a special case.
     pub alternatives: Vec<Alternative>,
-    /// The set with that effect of the catalogue whose form comes nearest to what else moves the rotor, if one was considered.
+    /// The set with that effect of the catalogue whose form is nearest to the unexplained torque, if one was considered.
     pub nearest: Option<Hypothesis>,
 }
 
@@ -42,17 +42,16 @@ pub struct Alternative {
     pub share: f64,
 }
 
-/// The effects of `best` that explain what a smooth term cannot: those of an equation with nothing but noise left as they are, the others as
-/// far as the recordings say so.
+/// The effects of `best` that a smooth term cannot replace. Those of an equation whose residual is noise stay as they are.
 ///
 /// # Errors
 /// Those of the least-squares fits.
-pub fn earned(
+pub fn supported(
     data: &Data,
     validation: Option<&Data>,
     best: &Hypothesis,
     monitor: &dyn Monitor,
-) -> Result<Earned> {
+) -> Result<Supported> {
     let elsewhere = |set: &Hypothesis| -> Result<Option<(&Data, Hypothesis)>> {
         validation.map(|run| Ok((run, transfer(run, set, monitor)?))).transpose()
     };
@@ -71,10 +70,10 @@ pub fn earned(
     };
     let probabilities = set.effects().into_iter().map(of_effect).collect();
     alternatives.retain(|a| set.effects().contains(&a.present));
-    Ok(Earned { set, probabilities, alternatives, nearest })
+    Ok(Supported { set, probabilities, alternatives, nearest })
 }
 
-/// Probability of what so many nats speak for.
+/// Probability at this logarithm of the odds, nats.
 fn probability(nats: f64) -> f64 {
     1.0 / (1.0 + (-nats).exp())
 }
@@ -150,7 +149,7 @@ fn beside_a_smooth_term<'a>(
         let other = elsewhere(&set)?;
         let runs = seen(data, &set, other.as_ref());
         let worth = beside_discrepancy(&runs, side);
-        // The least needed goes first: what the others are worth may change.
+        // The least needed is dropped first: the gains of the others may change.
         let least = worth.iter().min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, nats)| !likely(*nats));
         let Some((effect, _)) = least else { return Ok((set, worth)) };
         let (model, start) = reduced(&set, *effect);
@@ -207,9 +206,9 @@ mod tests {
             (0..20).map(|k| (0.05 + 0.2 * f64::from(k), levels[k as usize % levels.len()])).collect();
         let (data, base) = data(&setup(speeds(4.0, &path), present));
         let set = fitted(&data, &base, named);
-        let earned = earned(&data, None, &set, &Silent).unwrap();
-        assert_eq!(earned.set.effects().len(), earned.probabilities.len());
-        earned.probabilities
+        let supported = supported(&data, None, &set, &Silent).unwrap();
+        assert_eq!(supported.set.effects().len(), supported.probabilities.len());
+        supported.probabilities
     }
 
     #[test]
@@ -237,7 +236,7 @@ mod tests {
         let signals = Signals::new(&recording, &setup.nameplate).unwrap();
         let (data, base) = settled(Data::new(signals, &setup.nameplate, &Default::default()).unwrap());
         let set = fitted(&data, &base, named);
-        earned(&data, None, &set, &Silent).unwrap().probabilities
+        supported(&data, None, &set, &Silent).unwrap().probabilities
     }
 
     /// The same where the current sensors lag two thirds of a row behind.
