@@ -84,7 +84,7 @@ impl Parameter {
     }
 }
 
-/// What a recording must contain for an effect to be judged.
+/// What a recording must contain to show an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Need {
     /// Electrical (or mechanical) rotor angle.

@@ -3,8 +3,8 @@
 
 mod angle;
 mod clock;
+mod decimation;
 mod derived;
-mod every;
 mod held;
 pub mod join;
 mod lag;
@@ -23,7 +23,7 @@ use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::recording::{Kind, Load, Recording};
 use angle::{check_sense, integrate, unwrap};
-pub use every::Within;
+pub use decimation::Within;
 pub use held::Logged;
 pub use limits::Limits;
 use mend::mend;
@@ -340,9 +340,9 @@ impl Signals {
         self.t.len()
     }
 
-    /// How many samples of the log lie from one sample to the next.
-    pub fn pace(&self) -> usize {
-        self.within.as_ref().map_or(1, |within| within.pace)
+    /// Samples of the log for each sample: one, or the factor by which the recording was decimated.
+    pub fn decimation(&self) -> usize {
+        self.within.as_ref().map_or(1, |within| within.factor)
     }
 
     /// Never true for a checked recording.

@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_of_the_voltages_does_not_bend_the_inductances() {
+    fn noise_of_the_voltages_does_not_bias_the_inductances() {
         // With it plain least squares make l_q a tenth too large.
         let mut manoeuvre = speeds(1.1, &[(0.1, 80.0), (0.5, -60.0), (0.9, 90.0)]);
         let steps = (0..10).map(|k| (0.1 * f64::from(k), [-4.0, 3.0][k as usize % 2])).collect();

@@ -37,7 +37,7 @@ pub fn decimated(whole: &Data, others: &[Data]) -> Option<(Data, Vec<Data>)> {
         currents.all(|floor| floor.share() * factor as f64 <= DRIVEN)
     };
     let factor = (2..=factor).rev().find(|factor| quiet(*factor))?;
-    Some((whole.every(factor), others.iter().map(|data| data.every(factor)).collect()))
+    Some((whole.decimated_by(factor), others.iter().map(|data| data.decimated_by(factor)).collect()))
 }
 
 impl Data {
@@ -47,7 +47,7 @@ impl Data {
         let alone = self.parts.is_empty() && self.held_out.is_none() && signals.segments.len() == 1;
         let wanders = self.wander().is_some() || self.wanders_unfiltered();
         let quiet = self.input.is_none() && self.whitening.is_none() && !wanders;
-        if !alone || !quiet || self.poor || signals.kind != Kind::Full || signals.pace() > 1 {
+        if !alone || !quiet || self.poor || signals.kind != Kind::Full || signals.decimation() > 1 {
             return 1;
         }
         let rate = signals.context.omega_e_max + signals.context.electrical_rate;
@@ -57,7 +57,7 @@ impl Data {
     }
 
     /// The same recording decimated by the factor `factor`.
-    fn every(&self, factor: usize) -> Self {
+    fn decimated_by(&self, factor: usize) -> Self {
         let of = |k: usize| k.div_ceil(factor);
         let times = factor as f64;
         // The mean of the currents drives the rotor, as before. Noise of angle and speed adds up in larger steps.
@@ -66,7 +66,7 @@ impl Data {
             false => *floor,
         };
         Self {
-            signals: self.signals.every(factor),
+            signals: self.signals.decimated_by(factor),
             windows: self.windows.iter().map(|w| of(w.start)..of(w.end)).collect(),
             floors: self.floors.iter().map(floor).collect(),
             ..self.clone()
@@ -127,7 +127,10 @@ mod tests {
         let (data, base) = testing::data(&fast_clock(1.1, Vec::new()));
         assert!(decimated(&data, &[]).is_none(), "its halves would be too short");
         let (slow, others) = decimated(&data, std::slice::from_ref(&data)).unwrap();
-        assert_eq!((slow.signals.pace(), slow.signals.len(), others.len()), (2, data.signals.len() / 2, 1));
+        assert_eq!(
+            (slow.signals.decimation(), slow.signals.len(), others.len()),
+            (2, data.signals.len() / 2, 1)
+        );
         assert_eq!(slow.windows.len(), data.windows.len());
         let there = fitting::carried_over(&slow, &base, &Silent).unwrap();
         for (a, b) in base.squares.iter().zip(&there.squares) {

@@ -61,12 +61,12 @@ pub fn answer(recording: &Recording, machine: &Machine, options: &DiagnosisOptio
     let constant = 1.5 * signals.n_p * psi_m;
     let why = said(format!(
         "{} steady points of torque show k_t = {constant:.4} N m/A (psi_m = {psi_m:.3e} V s){}, with a residual of {:.3} N m rms",
-        tau_m.len() - line.wild.len(),
+        tau_m.len() - line.outliers.len(),
         balance.friction_words(&line),
         line.scatter
     ));
     let mut findings = signals.findings;
-    findings.extend(wild(&line));
+    findings.extend(outliers(&line));
     findings.extend(balance.held.clone());
     Ok(parameters_alone::answer((why, Kind::Mechanical), &shown, machine, findings, options))
 }
@@ -90,13 +90,13 @@ fn said(finding: String) -> Finding {
 }
 
 /// Rows that the others contradict.
-fn wild(line: &Line) -> Option<Finding> {
-    let count = line.wild.len();
+fn outliers(line: &Line) -> Option<Finding> {
+    let count = line.outliers.len();
     if count == 0 {
         return None;
     }
     let told: Vec<String> =
-        line.wild.iter().take(NAMED).map(|k| format!("{} ({:+.3} N m)", k + 1, line.off[*k])).collect();
+        line.outliers.iter().take(NAMED).map(|k| format!("{} ({:+.3} N m)", k + 1, line.off[*k])).collect();
     let more = if count > NAMED { format!(" and {} more", count - NAMED) } else { String::new() };
     Some(Finding {
         finding: format!(
@@ -211,9 +211,9 @@ mod tests {
         let of = |f: &dyn Fn(usize) -> f64| (0..n).map(f).collect::<Vec<f64>>();
         let (i_q, omega) = (|k: usize| (k % 10) as f64 - 2.0, |k: usize| 20.0 * (k / 10) as f64 - 70.0);
         let torque = |k: usize| {
-            let wild = if k == 17 || k == 60 { 3.0 } else { 0.0 };
+            let outlier = if k == 17 || k == 60 { 3.0 } else { 0.0 };
             let noise = 0.002 * normal_pair(3, [k as u32, 0, 0, 0]).0;
-            sign * (0.075 * i_q(k) - 1e-3 * omega(k) - 0.05 * omega(k).signum() + wild + noise)
+            sign * (0.075 * i_q(k) - 1e-3 * omega(k) - 0.05 * omega(k).signum() + outlier + noise)
         };
         let columns = vec![
             ("t".into(), of(&|k| 2.0 * k as f64)),

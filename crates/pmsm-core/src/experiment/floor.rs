@@ -16,10 +16,10 @@ use std::f64::consts::SQRT_2;
 
 /// Share of driven noise in the square of a floor from which a speed's residual is whitened, and a current's may lie above it by chance.
 const WANDERS: f64 = 0.05;
-/// Standard errors by which whitening may misjudge an inertia; where it would by more the residual is left as it is.
+/// Largest bias of an inertia by whitening, standard errors; beyond it the residual is not whitened.
 const HARMLESS: f64 = 0.3;
-/// Mean square, over the floor's, beyond which it is left as it is, too: a model that is far from right errs slowly, which innovations hardly
-/// show, and its parameters would be those that err least in what is fast.
+/// Mean square, over the floor's, beyond which it is not whitened either. A large model error is slow, and innovations hardly show it: the
+/// parameters would fit the fast part alone.
 const NEAR: f64 = 50.0;
 /// Share of a channel's range that its noise is taken to have at least, as a log without any has none: two ways to integrate the same
 /// equations differ by that.
@@ -50,7 +50,7 @@ pub struct Floor {
     /// How far the square of the driven part may be off, share of the mean square: two standard errors, by what the draws of that noise
     /// differ. Zero where it is no good part of the whole.
     pub swing: f64,
-    /// How the driven part makes a speed wander, where it is a good part of the whole: what is left is then judged by its innovations.
+    /// How the driven part makes a speed wander, where it is a good part of the whole: the residual is then compared by its innovations.
     pub wander: Option<Wander>,
 }
 
@@ -67,7 +67,7 @@ impl Floor {
         self.unsure + if speed { self.share() } else { self.swing }
     }
 
-    /// Whether it is that of a speed which wanders, but is judged as it is.
+    /// Whether it is that of a speed with driven noise that is not whitened.
     pub fn unfiltered(&self) -> bool {
         self.channel == Channel::OmegaE && self.wander.is_none() && self.share() > WANDERS
     }

@@ -45,8 +45,8 @@ impl Wander {
         }
     }
 
-    /// By how many of its standard errors a fit to innovations misjudges an inertia at most, if nothing but torque moved the rotor as its
-    /// measured speed (rad/s) tells within the windows.
+    /// Largest bias of an inertia fitted to innovations, in its standard errors, if torque alone moved the rotor along its measured speed
+    /// (rad/s) within the windows.
     pub fn bias(&self, omega_e: &[f64], windows: &[Range<usize>]) -> f64 {
         let (mut information, mut samples) = (0.0, 0.0);
         for window in windows.iter().filter(|w| !w.is_empty()) {

@@ -1,5 +1,4 @@
-//! Linear regression that a few wild rows do not bend: from the line of the least sum of distances to Tukey's biweight, under which a row far from the
-//! line has no weight at all.
+//! Robust linear regression: from least absolute deviations to Tukey's biweight, under which outliers have no weight at all.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -21,8 +20,8 @@ pub struct Line {
     pub error: Vec<f64>,
     /// What each row is off.
     pub off: Vec<f64>,
-    /// Rows without weight.
-    pub wild: Vec<usize>,
+    /// Outliers: rows without weight.
+    pub outliers: Vec<usize>,
     /// Root mean square of what the other rows are off.
     pub scatter: f64,
 }
@@ -68,7 +67,7 @@ pub fn line(terms: &[Vec<f64>], values: &[f64]) -> Option<Line> {
     Some(Line {
         found: (0..count).map(|c| found[c] / scale[c]).collect(),
         error: (0..count).map(|c| (variance * inverse[(c, c)]).sqrt() / scale[c]).collect(),
-        wild: (0..rows).filter(|r| weight[*r] == 0.0).collect(),
+        outliers: (0..rows).filter(|r| weight[*r] == 0.0).collect(),
         scatter: (square / kept.max(1) as f64).sqrt(),
         off: off.iter().copied().collect(),
     })
@@ -80,7 +79,7 @@ mod tests {
     use crate::numerics::random::normal_pair;
 
     #[test]
-    fn wild_rows_do_not_bend_the_line() {
+    fn outliers_do_not_change_the_line() {
         let x: Vec<f64> = (0..60).map(|k| 0.1 * f64::from(k) - 3.0).collect();
         let noise = |k: usize| 0.01 * normal_pair(1, [k as u32, 0, 0, 0]).0;
         let mut y: Vec<f64> = x.iter().enumerate().map(|(k, x)| 2.0 * x - 0.5 + noise(k)).collect();
@@ -89,7 +88,7 @@ mod tests {
         }
         let line = line(&[x.clone(), vec![1.0; 60]], &y).unwrap();
         assert!((line.found[0] - 2.0).abs() < 0.005 && (line.found[1] + 0.5).abs() < 0.01, "{line:?}");
-        assert!(line.wild.starts_with(&[3]) && line.wild.ends_with(&[58, 59]), "{:?}", line.wild);
+        assert!(line.outliers.starts_with(&[3]) && line.outliers.ends_with(&[58, 59]), "{:?}", line.outliers);
         assert!((line.scatter / 0.01 - 1.0).abs() < 0.3 && line.error[0] < 0.002, "{line:?}");
         assert!(super::line(&[x.clone(), x], &y).is_none(), "one term twice");
     }

@@ -56,7 +56,7 @@ const MOVED: f64 = 0.382;
 /// What steps of `quantum` rad do to the lines of half the width `half` through an unwrapped angle `theta` (rad): the error of the angle, rad,
 /// and that of its slope, rad/s, sample by sample. The angle is drawn through its steps, rounded to them anew from another place, and seen
 /// through the same lines again. What it then differs by has the size and the colour of the error, and comes at the same speeds; the lines
-/// lag behind a bend as they did the first time.
+/// lag behind a curved speed as they did the first time.
 pub fn rounded_anew(
     t: &[f64],
     theta: &[f64],

@@ -110,7 +110,7 @@ pub(super) fn motion(
     }
 }
 
-/// A held speed drawn straight through the rows in which it changes, and how far that may be off: by its steps, and by what it bends.
+/// A held speed drawn straight through the rows in which it changes, and how far that may be off: by its steps, and by its curvature.
 fn drawn_through(t: &[f64], speed: &[f64], rows: usize, step: f64) -> (Vec<f64>, Vec<f64>) {
     let mut counts = vec![0; rows];
     (1..speed.len()).filter(|k| speed[*k] != speed[*k - 1]).for_each(|k| counts[k % rows] += 1);

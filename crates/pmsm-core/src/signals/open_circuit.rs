@@ -114,7 +114,7 @@ fn refuse<T>(problem: &str, fix: &str) -> Result<T> {
 /// The speed's factor from how the turning voltage vector runs away from the logged angle, turn by turn.
 fn coarse(voltages: &[DVector<f64>; 3], theta: &DVector<f64>) -> f64 {
     let third = TAU / 3.0;
-    // Equal sizes keep a channel of another scale from bending the vector.
+    // Equal sizes keep a channel of another scale from distorting the vector.
     let level = voltages.each_ref().map(|v| {
         let mean = v.mean();
         (mean, (v.add_scalar(-mean).norm_squared() / v.len() as f64).sqrt().max(f64::MIN_POSITIVE))

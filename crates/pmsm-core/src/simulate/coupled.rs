@@ -99,7 +99,7 @@ pub trait Watch<T> {
     fn see(&mut self, k: usize, now: [T; 3]) -> bool;
 }
 
-/// Hands on what numbers of a run stand for.
+/// Passes the numbers of a run on in their own type.
 struct Handed<'a, T>(&'a mut dyn FnMut(usize, [T; 3]) -> bool);
 
 impl<T, W: Carries<T>> Watch<W> for Handed<'_, T> {
@@ -155,7 +155,7 @@ fn run_sized<T: Real, const E: usize, const M: usize, const N: usize>(
             let command = model.command(
                 p,
                 &taps(signals, v, segment.start, k),
-                state[2] * (n_p * h / signals.pace() as f64),
+                state[2] * (n_p * h / signals.decimation() as f64),
             );
             let load = tau_load + known_load(signals, k, last);
             let pieces = pieces(rate.max(steep), h);

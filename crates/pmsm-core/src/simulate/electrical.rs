@@ -14,7 +14,7 @@ use crate::signals::Signals;
 
 /// Largest product of step and fastest rate; longer sample periods are divided.
 const STEP_LIMIT: f64 = 0.15;
-/// The same where one sample stands for several.
+/// The same of a decimated recording.
 const COARSE_LIMIT: f64 = 0.2;
 
 /// Simulates the currents and hands to `sink` the sample number and the d, q current that the log should show, A.
@@ -99,7 +99,7 @@ pub(super) fn run_sized<W: Real, const N: usize>(
     let (n_p, sensed) = (signals.n_p, model.has_sensor());
     // Effects' own states may follow the voltage from one sample of the log to the next.
     let closely = signals.within.as_ref().filter(|_| model.electrical_states() > 0);
-    let limit = if signals.pace() > 1 { COARSE_LIMIT } else { STEP_LIMIT };
+    let limit = if signals.decimation() > 1 { COARSE_LIMIT } else { STEP_LIMIT };
     let steep = model.steep_rate(p, &base) * (limit / STABLE);
     let mut state = [W::zero(); N];
     for segment in &signals.segments {
@@ -122,7 +122,7 @@ pub(super) fn run_sized<W: Real, const N: usize>(
                 break;
             }
             let h = signals.t[k + 1] - signals.t[k];
-            let logged = h / signals.pace() as f64;
+            let logged = h / signals.decimation() as f64;
             let next_measured = measured_env(signals, k + 1);
             let (next_sensor, next_env) = if sensed {
                 let next_sensor = model.sensor(p, &next_measured);
@@ -132,14 +132,14 @@ pub(super) fn run_sized<W: Real, const N: usize>(
             };
             let rate = (signals.omega_e[k].abs() + signals.context.electrical_rate).max(steep);
             let pieces = match closely {
-                Some(within) => within.pace,
+                Some(within) => within.factor,
                 None => ((h * rate / limit).ceil() as usize).clamp(1, 64),
             };
             let mut command = [W::zero(); 2];
             for piece in 0..pieces {
                 if piece == 0 || closely.is_some() {
                     let taps = match closely {
-                        Some(within) => taps_of_log(&within.v, 0, k * within.pace + piece),
+                        Some(within) => taps_of_log(&within.v, 0, k * within.factor + piece),
                         None => taps(signals, v, segment.start, k),
                     };
                     command = model.command(p, &taps, env.omega_e * logged);
@@ -277,7 +277,7 @@ mod tests {
         ];
         let machine = Machine::new(4).unwrap().with_drive(Some(400.0), None, None).unwrap();
         let signals = Signals::new(&Recording::new(columns, None).unwrap(), &machine).unwrap();
-        let fewer = signals.every(4);
+        let fewer = signals.decimated_by(4);
         // What depends on the sign of a current is only followed from one of the fewer samples to the next.
         for (effects, most) in [
             (&[][..], 5e-3),

@@ -1,6 +1,6 @@
 //! What moved between windows, and what that looks like: heat, load, or a model that leaves something out.
 //!
-//! Two series of past results are judged, each by the same test: the last [`RECENT`] windows, and the whole run thinned out
+//! Two series of past results are tested alike: the last [`RECENT`] windows, and the whole run thinned out
 //! to at most [`LONG`] points, each a weighted mean of equally many windows. A parameter *trends* if the slope of its
 //! weighted regression on time is more than [`SIGNIFICANT`] standard errors (widened where the points scatter more than
 //! their errors say) and no step of the series goes back by more than [`BACK`] standard errors of a difference; it

@@ -95,7 +95,7 @@ pub struct WeakDirection {
 /// below `threshold` times the largest, the weakest first.
 ///
 /// `scale` says how large a change of each parameter matters, in its unit: its typical size for "known in percent", or
-/// 1/√(JᵀJ)ᵢᵢ to look for parameters that merely stand in for each other. A parameter with scale 0 is left out. A
+/// 1/√(JᵀJ)ᵢᵢ to look for parameters that replace one another. A parameter with scale 0 is left out. A
 /// parameter belongs to a combination if its share is at least a quarter of the largest one's.
 ///
 /// # Errors
