@@ -2,8 +2,11 @@
 
 use std::ops::Range;
 
-/// Half the width of the window over which angle and speed are compared, samples.
-const HALF: usize = 10;
+/// Half the widths of the windows over which angle and speed may be compared, samples. Wide ones average the steps of a coarse angle, narrow
+/// ones show a lag where the speed ripples.
+const HALVES: [usize; 3] = [2, 5, 10];
+/// Time constants after which a low pass has forgotten what was before the first sample.
+const FORGOTTEN: f64 = 3.0;
 /// Shortest lag that is undone, sample periods.
 const LEAST: f64 = 0.3;
 /// And its standard errors.
@@ -31,48 +34,100 @@ pub enum Lag {
 /// The speed (rad/s) without its lag, and what the lag was, if there is one: `omega` as logged, `theta` the unwrapped electrical angle,
 /// `t` the times, all sample by sample.
 pub fn undo(t: &[f64], theta: &[f64], omega: &[f64], segments: &[Range<usize>]) -> Option<(Vec<f64>, Lag)> {
-    let (mut product, mut square, mut count) = (0.0, 0.0, 0.0);
-    let windows: Vec<(usize, usize)> = segments
-        .iter()
-        .flat_map(|s| (s.start..s.end.saturating_sub(2 * HALF)).step_by(HALF).map(|k| (k, k + 2 * HALF)))
-        .collect();
-    let point = |&(a, b): &(usize, usize), speed: &[f64]| {
-        let span = t[b] - t[a];
-        ((theta[b] - theta[a]) / span - mean(t, speed, a, b), (omega[b] - omega[a]) / span)
-    };
-    let points: Vec<(f64, f64)> = windows.iter().map(|w| point(w, omega)).collect();
-    for (ahead, slope) in &points {
-        product += ahead * slope;
-        square += slope * slope;
-        count += 1.0;
-    }
-    if count < 10.0 || square <= 0.0 {
-        return None;
-    }
-    let lag = product / square;
-    let rest: f64 = points.iter().map(|(x, s)| (x - lag * s).powi(2)).sum();
-    // Neighbouring windows overlap by half.
-    let error = (2.0 * rest / count / square).sqrt();
+    let log = Log { t, theta, omega, segments };
+    let estimates = HALVES.iter().filter_map(|half| log.lag(*half));
+    let Estimate { half, lag, error } =
+        estimates.max_by(|a, b| (a.lag / a.error).total_cmp(&(b.lag / b.error)))?;
     let period = (t[t.len() - 1] - t[0]) / (t.len() - 1) as f64;
     if lag < LEAST * period || lag > MOST * period || lag < SIGNIFICANT * error {
         return None;
     }
-    let misfit = |speed: &[f64]| windows.iter().map(|w| point(w, speed).0.powi(2)).sum::<f64>();
+    // The angle is made late and not the speed prompt, which would raise its noise.
+    let windows = log.windows(half, (FORGOTTEN * lag / period) as usize);
+    let misfit = |theta: &[f64]| windows.iter().map(|w| log.ahead(theta, *w).powi(2)).sum::<f64>();
     let best_of = |make: &dyn Fn(f64) -> Vec<f64>| {
         let cost = |x: f64| misfit(&make(x));
         let best = golden(&cost, 0.3 * lag, 2.0 * lag);
         (best, cost(best))
     };
-    let filter = best_of(&|tau| sharpen(t, omega, segments, tau));
-    let delay = best_of(&|tau| advance(t, omega, segments, tau));
-    if filter.1.min(delay.1) > UNDERSTOOD * misfit(omega) {
+    let filter = best_of(&|tau| log.filtered_angle(tau));
+    let delay = best_of(&|tau| shifted(t, theta, segments, -tau));
+    // Not "greater": without windows there is nothing to understand.
+    if !(filter.1.min(delay.1) < UNDERSTOOD * misfit(theta)) {
         return None;
     }
     Some(if filter.1 <= delay.1 || has_colour(omega, segments, (-period / filter.0).exp()) {
         (sharpen(t, omega, segments, filter.0), Lag::Filter(filter.0))
     } else {
-        (advance(t, omega, segments, delay.0), Lag::Delay(delay.0))
+        (shifted(t, omega, segments, delay.0), Lag::Delay(delay.0))
     })
+}
+
+/// Angle and speed as they were logged.
+struct Log<'a> {
+    t: &'a [f64],
+    theta: &'a [f64],
+    omega: &'a [f64],
+    segments: &'a [Range<usize>],
+}
+
+/// A lag of the speed behind the angle, s, its standard error, and half the width of the windows that show it.
+struct Estimate {
+    half: usize,
+    lag: f64,
+    error: f64,
+}
+
+impl Log<'_> {
+    /// First and last sample of the windows, each of which overlaps the next by half, that begin at least `skip` samples behind a gap.
+    fn windows(&self, half: usize, skip: usize) -> Vec<(usize, usize)> {
+        let of = |s: &Range<usize>| {
+            (s.start.saturating_add(skip)..s.end.saturating_sub(2 * half))
+                .step_by(half)
+                .map(|k| (k, k + 2 * half))
+        };
+        self.segments.iter().flat_map(of).collect()
+    }
+
+    /// By how much the mean speed by `theta` exceeds the logged one in a window.
+    fn ahead(&self, theta: &[f64], (a, b): (usize, usize)) -> f64 {
+        (theta[b] - theta[a]) / (self.t[b] - self.t[a]) - mean(self.t, self.omega, a, b)
+    }
+
+    /// The lag by which the speed of the angle is ahead where the logged one rises, by least squares.
+    fn lag(&self, half: usize) -> Option<Estimate> {
+        let point = |w: (usize, usize)| {
+            let slope = (self.omega[w.1] - self.omega[w.0]) / (self.t[w.1] - self.t[w.0]);
+            (self.ahead(self.theta, w), slope)
+        };
+        let points: Vec<(f64, f64)> = self.windows(half, 0).into_iter().map(point).collect();
+        let product: f64 = points.iter().map(|(ahead, slope)| ahead * slope).sum();
+        let square: f64 = points.iter().map(|(_, slope)| slope * slope).sum();
+        let count = points.len() as f64;
+        if count < 10.0 || square <= 0.0 {
+            return None;
+        }
+        let lag = product / square;
+        let rest: f64 = points.iter().map(|(ahead, slope)| (ahead - lag * slope).powi(2)).sum();
+        // Neighbouring windows overlap by half.
+        Some(Estimate { half, lag, error: (2.0 * rest / count / square).sqrt() })
+    }
+
+    /// The angle behind the low pass of [`sharpen`], which is taken to have been settled at the first logged speed.
+    fn filtered_angle(&self, tau: f64) -> Vec<f64> {
+        let mut y = self.theta.to_vec();
+        for segment in self.segments.iter().filter(|s| s.len() > 1) {
+            let at = segment.start;
+            let h = self.t[at + 1] - self.t[at];
+            let a = (-h / tau).exp();
+            y[at] -= self.omega[at] * h * a / (1.0 - a);
+            for k in at + 1..segment.end {
+                let a = (-(self.t[k] - self.t[k - 1]) / tau).exp();
+                y[k] = a * y[k - 1] + (1.0 - a) * self.theta[k];
+            }
+        }
+        y
+    }
 }
 
 /// Whether the noise of `y` has passed a first-order low pass with the coefficient `a`, rather than being white: noise that was filtered
@@ -126,8 +181,8 @@ fn sharpen(t: &[f64], y: &[f64], segments: &[Range<usize>], tau: f64) -> Vec<f64
     x
 }
 
-/// The signal `tau` (s) later, straight between samples; its last value is held.
-fn advance(t: &[f64], y: &[f64], segments: &[Range<usize>], tau: f64) -> Vec<f64> {
+/// The signal as it is `tau` (s) later, straight between samples; beyond its ends it is held.
+fn shifted(t: &[f64], y: &[f64], segments: &[Range<usize>], tau: f64) -> Vec<f64> {
     let mut x = y.to_vec();
     for segment in segments {
         let mut at = segment.start;
@@ -243,6 +298,30 @@ mod tests {
         };
         let Lag::Delay(found) = heavy(late) else { panic!("a delay") };
         assert!((found / 6e-4 - 1.0).abs() < 0.05, "{found}");
+    }
+
+    #[test]
+    fn a_filter_is_found_where_the_speed_ripples_about_one_value() {
+        // A ripple of 60 Hz, which windows of 20 samples average away, and the angle of an encoder of 20 000 counts.
+        let h = 1e-3;
+        let t: Vec<f64> = (0..7000).map(|k| f64::from(k) * h).collect();
+        let (mean, ripple, rate) = (63.0, 8.0, 380.0);
+        let omega: Vec<f64> = t.iter().map(|t| mean + ripple * (rate * t).sin()).collect();
+        let count = 12.0 * std::f64::consts::TAU / 20_000.0;
+        let theta: Vec<f64> = t
+            .iter()
+            .map(|t| mean * t + ripple / rate * (1.0 - (rate * t).cos()))
+            .map(|x| (x / count).round() * count)
+            .collect();
+        let tau: f64 = 2.5e-3;
+        let a = (-h / tau).exp();
+        let mut logged = omega.clone();
+        for k in 1..logged.len() {
+            logged[k] = a * logged[k - 1] + (1.0 - a) * omega[k];
+        }
+        let (_, lag) = undo(&t, &theta, &logged, &whole(&t)).unwrap();
+        let Lag::Filter(found) = lag else { panic!("{lag:?}") };
+        assert!((found / tau - 1.0).abs() < 0.05, "{found}");
     }
 
     #[test]
