@@ -10,6 +10,7 @@ use super::outputs::Outputs;
 use super::select::Outcome;
 use super::transfer::transfer;
 use super::unmodelled::Supported;
+use super::verdict::Validated;
 use super::{
     adequacy, attribution, budget, consistency, coverage, data_quality, experiment_design, identifiability,
     nameplate, per_recording, power, remaining, stated_load, traces, unmodelled, verdict,
@@ -72,8 +73,8 @@ pub fn conclude(
     })?;
     let (first, end) = (outcome.path[0].clone(), outcome.path[last].clone());
     // Rivals were compared by what they left to the search, which may have left samples out.
-    let searched = outcome.base.held_out_squares();
-    (outcome.base, outcome.best) = (first, end);
+    let searched = std::mem::replace(&mut outcome.base, first);
+    outcome.best = end;
     let contradiction = consistency::contradiction(data, &outcome.best.fitted, monitor)?;
     let mut reason = contradiction
         .as_ref()
@@ -155,6 +156,16 @@ pub fn conclude(
             (after, remaining) = left_by(&outcome.best.fitted)?;
         }
     }
+    if matches!(verdict, Verdict::Named | Verdict::Partial | Verdict::Ambiguous) {
+        let outputs = Outputs::new(data, &outcome.best.fitted);
+        let doubtful = |c: &&mut Ranked| {
+            outcome.best.fitted.effects().contains(&c.effect) && outputs.may_be_absent(c.effect)
+        };
+        for candidate in ranked.iter_mut().filter(doubtful) {
+            candidate.probability = candidate.probability.min(data.options.ceiling_doubtful);
+            verdict = Verdict::Ambiguous;
+        }
+    }
     monitor.go_on()?;
     let located = attribution::located(data, validation, &outcome, verdict);
     if verdict == Verdict::Unknown {
@@ -169,6 +180,10 @@ pub fn conclude(
         verdict = Verdict::Undetermined;
     }
     let best = &outcome.best;
+    // Of the named effects, without the map that describes the rest.
+    let predicted = before.as_ref().zip(after.as_ref()).filter(|_| verdict != Verdict::Unknown);
+    let predicted =
+        predicted.map(|((_, before), (_, after))| (verdict::excess(before), verdict::excess(after)));
     // A map describes what has no name, so that the model predicts.
     let described = match verdict {
         Verdict::Unknown | Verdict::Partial => {
@@ -196,9 +211,6 @@ pub fn conclude(
         traces.validation = traces::columns(run, before, after);
         fit.validation = traces::table(&traces.validation, run);
     }
-    // Of the model as it is told: the search may have compared it as fitted to both runs.
-    let predicted = validated.as_ref().filter(|_| described.is_none() && !outcome.base.held_out.is_empty());
-    let predicted = predicted.map(|(_, before, after)| (verdict::excess(before), verdict::excess(after)));
     let others = validated.iter().filter(|_| data.poor && !refuted);
     let limit = data.options.mismatch_held_out;
     let unpredicted: Vec<Finding> =
@@ -206,7 +218,7 @@ pub fn conclude(
     if !unpredicted.is_empty() {
         decide::doubt(&mut ranked, data.options.ceiling_doubtful);
     }
-    let gains = (searched, predicted);
+    let gains = (&searched, predicted);
     let candidate = |r: &Ranked| {
         monitor.go_on()?;
         Ok(candidate(data, &outcome, r, model_outputs, gains))
@@ -224,7 +236,7 @@ pub fn conclude(
     data_quality.splice(0..0, ran_away);
     data_quality.extend(validation.and_then(|run| coverage::validates_the_motion_alone(data, run)));
     data_quality.extend(unpredicted);
-    let step = |set: &verdict::Validated| {
+    let step = |set: &Validated| {
         monitor.go_on()?;
         Ok(step(data, &set.fitted))
     };
@@ -305,7 +317,7 @@ fn candidate(
     outcome: &Outcome,
     ranked: &Ranked,
     model: &Outputs,
-    (searched, predicted): (f64, Option<(f64, f64)>),
+    (searched, predicted): (&Validated, Option<(f64, f64)>),
 ) -> Candidate {
     let info = ranked.effect.info();
     let in_model = outcome.best.fitted.effects().contains(&ranked.effect);
@@ -314,7 +326,14 @@ fn candidate(
     } else {
         Outputs::new(data, &ranked.validated.fitted).effect(ranked.effect)
     };
-    let compared = || (searched, ranked.validated.held_out_squares());
+    let compared = || {
+        let alike = if ranked.validated.held_out.is_empty() {
+            |set: &Validated| verdict::excess(&set.fitted)
+        } else {
+            Validated::held_out_squares
+        };
+        (alike(searched), alike(&ranked.validated))
+    };
     let (before, after) = predicted.filter(|_| in_model).unwrap_or_else(compared);
     Candidate {
         effect: info.id.into(),

@@ -57,8 +57,8 @@ pub struct DiagnosisOptions {
     pub remaining_chance: f64,
     /// Highest probability of any name where nothing is named, or where another recording contradicts it: by definition below an even chance.
     pub ceiling_unknown: f64,
-    /// Highest probability of a name in doubt: by definition an even chance. Something else remains beside it, or a poor recording does not
-    /// predict another one.
+    /// Highest probability of a name in doubt: by definition an even chance. Something else remains beside it, a poor recording does not
+    /// predict another one, or the 95 % interval of its strength holds zero.
     pub ceiling_doubtful: f64,
     /// Standard deviation of the logarithm of a nameplate value: magnets and windings scatter and warm up.
     pub nameplate_spread: f64,

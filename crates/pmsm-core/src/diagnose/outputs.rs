@@ -230,18 +230,22 @@ impl<'a> Outputs<'a> {
     /// what it explains.
     pub fn moves_nothing(&self, effect: EffectId) -> bool {
         let mechanical = effect.info().site == Site::Mechanical;
-        mechanical && (self.hypothesis.vanishes(effect) || within_errors(effect, &self.effect(effect)))
+        mechanical && (self.hypothesis.vanishes(effect) || within_errors(effect, &self.effect(effect), 1.0))
+    }
+
+    /// Whether zero lies within the 95 % intervals of all that tells the strength of `effect`: no probability may then say that it is there.
+    pub fn may_be_absent(&self, effect: EffectId) -> bool {
+        within_errors(effect, &self.effect(effect), Z95)
     }
 }
 
-/// Whether none of an effect's estimates exceeds its standard error. A whole number, which has none, says nothing of a strength; what else
-/// has none counts as beyond it.
-fn within_errors(effect: EffectId, estimates: &BTreeMap<String, Estimate>) -> bool {
+/// Whether none of an effect's estimates exceeds so many `times` its standard error. A whole number, which has none, says nothing of a
+/// strength; what else has none counts as beyond it.
+fn within_errors(effect: EffectId, estimates: &BTreeMap<String, Estimate>, times: f64) -> bool {
     let chosen = |name: &String| {
         effect.info().parameters.iter().any(|p| p.name == name.as_str() && p.role == Role::Fixed)
     };
-    let within =
-        |x: &Estimate| matches!((x.value, x.stderr), (Some(value), Some(error)) if value.abs() < error);
+    let within = |x: &Estimate| matches!((x.value, x.stderr), (Some(value), Some(error)) if value.abs() < times * error);
     estimates.iter().filter(|(name, _)| !chosen(name)).all(|(_, x)| within(x))
 }
 
@@ -352,12 +356,13 @@ mod tests {
             let unit = "1".into();
             (name.to_string(), Estimate { value: Some(value), stderr, ci95: None, unit, why_none: None })
         };
-        let within = |second: Option<f64>| {
+        let within = |second: Option<f64>, times: f64| {
             let cogging =
                 [("tau_cog", 0.06, Some(0.08)), ("tau_cog_2", 0.04, second), ("order_mech", 24.0, None)];
-            within_errors(EffectId::CoggingTorque, &cogging.map(estimate).into())
+            within_errors(EffectId::CoggingTorque, &cogging.map(estimate).into(), times)
         };
-        assert!(within(Some(0.05)) && !within(Some(0.03)) && !within(None));
+        assert!(within(Some(0.05), 1.0) && !within(Some(0.03), 1.0) && !within(None, 1.0));
+        assert!(within(Some(0.03), Z95) && !within(Some(0.02), Z95) && !within(None, Z95));
     }
 
     #[test]
