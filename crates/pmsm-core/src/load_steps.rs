@@ -23,6 +23,8 @@ use placed::Placed;
 const GAIN: f64 = 30.0;
 /// Steps allowed per second, and at least.
 const RATE: (f64, usize) = (4.0, 4);
+/// Rows of the log for each step: fewer do not tell its instant and its level from noise.
+const ROWS: usize = 50;
 /// Closest distance of two steps, share of the duration, and of no more than this many seconds: longer recordings are searched in pieces,
 /// because the cost of a search grows faster than the number of its steps.
 const CLOSEST: f64 = 0.004;
@@ -48,7 +50,7 @@ pub fn find(
     let (duration, count) = (signals.context.duration, pieces(signals.context.duration));
     let (piece, apart) = (duration / count as f64, closest(duration));
     let margin = if count == 1 { 0.0 } else { MARGIN * piece };
-    let most = RATE.1.max((RATE.0 * (piece + 2.0 * margin)) as usize);
+    let allowed = (RATE.0 * (piece + 2.0 * margin)) as usize;
     let mut found: Vec<f64> = Vec::new();
     for k in (0..count).take_while(|_| !monitor.cancelled()) {
         let [start, end] = [k, k + 1].map(|k| k as f64 * piece);
@@ -57,6 +59,7 @@ pub fn find(
         if rows.len() < FEWEST {
             continue;
         }
+        let most = RATE.1.max(allowed.min(rows.len() / ROWS));
         let first = signals.t[rows.start];
         let grid = Grid::new(model, signals, p, tau_e, free, rows);
         let steps = search(Placed::none(&grid, apart), most, monitor).into_iter().map(|s| first + s);

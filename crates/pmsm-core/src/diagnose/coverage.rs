@@ -102,13 +102,21 @@ pub fn beyond(recording: &Signals, validation: &Signals) -> Option<Finding> {
     })
 }
 
-/// A finding if the `validation` run has no voltages, so that it checks less than the recording shows.
+/// A finding if the `validation` run has no voltages, or none that can be used, so that it checks less than the recording shows.
 pub fn validates_the_motion_alone(recording: &Data, validation: &Data) -> Option<Finding> {
+    let coarse = validation.signals.limits.coarse.is_some();
+    let (finding, fix) = match coarse {
+        true => (
+            "in the validation run the rows lie too far apart for the voltage equations",
+            "log every period of the drive in the validation run, too",
+        ),
+        false => ("the validation run has no voltages", "log the voltages of the validation run, too"),
+    };
     (recording.has_electrical() && !validation.has_electrical()).then(|| Finding {
-        finding: "the validation run has no voltages".into(),
+        finding: finding.into(),
         consequence: "it checks the motion alone; the voltage equations are checked on the recording only"
             .into(),
-        fix: "log the voltages of the validation run, too".into(),
+        fix: fix.into(),
     })
 }
 

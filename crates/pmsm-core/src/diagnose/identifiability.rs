@@ -41,11 +41,13 @@ fn obstacle(data: &Data, effect: EffectId) -> Option<String> {
 fn hidden(data: &Data, effect: EffectId) -> Option<String> {
     let (signals, info) = (&data.signals, effect.info());
     match (info.site, signals.kind) {
+        (Site::Electrical | Site::Sensor, Kind::Mechanical | Kind::OperatingPoints)
+            if signals.limits.coarse.is_some() =>
+        {
+            return Some("the rows lie too far apart for what the voltage does between them".into());
+        }
         (Site::Electrical | Site::Sensor, Kind::Mechanical) => {
             return Some("the recording has no voltages".into());
-        }
-        (Site::Electrical | Site::Sensor, Kind::OperatingPoints) if signals.limits.coarse.is_some() => {
-            return Some("the rows lie too far apart for what the voltage does between them".into());
         }
         (Site::Mechanical, Kind::Electrical | Kind::OperatingPoints | Kind::OpenCircuit) => {
             return Some("the recording does not show the motion".into());

@@ -158,7 +158,13 @@ impl<'a> Outputs<'a> {
                 };
                 // Base parameters absorb part of the error in the form of the effects that they are fitted with.
                 let form = if self.hypothesis.effects().is_empty() { 1.0 } else { FORM };
-                let variance = self.variance_of(index, index) * form * form + (BETWEEN_ROWS * value).powi(2);
+                let mut variance =
+                    self.variance_of(index, index) * form * form + (BETWEEN_ROWS * value).powi(2);
+                if *p == BaseParameter::RS {
+                    let psi_m = self.hypothesis.parameters[BaseParameter::PsiM.index()];
+                    let clock = self.data.runs().iter().filter_map(|run| run.signals.clock_error(psi_m));
+                    variance += clock.fold(0.0, f64::max).powi(2);
+                }
                 let low = p.physical_range().0;
                 let mut estimate = signed(estimate(value, variance, p.unit(), why), low);
                 if estimate.stderr.is_none() && self.free.contains(&index) && value <= low {

@@ -58,9 +58,9 @@ impl Signals {
         }
     }
 
-    /// What an error of one row between the times of v_q and of the speed does to r_s; `None` for less than a part in a hundred. Where the
-    /// speed changes in step with i_q, the voltage that is induced in such a time counts as a drop over the winding.
-    pub fn of_clock(&self, r_s: f64, psi_m: f64) -> Option<Finding> {
+    /// What an error of one row between the times of v_q and of the speed does to r_s, ohm; `None` where nothing is averaged. Where the speed
+    /// changes in step with i_q, the voltage that is induced in such a time counts as a drop over the winding.
+    pub fn clock_error(&self, psi_m: f64) -> Option<f64> {
         let (Some([_, q]), true) = (&self.i, self.averaged > 1) else { return None };
         let (mut product, mut square) = (0.0, 0.0);
         for k in 1..self.len() {
@@ -71,15 +71,25 @@ impl Signals {
                 square += i * i;
             }
         }
-        let row = self.period / self.averaged as f64;
-        let change = psi_m * product / square * row;
-        (change.abs() > 0.01 * r_s).then(|| Finding {
+        let change = psi_m * product / square * self.row();
+        change.is_finite().then(|| change.abs())
+    }
+
+    /// Period of the rows of the log before they were averaged, s.
+    fn row(&self) -> f64 {
+        self.period / self.averaged as f64
+    }
+
+    /// A finding if that error is more than a part in a hundred.
+    pub fn of_clock(&self, r_s: f64, psi_m: f64) -> Option<Finding> {
+        let change = self.clock_error(psi_m).filter(|change| *change > 0.01 * r_s)?;
+        Some(Finding {
             finding: format!(
                 "the speed changes in step with i_q: if v_q was logged {:.2} ms (one row) earlier or later than the speed, r_s is {change:.3} Ohm \
                  higher or lower",
-                1e3 * row
+                1e3 * self.row()
             ),
-            consequence: "r_s is worth no more than that".into(),
+            consequence: "the stated error of r_s includes it".into(),
             fix: "hold several currents at constant speeds, or a locked rotor, for r_s".into(),
         })
     }
