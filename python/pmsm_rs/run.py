@@ -222,7 +222,7 @@ def diagnose(
             progress=progress,
         )
     except (DataError, NotIdentifiableError) as error:
-        named = _in_file(error, recordings)
+        named = _in_file(error, recordings, other)
         if named is None:
             raise
         raise named from error
@@ -284,18 +284,28 @@ def unanswered(error: NothingToAsk, *, seed: int = 1) -> Diagnosis:
 
 
 def _in_file(
-    error: DataError | NotIdentifiableError, recordings: Sequence[Recording]
+    error: DataError | NotIdentifiableError,
+    recordings: Sequence[Recording],
+    validation: Recording | None = None,
 ) -> DataError | NotIdentifiableError | None:
-    """The core's refusal of one of several recordings with the name of its file, None where it is of none."""
+    """The core's refusal of one of several recordings, or of the validation run, with the name of its file.
+
+    None where it is of none of them.
+    """
     number, problem, fix = fact(error, "recording"), fact(error, "problem"), fact(error, "fix")
-    file = file_of(recordings[number - 1]) if isinstance(number, int) else None
+    run, place = None, "validation run"
+    if isinstance(number, int):
+        run, place = recordings[number - 1], f"recording {number}"
+    elif number == "validation":
+        run = validation
+    file = None if run is None else file_of(run)
     if file is None or not isinstance(problem, str) or not isinstance(fix, str):
         return None
     row, column = fact(error, "row"), fact(error, "column")
     named = refuse(
         type(error),
         problem,
-        file=f"recording {number}, {file}",
+        file=f"{place}, {file}",
         row=row if isinstance(row, int) else None,
         place=f"row {row}" if isinstance(row, int) else None,
         column=column if isinstance(column, str) else None,

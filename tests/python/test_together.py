@@ -142,3 +142,11 @@ def test_what_cannot_be_combined_is_refused_with_number_and_file(folder: Path, t
 def test_a_recording_keeps_the_name_of_its_file(folder: Path) -> None:
     first = recording(folder, "ahead")
     assert pickle.loads(pickle.dumps(first)).file == first.file == str(folder / "ahead.parquet")
+
+
+def test_a_validation_run_that_cannot_be_used_is_called_so(folder: Path) -> None:
+    back = recording(folder, "back")
+    columns = {name: back.column(name) for name in back.names}
+    other = pm.Recording({**columns, "omega_e": -columns["omega_e"]}, load="none")
+    with pytest.raises(pm.DataError, match=r"^validation run: .*the angle turns"):
+        pm.diagnose(recording(folder, "ahead"), machine(folder), other)

@@ -60,6 +60,7 @@ pub mod unmodelled;
 mod verdict;
 mod voltage_frame;
 mod wiring;
+mod wording;
 
 use crate::error::{Error, Result};
 use crate::machine::Machine;
@@ -159,8 +160,9 @@ fn in_stages(
     }
     let mut others = Vec::new();
     if let Some(recording) = validation {
-        let signals = join::read(recording, machine, whole.signals.limits.coarse.as_ref())?;
-        let mut data = Data::new(signals, machine, options)?;
+        let read = join::read(recording, machine, whole.signals.limits.coarse.as_ref());
+        let data = read.and_then(|signals| Data::new(signals, machine, options));
+        let mut data = data.map_err(|error| Error::InValidation { source: Box::new(error) })?;
         if counted {
             angle_quantisation::to_middle(&mut data);
         }

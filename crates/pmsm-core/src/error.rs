@@ -79,6 +79,12 @@ pub enum Error {
         /// What is wrong with it.
         source: Box<Error>,
     },
+    /// The run on which a prediction is checked cannot be used.
+    #[error("validation run: {source}")]
+    InValidation {
+        /// What is wrong with it.
+        source: Box<Error>,
+    },
     /// The caller asked to stop.
     #[error("interrupted")]
     Interrupted,

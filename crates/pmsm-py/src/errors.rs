@@ -66,6 +66,14 @@ pub fn to_python(py: Python<'_>, error: &Error) -> PyErr {
             Err(other) => other,
         };
     }
+    if let Error::InValidation { source } = error {
+        let raised = to_python(py, source);
+        let value = raised.value(py);
+        return match value.setattr("args", (text,)).and_then(|()| value.setattr("recording", "validation")) {
+            Ok(()) => raised,
+            Err(other) => other,
+        };
+    }
     let (raised, row, column, problem, fix) = match error {
         Error::Quantity { .. } => return MachineError::new_err(text),
         Error::Unknown { kind, .. } if *kind == "column" || *kind == "load" => {

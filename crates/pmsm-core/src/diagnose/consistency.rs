@@ -6,7 +6,7 @@
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
-use super::power::times;
+use super::wording::times;
 use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;

@@ -4,8 +4,8 @@ use super::collinearity::{self, Collinearity};
 use super::coverage;
 use super::data::Data;
 use super::hypothesis::Hypothesis;
-use super::power::times;
 use super::verdict;
+use super::wording::times;
 use crate::recording::Kind;
 use crate::signals::{self, Finding};
 

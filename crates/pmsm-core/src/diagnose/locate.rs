@@ -4,6 +4,7 @@ mod lines;
 
 use super::data::Data;
 use super::hypothesis::Hypothesis;
+use super::wording::enumerated;
 use crate::experiment::Channel;
 use crate::recording::Kind;
 use lines::{frequency, order};
@@ -184,7 +185,7 @@ fn sentence(at: &Located, channel: Channel, excess: f64) -> String {
     );
     let regions: Vec<String> = at.regions.iter().map(Region::words).collect();
     if !regions.is_empty() {
-        text += &format!(", most of it for {}", regions.join(" and for "));
+        text += &format!(", most of it for {}", enumerated(&regions));
     }
     let times = |order: f64| if order == 1.0 { "once".to_string() } else { format!("{order:.0} times") };
     if let Some(order) = at.order_electrical {

@@ -37,7 +37,7 @@ use rayon::prelude::*;
 use shapes::{Look, Strengths, Strongest};
 use std::ops::Range;
 
-pub use words::{cannot_see, times};
+pub use words::cannot_see;
 
 /// Power below which an effect is listed as one that the recording would not show.
 pub const EVEN: f64 = 0.5;
@@ -311,7 +311,7 @@ impl Survey<'_> {
             return p.name().into();
         }
         let Some(slot) = model.slots().iter().find(|s| s.parameters.contains(&index)) else {
-            return "the unknown load".into();
+            return "unknown load".into();
         };
         let parameter = &slot.effect.info().parameters[index - slot.parameters.start];
         format!("{} of {}", parameter.name, slot.effect.id())

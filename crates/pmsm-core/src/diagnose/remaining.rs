@@ -5,7 +5,7 @@ use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::locate::{self, Located};
 use super::options::DiagnosisOptions;
-use super::power::times;
+use super::wording::{enumerated, times};
 use crate::experiment::Channel;
 use serde::Serialize;
 
@@ -112,7 +112,7 @@ fn told(
         "mechanical" => "the equation of motion has a residual of".to_string(),
         axis => format!("the {axis}-axis voltage equation has a residual of"),
     };
-    let beside = if names.is_empty() { String::new() } else { format!("beside {} ", names.join(", ")) };
+    let beside = if names.is_empty() { String::new() } else { format!("beside {}, ", enumerated(names)) };
     let where_to = match there {
         Some(there) => {
             format!(" on the recording and {} times on the validation run", times(there.square.sqrt()))
@@ -120,7 +120,7 @@ fn told(
         None => " on the recording".into(),
     };
     let size = times(here.square.sqrt());
-    let tail = if over.is_empty() { String::new() } else { format!(", over {}", over.join(" and ")) };
+    let tail = if over.is_empty() { String::new() } else { format!(", over {}", enumerated(&over)) };
     let mut sentence =
         format!("{beside}{subject} {size} times the noise in {}{where_to}{tail}.", channel.name());
     sentence[..1].make_ascii_uppercase();

@@ -205,7 +205,7 @@ impl Signals {
     pub fn too_coarse(&self, rate: f64, known: &str) -> Finding {
         Finding {
             finding: format!(
-                "the rows lie {:.3} ms apart, {:.2} of the electrical time constant of {:.3} ms{known}",
+                "the rows lie {:.3} ms apart, {:.1} of the electrical time constant of {:.3} ms{known}",
                 1e3 * self.period,
                 self.period * rate,
                 1e3 / rate

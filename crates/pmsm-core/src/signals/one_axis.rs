@@ -85,7 +85,7 @@ impl Signals {
         let change = self.clock_error(psi_m).filter(|change| *change > 0.01 * r_s)?;
         Some(Finding {
             finding: format!(
-                "the speed changes in step with i_q: if v_q was logged {:.2} ms (one row) earlier or later than the speed, r_s is {change:.3} Ohm \
+                "the speed changes in step with i_q: if v_q was logged {:.2} ms (one row) earlier or later than the speed, r_s is {change:.3} ohm \
                  higher or lower",
                 1e3 * self.row()
             ),

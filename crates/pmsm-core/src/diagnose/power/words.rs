@@ -3,6 +3,7 @@
 use super::{EVEN, Shown};
 use crate::diagnose::answer::Unseen;
 use crate::diagnose::select::Outcome;
+use crate::diagnose::wording::times;
 use crate::effects::EffectId;
 
 /// What is left of an effect, relative to what it adds, below which the fitted parameters are said to absorb it.
@@ -60,18 +61,5 @@ impl Shown {
             times(before),
             times(after)
         )
-    }
-}
-
-/// A multiple of the noise in words of two digits, near one of three.
-pub fn times(x: f64) -> String {
-    if x < 0.01 {
-        "less than 0.01".into()
-    } else if x < 1.995 {
-        format!("{x:.2}")
-    } else if x < 9.95 {
-        format!("{x:.1}")
-    } else {
-        format!("{x:.0}")
     }
 }
