@@ -205,29 +205,35 @@ def test_open_terminals_show_the_harmonics_and_what_is_wrong_with_the_probes() -
 
 
 @pytest.mark.parametrize(
-    ("motor", "n_p", "missing"),
+    ("motor", "n_p", "missing", "verdict"),
     [
-        ("mj5208", 7, {"dead_time", "saturation_d"}),
-        ("be8108", 21, {"dead_time", "saturation_d"}),
-        # The inverter is the same for all; their noise decides whether this motor shows what it loses.
-        ("mad8318", 21, {"saturation_d"}),
-        ("flipsky6374", 7, {"dead_time"}),
-        ("custom", 20, set()),
+        ("mj5208", 7, {"dead_time", "saturation_d"}, "named"),
+        ("be8108", 21, {"dead_time", "saturation_d"}, "named"),
+        # The inverter is the same for all. Here its voltage comes out as 0.97 ± 0.65 V, which may be none.
+        ("mad8318", 21, {"dead_time", "saturation_d"}, "ambiguous"),
+        ("flipsky6374", 7, {"dead_time"}, "named"),
+        ("custom", 20, set(), "no_mismatch"),
     ],
 )
 def test_points_of_one_axis_show_its_saturation_and_what_the_inverter_loses(
-    tmp_path: Path, motor: str, n_p: int, missing: set[str]
+    tmp_path: Path, motor: str, n_p: int, missing: set[str], verdict: str
 ) -> None:
     machine = (MACHINES / "moteus_mj5208.toml").read_text().replace("n_p = 7", f"n_p = {n_p}")
     (tmp_path / "machine.toml").write_text(machine)
     answer = diagnose(str(tmp_path / "machine.toml"), f"moteus_inductance/ld_{motor}.json")
     assert answer.recording_kind == "operating_points"
-    assert answer.verdict == ("named" if missing else "no_mismatch")
-    assert set(answer.effects) - ({"dead_time"} if motor == "mad8318" else set()) == missing
+    assert answer.verdict == verdict
+    assert set(answer.effects) == missing
     assert set(answer.fit["recording"]["after"]) == {"v_q"}
     if "dead_time" in missing:
         [found] = [candidate for candidate in answer.ranking if candidate.effect == "dead_time"]
-        assert found.parameters["v_err"].value == pytest.approx(0.13, abs=0.02)
+        v_err = found.parameters["v_err"]
+        if verdict == "named":
+            assert v_err.value == pytest.approx(0.13, abs=0.02)
+            assert v_err.stderr is not None
+            assert v_err.stderr < 0.03
+        else:
+            assert found.probability <= 0.5
 
 
 def test_a_flux_map_shows_saturation_and_no_resistance() -> None:

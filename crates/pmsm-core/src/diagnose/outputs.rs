@@ -192,6 +192,7 @@ impl<'a> Outputs<'a> {
             seeded[*index] = Dual::variable(hypothesis.parameters[*index], lane);
         }
         let (base, cx) = (Base::new(&seeded), hypothesis.model.context());
+        let within = self.within_bounds(effect, slot.parameters.start, &fitted);
         let mut absent = hypothesis.own().to_vec();
         for (index, info) in slot.parameters.clone().zip(effect.info().parameters) {
             if info.role == Role::Amplitude {
@@ -204,23 +205,32 @@ impl<'a> Outputs<'a> {
             .into_iter()
             .zip(without)
             .map(|((name, unit, value), (_, _, zero))| {
-                let mut variance = 0.0;
-                for (a, ka) in fitted.iter().enumerate() {
-                    for (b, kb) in fitted.iter().enumerate() {
-                        let weight = value.eps[a] * value.eps[b];
-                        if weight != 0.0 {
-                            variance += weight * self.variance_of(*ka, *kb);
+                let spread = |covariance: &dyn Fn(usize, usize) -> f64| -> f64 {
+                    let mut variance = 0.0;
+                    for a in 0..fitted.len() {
+                        for b in 0..fitted.len() {
+                            let weight = value.eps[a] * value.eps[b];
+                            if weight != 0.0 {
+                                variance += weight * covariance(a, b);
+                            }
                         }
                     }
-                }
+                    variance
+                };
+                let unbounded = spread(&|a, b| self.variance_of(fitted[a], fitted[b]));
+                let mut variance = spread(&|a, b| within[(a, b)]);
                 // A gain differs from one by its strength; a resistance that stands aside is infinite without the effect.
                 let strength = if zero.is_finite() { (value.re - zero).abs() } else { f64::INFINITY };
                 let strength = strength.min(value.re.abs());
-                variance = variance * FORM * FORM + (effect.form() * strength).powi(2);
+                let of_form = (effect.form() * strength).powi(2);
+                variance = variance * FORM * FORM + of_form;
                 let fixed = value.eps.iter().all(|e| *e == 0.0);
                 let parameter = effect.info().parameters.iter().find(|p| p.name == name);
                 let bounds = parameter.map(|p| ((p.low)(cx), (p.high)(cx)));
-                let any = bounds.is_some_and(|(low, high)| variance.sqrt() > high - low);
+                // A shape as wide as its bounds is one that nothing is known of.
+                let shape = parameter.is_some_and(|p| p.role == Role::Shape);
+                let widest = if shape { unbounded * FORM * FORM + of_form } else { variance };
+                let any = bounds.is_some_and(|(low, high)| widest.sqrt() > high - low);
                 let why = if fixed {
                     Some("a whole number, chosen and not estimated".to_string())
                 } else {
@@ -230,6 +240,30 @@ impl<'a> Outputs<'a> {
                 (name.to_string(), signed(estimate, bounds.map_or(f64::NEG_INFINITY, |(low, _)| low)))
             })
             .collect()
+    }
+
+    /// Covariance of the parameters `fitted` of an effect, of which the first is parameter `first` of the model. A shape that the recording
+    /// hardly shows lies within its bounds all the same, and errors are carried over from it only as far as its own value: beyond that they are
+    /// not linear. The strength is no less certain than such a prior of the shape leaves it, by Bayes' rule.
+    fn within_bounds(&self, effect: EffectId, first: usize, fitted: &[usize]) -> DMatrix<f64> {
+        let cx = self.hypothesis.model.context();
+        let mut covariance =
+            DMatrix::from_fn(fitted.len(), fitted.len(), |a, b| self.variance_of(fitted[a], fitted[b]));
+        for (at, index) in fitted.iter().enumerate() {
+            let parameter = &effect.info().parameters[index - first];
+            let uniform = ((parameter.high)(cx) - (parameter.low)(cx)).powi(2) / 12.0;
+            let known = uniform.min(self.hypothesis.parameters[*index].powi(2));
+            let own = covariance[(at, at)];
+            if parameter.role != Role::Shape || own <= known {
+                continue;
+            }
+            let column = covariance.column(at).map(finite);
+            if own.is_finite() {
+                covariance -= &column * column.transpose() / (own + known);
+            }
+            covariance[(at, at)] = own.min(known);
+        }
+        covariance
     }
 
     /// Whether `effect` acts on the motion and the standard error of its strength exceeds the strength. Something else is then the cause of
@@ -324,6 +358,8 @@ mod tests {
         let last = found.own().len() - 1;
         let turns_over = outputs.free.iter().position(|k| *k == last).unwrap();
         let mut told = |stderr: f64| {
+            outputs.covariance.row_mut(turns_over).fill(0.0);
+            outputs.covariance.column_mut(turns_over).fill(0.0);
             outputs.covariance[(turns_over, turns_over)] = stderr * stderr;
             outputs.effect(EffectId::CoulombFriction)
         };
@@ -354,6 +390,33 @@ mod tests {
         assert!((of(&base, 0.0) / BETWEEN_ROWS - 1.0).abs() < 1e-9);
         let (alone, beside) = (of(&base, 0.1), of(&found, 0.1));
         assert!((beside / alone / FORM - 1.0).abs() < 0.01, "{alone} {beside}");
+    }
+
+    #[test]
+    fn a_strength_is_no_less_certain_than_the_bounds_of_its_shape_leave_it() {
+        let manoeuvre = speeds(0.5, &[(0.1, 90.0), (0.3, -80.0)]);
+        let (data, base) = data(&setup(manoeuvre, vec![choice("coulomb_friction", "tau_c", 0.3)]));
+        let found = fitted(&data, &base, EffectId::CoulombFriction);
+        let mut outputs = Outputs::new(&data, &found);
+        let (first, cx) = (found.own().len() - 2, found.model.context());
+        let shape = &EffectId::CoulombFriction.info().parameters[1];
+        let uniform = ((shape.high)(cx) - (shape.low)(cx)).powi(2) / 12.0;
+        let known = uniform.min(found.own()[first + 1].powi(2));
+        let [strength, turns_over] =
+            [first, first + 1].map(|k| outputs.free.iter().position(|free| *free == k).unwrap());
+        let mut told = |times: f64| {
+            // One direction of both parameters is open: the strength rises with the shape.
+            let (own, slope) = (times * known, 1e-3);
+            outputs.covariance[(turns_over, turns_over)] = own;
+            for place in [(strength, turns_over), (turns_over, strength)] {
+                outputs.covariance[place] = slope * own;
+            }
+            outputs.covariance[(strength, strength)] = slope * slope * own;
+            outputs.effect(EffectId::CoulombFriction)["tau_c"].stderr.unwrap()
+        };
+        let (wide, wider) = (told(1e3), told(1e6));
+        assert!((wider / wide - 1.0).abs() < 0.01, "{wide} {wider}");
+        assert!(wider < 1.1 * FORM * 1e-3 * known.sqrt() + 0.1 * found.own()[first], "{wider}");
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! A logged speed that lags behind the angle: a low-pass filter or a delay in the log, found by comparing both and undone.
 
+use crate::numerics::differences::white_noise;
 use std::ops::Range;
 
 /// Half the widths of the windows over which angle and speed may be compared, samples. Wide ones average the steps of a coarse angle, narrow
@@ -45,18 +46,28 @@ pub fn undo(t: &[f64], theta: &[f64], omega: &[f64], segments: &[Range<usize>]) 
     // The angle is made late and not the speed prompt, which would raise its noise.
     let windows = log.windows(half, (FORGOTTEN * lag / period) as usize);
     let misfit = |theta: &[f64]| windows.iter().map(|w| log.ahead(theta, *w).powi(2)).sum::<f64>();
-    let best_of = |make: &dyn Fn(f64) -> Vec<f64>| {
-        let cost = |x: f64| misfit(&make(x));
+    // A low pass smooths the steps of the angle, and a delay hardly does: what these leave by themselves counts for neither.
+    let steps = log.misfit_of_steps(windows.len(), 2 * half, period);
+    let best_of = |make: &dyn Fn(f64) -> Vec<f64>, of_steps: &dyn Fn(f64) -> f64| {
+        let cost = |x: f64| misfit(&make(x)) - steps * of_steps(x);
         let best = golden(&cost, 0.3 * lag, 2.0 * lag);
         (best, cost(best))
     };
-    let filter = best_of(&|tau| log.filtered_angle(tau));
-    let delay = best_of(&|tau| shifted(t, theta, segments, -tau));
+    let filter = best_of(&|tau| log.filtered_angle(tau), &|tau| {
+        let a = (-period / tau).exp();
+        (1.0 - a) / (1.0 + a) * (1.0 - a.powi(2 * half as i32))
+    });
+    let delay = best_of(&|tau| shifted(t, theta, segments, -tau), &|tau| {
+        let share = (tau / period).fract();
+        share * share + (1.0 - share) * (1.0 - share)
+    });
     // Not "greater": without windows there is nothing to understand.
-    if !(filter.1.min(delay.1) < UNDERSTOOD * misfit(theta)) {
+    let all = misfit(theta);
+    if !(filter.1.min(delay.1) < UNDERSTOOD * (all - steps)) {
         return None;
     }
-    Some(if filter.1 <= delay.1 || has_colour(omega, segments, (-period / filter.0).exp()) {
+    let by_chance = SIGNIFICANT * (2.0 / windows.len() as f64).sqrt() * (filter.1.max(delay.1) + steps);
+    Some(if filter.1 + by_chance < delay.1 || has_colour(omega, segments, (-period / filter.0).exp()) {
         (sharpen(t, omega, segments, filter.0), Lag::Filter(filter.0))
     } else {
         (shifted(t, omega, segments, delay.0), Lag::Delay(delay.0))
@@ -111,6 +122,13 @@ impl Log<'_> {
         let rest: f64 = points.iter().map(|(ahead, slope)| (ahead - lag * slope).powi(2)).sum();
         // Neighbouring windows overlap by half.
         Some(Estimate { half, lag, error: (2.0 * rest / count / square).sqrt() })
+    }
+
+    /// What white noise of the angle, such as its steps, adds to the misfit of so many windows of `width` samples.
+    fn misfit_of_steps(&self, windows: usize, width: usize, period: f64) -> f64 {
+        let longest = self.segments.iter().max_by_key(|s| s.len());
+        let noise = longest.map_or(0.0, |s| white_noise(&self.theta[s.clone()]));
+        2.0 * windows as f64 * (noise / (width as f64 * period)).powi(2)
     }
 
     /// The angle behind the low pass of [`sharpen`], which is taken to have been settled at the first logged speed.

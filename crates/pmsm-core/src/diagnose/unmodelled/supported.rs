@@ -2,8 +2,8 @@
 //!
 //! Where the residual of a set exceeds the noise, something else is missing, and a name may only describe its shape: a friction curve outside
 //! the catalogue resembles a sum of curves in it. Each effect is therefore compared with smooth terms, and one that such a term replaces is
-//! not named. Saturation and the like are not compared: their names cover any map of the flux. An effect of the motion is not named either
-//! if the standard error of its strength exceeds the strength.
+//! not named. Saturation and the like are not compared: their names cover any map of the flux. An effect is not named either if the 95 %
+//! interval of its strength holds zero.
 
 use super::discrepancy::{Seen, beside_discrepancy, cost_beside_discrepancy, likely};
 use super::{Side, sides};
@@ -158,12 +158,13 @@ fn beside_a_smooth_term<'a>(
     Ok((set, Vec::new()))
 }
 
-/// The set without the effects of the motion whose strength their own standard error exceeds, one after the other.
+/// The set without the effects whose strength may be zero, one after the other.
 fn beyond_error(data: &Data, mut set: Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
     loop {
         monitor.go_on()?;
         let outputs = Outputs::new(data, &set);
-        let Some(effect) = set.effects().into_iter().find(|e| outputs.moves_nothing(*e)) else { break };
+        let absent = |e: &EffectId| outputs.moves_nothing(*e) || outputs.may_be_absent(*e);
+        let Some(effect) = set.effects().into_iter().find(absent) else { break };
         let (model, start) = reduced(&set, effect);
         set = fitting::fit(data, &model, &start, false, monitor)?;
     }
