@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..formulas.free_run import centred, gained
 from ..formulas.reading import Torque, torque
 from ..formulas.weak_form import Motion
 from ..model import Model
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-# The speed is compared in free runs of so many s, as in the diagnosis.
-_WINDOW = 0.25
 # Rounds in which torque and motion settle: the torque of one round drives the motion of the next.
 _ROUNDS = 3
 # Step of a difference quotient and spread of a number, shares of the value.
@@ -81,11 +80,11 @@ def separation(
     factor = n_p / j / noise
 
     def speed(values: Array) -> Array:
-        moved_by: Array = _run_free(trial.t, values) * factor
+        moved_by: Array = gained(trial.t, values) * factor
         return moved_by
 
     own = rival.torque.at(moved)
-    columns = [_centred(trial.t, trial.omega_m) * n_p / noise * _INERTIA]
+    columns = [centred(trial.t, trial.omega_m) * n_p / noise * _INERTIA]
     b = max(float(np.abs(trial.tau_e).max()), 1e-12) / max(float(np.abs(trial.omega_m).max()), 1e-12)
     columns.append(speed(b * trial.omega_m))
     if load_open:
@@ -101,21 +100,3 @@ def separation(
     whole = np.vstack([matrix, np.eye(matrix.shape[1])])
     step = np.linalg.lstsq(whole, np.concatenate([y, np.zeros(matrix.shape[1])]), rcond=1e-12)[0]
     return separation_of(truth.name, rival.name, {"omega_e": y - matrix @ step})
-
-
-def _pieces(t: Array) -> Sequence[NDArray[np.intp]]:
-    number = np.floor((t - t[0]) / _WINDOW).astype(int)
-    return np.split(np.arange(len(t)), np.flatnonzero(np.diff(number)) + 1)
-
-
-def _run_free(t: Array, values: Array) -> Array:
-    """Integral of the values over each window, its mean taken out as the initial speed is estimated."""
-    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(t)
-    return _centred(t, np.concatenate([[0.0], np.cumsum(steps)]))
-
-
-def _centred(t: Array, values: Array) -> Array:
-    out = np.empty_like(values)
-    for rows in _pieces(t):
-        out[rows] = values[rows] - values[rows].mean()
-    return out

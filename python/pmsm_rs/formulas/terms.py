@@ -24,6 +24,10 @@ if TYPE_CHECKING:
 
 # Orders of a torque over the angle that are tried, and the largest that is tried by direction, too.
 _ORDERS, _BY_DIRECTION = (1, 2, 3, 4, 6, 8, 12, 24), 2
+# Share of the path that counts as turning the other way, too.
+_OTHER_WAY = 0.02
+# Largest order of a pulsation in the catalogue; what is above it is cogging.
+_PULSATION = 4
 
 
 @dataclass(frozen=True)
@@ -41,14 +45,22 @@ class Shape:
 
 @dataclass(frozen=True)
 class Term:
-    """A kind of term: its text with {names} of its numbers, its columns at given shapes (one per strength),
+    """A form of term: its text with {names} of its numbers, its columns at given shapes (one per strength),
     and name and unit of its strengths.
+
+    `kind` is the physics: what the torque follows, and how. Terms of one kind differ by their curve alone.
+    `effect` is the effect of the catalogue whose law it is, if any. `loaded` says that it depends on the
+    motor torque, and `by_direction` that another term is the same torque where the machine turns one way.
     """
 
     text: str
     columns: Columns
     strengths: tuple[tuple[str, str], ...]
+    kind: str
     shapes: tuple[Shape, ...] = ()
+    effect: str | None = None
+    loaded: bool = False
+    by_direction: bool = False
 
     def points(self) -> Iterator[tuple[float, ...]]:
         """All shapes that are tried."""
@@ -60,19 +72,32 @@ class Term:
         return len(self.strengths) + len(self.shapes)
 
 
-def terms(moved: Motion) -> list[Term]:
-    """The terms that are tried, with grids that follow the scales of the motion."""
+def reverses(moved: Motion) -> bool:
+    """Whether a motion turns both ways for more than a fiftieth of its path."""
+    ways = [float(np.sum(np.maximum(way * moved.omega_m, 0.0))) for way in (1.0, -1.0)]
+    return min(ways) > _OTHER_WAY * sum(ways)
+
+
+def terms(moved: Motion, both_ways: bool = True) -> list[Term]:
+    """The terms that are tried, with grids that follow the scales of the motion.
+
+    Where the machine did not turn `both_ways`, nothing tells a torque that follows the direction from one
+    that does not. Then friction over the speed is taken to follow it, and a torque over the angle not to.
+    """
     top = float(np.abs(moved.omega_m).max()) or 1.0
+    # A shaft that does not turn round may hold a weight; else a load of order 1 is a pulsation.
+    turns = float(np.ptp(moved.theta_m)) >= 2.0 * np.pi
     # The direction turns over within less than the noise of any log.
     width = 1e-4 * top
-    return [
+    made = [
         *_friction(top, width),
         *_of_torque(width),
         *_hysteresis(moved),
-        *_waves(width),
+        *_waves(width, turns),
         *_at_one_place(width),
         *_in_time(moved),
     ]
+    return [term for term in made if both_ways or not term.by_direction]
 
 
 def _odd(profile: Profile, width: float) -> Columns:
@@ -83,43 +108,87 @@ def _odd(profile: Profile, width: float) -> Columns:
 def _friction(top: float, width: float) -> list[Term]:
     speeds = tuple(top * x for x in (0.01, 0.02, 0.04, 0.08, 0.15, 0.3, 0.6))
     w_0 = Shape("w_0", "rad/s", speeds, 1e-3 * top, 3.0 * top)
+    # Within a hundredth of the top speed a friction that turns over is a sign, as in the catalogue.
+    rise = Shape("w_0", "rad/s", speeds, 0.01 * top, 3.0 * top)
     # The width and the place of a hump.
     wide = Shape("w_0", "rad/s", tuple(top * x for x in (0.04, 0.08, 0.16, 0.3)), 0.01 * top, top)
     place = Shape("w_1", "rad/s", tuple(0.1 * top * k for k in range(1, 10)), 0.02 * top, top)
     exponent = Shape("a", "1", (0.15, 0.3, 0.45, 0.6, 0.75, 0.9), 0.05, 0.97)
     torque = (("k", "N m"),)
     return [
-        Term("{k}·sgn(ω)", _odd(lambda w, _: np.ones_like(w), width), torque),
-        Term("{k}·ω·|ω|", _odd(lambda w, _: w**2, width), (("k", "N m s^2"),)),
-        Term("{k}·ω³", _odd(lambda w, _: w**3, width), (("k", "N m s^3"),)),
+        Term(
+            "{k}·sgn(ω)",
+            _odd(lambda w, _: np.ones_like(w), width),
+            torque,
+            "constant friction",
+            effect="coulomb_friction",
+        ),
+        Term(
+            "{k}·ω·|ω|",
+            _odd(lambda w, _: w**2, width),
+            (("k", "N m s^2"),),
+            "drag",
+            effect="quadratic_drag",
+        ),
+        Term("{k}·ω³", _odd(lambda w, _: w**3, width), (("k", "N m s^3"),), "drag"),
         Term(
             "{k}·|ω|^{a}·sgn(ω)",
             _odd(lambda w, p: w ** p[0], width),
             (("k", "N m (s/rad)^a"),),
+            "drag of a lower power",
             (exponent,),
         ),
         Term(
             "{k}·ω/(1 + (ω/{w_0})²)",
             _odd(lambda w, p: w / (1.0 + (w / p[0]) ** 2), width),
             (("k", "N m s"),),
+            "eddy-current brake",
             (w_0,),
         ),
-        Term("{k}·tanh(ω/{w_0})", _odd(lambda w, p: np.tanh(w / p[0]), width), torque, (w_0,)),
+        Term(
+            "{k}·tanh(ω/{w_0})",
+            _odd(lambda w, p: np.tanh(w / p[0]), width),
+            torque,
+            "constant friction",
+            (rise,),
+        ),
         Term(
             "{k}·exp(−(ω/{w_0})²)·sgn(ω)",
             _odd(lambda w, p: np.exp(-((w / p[0]) ** 2)), width),
             torque,
+            "falling friction",
+            (w_0,),
+            effect="stribeck_friction",
+        ),
+        Term(
+            "{k}·exp(−|ω|/{w_0})·sgn(ω)",
+            _odd(lambda w, p: np.exp(-w / p[0]), width),
+            torque,
+            "falling friction",
             (w_0,),
         ),
-        Term("{k}·exp(−|ω|/{w_0})·sgn(ω)", _odd(lambda w, p: np.exp(-w / p[0]), width), torque, (w_0,)),
         Term(
             "{k}·exp(−((|ω| − {w_1})/{w_0})²)·sgn(ω)",
             _odd(lambda w, p: np.exp(-(((w - p[1]) / p[0]) ** 2)), width),
             torque,
+            "hump of friction",
             (wide, place),
         ),
-        Term("{k}·|ω|", lambda m, _: [np.abs(m.omega_m)], (("k", "N m s"),)),
-        Term("{k}·ω²", lambda m, _: [m.omega_m**2], (("k", "N m s^2"),)),
+        Term(
+            "{k}·|ω|",
+            lambda m, _: [np.abs(m.omega_m)],
+            (("k", "N m s"),),
+            "difference of directions",
+            effect="asymmetric_friction",
+            by_direction=True,
+        ),
+        Term(
+            "{k}·ω²",
+            lambda m, _: [m.omega_m**2],
+            (("k", "N m s^2"),),
+            "difference of directions",
+            by_direction=True,
+        ),
     ]
 
 
@@ -127,10 +196,18 @@ def _of_torque(width: float) -> list[Term]:
     def direction(m: Motion) -> Array:
         return np.tanh(m.omega_m / width)
 
+    def load(text: str, columns: Columns, unit: str, effect: str | None = None) -> Term:
+        return Term(text, columns, (("k", unit),), "friction of the load", effect=effect, loaded=True)
+
     return [
-        Term("{k}·|τ_e|·sgn(ω)", lambda m, _: [np.abs(m.tau_e) * direction(m)], (("k", "1"),)),
-        Term("{k}·|τ_e|·ω", lambda m, _: [np.abs(m.tau_e) * m.omega_m], (("k", "s"),)),
-        Term("{k}·τ_e²·sgn(ω)", lambda m, _: [m.tau_e**2 * direction(m)], (("k", "1/(N m)"),)),
+        load(
+            "{k}·|τ_e|·sgn(ω)",
+            lambda m, _: [np.abs(m.tau_e) * direction(m)],
+            "1",
+            "load_dependent_friction",
+        ),
+        load("{k}·|τ_e|·ω", lambda m, _: [np.abs(m.tau_e) * m.omega_m], "s"),
+        load("{k}·τ_e²·sgn(ω)", lambda m, _: [m.tau_e**2 * direction(m)], "1/(N m)"),
     ]
 
 
@@ -152,10 +229,18 @@ def _hysteresis(moved: Motion) -> list[Term]:
         return [out]
 
     shape = Shape("theta_0", "rad", grid, finest, span)
-    return [Term("{k}·x, dx/dθ = (sgn ω − x)/{theta_0}", columns, (("k", "N m"),), (shape,))]
+    text = "{k}·x, dx/dθ = (sgn ω − x)/{theta_0}"
+    return [Term(text, columns, (("k", "N m"),), "presliding", (shape,))]
 
 
-def _waves(width: float) -> list[Term]:
+def _periodic(order: int, turns: bool) -> str:
+    """The effect of the catalogue with a torque of this order over the angle."""
+    if order == 1 and not turns:
+        return "gravity_torque"
+    return "load_torque_pulsation" if order <= _PULSATION else "cogging_torque"
+
+
+def _waves(width: float, turns: bool) -> list[Term]:
     strengths = (("c", "N m"), ("s", "N m"))
 
     def wave(order: int, by_direction: bool) -> Columns:
@@ -169,9 +254,12 @@ def _waves(width: float) -> list[Term]:
     for order in _ORDERS:
         k = "" if order == 1 else str(order)
         text = f"{{c}}·cos({k}θ) + {{s}}·sin({k}θ)"
-        made.append(Term(text, wave(order, False), strengths))
+        kind = f"torque of order {order} over the angle"
+        effect = _periodic(order, turns)
+        made.append(Term(text, wave(order, False), strengths, kind, effect=effect))
         if order <= _BY_DIRECTION:
-            made.append(Term(f"({text})·sgn(ω)", wave(order, True), strengths))
+            kind = f"friction of order {order} over the angle"
+            made.append(Term(f"({text})·sgn(ω)", wave(order, True), strengths, kind, by_direction=True))
     return made
 
 
@@ -185,12 +273,14 @@ def _at_one_place(width: float) -> list[Term]:
 
     torque, text = (("k", "N m"),), "{k}·exp((cos(θ − {theta_1}) − 1)/{w}²)"
     return [
-        Term(text, lambda m, p: [bump(m, p)], torque, (place, wide)),
+        Term(text, lambda m, p: [bump(m, p)], torque, "torque at one place", (place, wide)),
         Term(
             f"{text}·sgn(ω)",
             lambda m, p: [bump(m, p) * np.tanh(m.omega_m / width)],
             torque,
+            "friction at one place",
             (place, wide),
+            by_direction=True,
         ),
     ]
 
@@ -203,6 +293,13 @@ def _in_time(moved: Motion) -> list[Term]:
             "{c}·t + {s}·t²",
             lambda m, _: [m.t - m.t[0], (m.t - m.t[0]) ** 2],
             (("c", "N m/s"), ("s", "N m/s^2")),
+            "drift",
         ),
-        Term("{k}·exp(−t/{tau})", lambda m, p: [np.exp(-(m.t - m.t[0]) / p[0])], (("k", "N m"),), (tau,)),
+        Term(
+            "{k}·exp(−t/{tau})",
+            lambda m, p: [np.exp(-(m.t - m.t[0]) / p[0])],
+            (("k", "N m"),),
+            "drift",
+            (tau,),
+        ),
     ]

@@ -42,7 +42,8 @@ def found(
     other = None if validation is None else _motion(named, traces.get("validation"), validation)
     check = None if other is None else windows(other)
     told = formulas.search(form, check, j=specification["base"]["j"])
-    return [formula.to_dict() for formula in told]
+    noise = data["noise_floor"]["omega_e"] / specification["scales"]["n_p"]
+    return [formula.to_dict(noise) for formula in told]
 
 
 def _motion(model: Model, trace: Trace | None, recording: Recording) -> Motion | None:

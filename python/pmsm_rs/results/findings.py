@@ -315,8 +315,8 @@ class DiagnosisValues:
     def formulas(self) -> Sequence[Mapping[str, Any]] | None:
         """Formulas for a torque that has no name, the most credible first.
 
-        One JSON object for each: formula, parameters, explains, evidence, equivalent. Empty where no simple
-        formula describes it; None where that was not asked.
+        One JSON object for each: formula, parameters, explains, times_noise, evidence, equivalent,
+        has_form_of. Empty where no simple formula describes it; None where that was not asked.
         """
         entries: Sequence[Mapping[str, Any]] | None = self.data.get("formulas")
         return entries
