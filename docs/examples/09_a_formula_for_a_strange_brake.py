@@ -43,7 +43,8 @@ answer = pm.diagnose(log(1), pm.Machine(n_p=2, j=1.1 * J, b=0.0), validation=log
 print(answer.verdict)
 for entry in answer.formulas or ():
     values = ", ".join(f"{name} = {x['value']:.3g} {x['unit']}" for name, x in entry["parameters"].items())
-    print(f"{min(entry['explains'].values()):.0%}  {entry['formula']}   {values}")
+    error = entry["times_noise"]["validation"]
+    print(f"{error['after']:.2f} of {error['before']:.1f} times the noise  {entry['formula']}   {values}")
 
 # %%
 # The torque over the speed: what was put in, and the map that the diagnosis found without a name.

@@ -22,6 +22,7 @@ from .charts import Picture
 from .corrected import machine_file
 from .headline import is_whole, sentences
 from .readout import converted
+from .summary import of_form
 
 if TYPE_CHECKING:
     from jinja2 import Environment, Template
@@ -188,6 +189,7 @@ def _environment() -> Environment:
         effect=words.title,
         sentence=words.sentence,
         typeset=_typeset,
+        of_form=of_form,
     )
     return environment
 

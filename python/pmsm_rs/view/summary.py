@@ -119,17 +119,38 @@ def formulas(answer: DiagnosisValues) -> list[str]:
         return []
     if not answer.formulas:
         return ["", "Formula", "  No simple formula describes the torque that remains."]
-    lines = ["", "Formulas for the torque that remains: a hypothesis, no cause"]
+    run = "validation" if "validation" in answer.formulas[0]["times_noise"] else "recording"
+    of = (
+        "the validation run" if run == "validation" else "rows of the recording to which they were not fitted"
+    )
+    before = number(answer.formulas[0]["times_noise"][run]["before"])
+    head = (
+        f"Hypotheses, no causes. The speed error on {of} is {before} times the noise without a formula, and "
+        "with one as many times as stands before it."
+    )
+    alike = 1 + sum(entry["equivalent"] for entry in answer.formulas)
+    if alike > 1:
+        head += f" The first {alike} cannot be told apart; the simplest stands first."
+    lines = ["", "Formulas for the torque that remains", hung("  ", head)]
     for entry in answer.formulas:
-        share = min(entry["explains"].values())
-        twin = "   cannot be told from the first" if entry["equivalent"] else ""
-        lines.append(f"  {percent(share):>6}  {entry['formula']}{twin}")
+        lines.append(f"  {number(entry['times_noise'][run]['after']):>6}  {entry['formula']}")
         values = (
             f"{name} = {number(x['value'])} {unit(x['unit'])}".rstrip()
             for name, x in entry["parameters"].items()
         )
         lines.append(hung(" " * 10, ", ".join(values)))
+        form = of_form(entry)
+        lines += [hung(" " * 10, form)] if form else []
     return lines
+
+
+def of_form(entry: Mapping[str, Any]) -> str:
+    """That a formula has the form of effects of the catalogue; empty where it has not."""
+    effects = list(dict.fromkeys(name for name in entry["has_form_of"] if name))
+    if not effects:
+        return ""
+    whole = all(entry["has_form_of"])
+    return f"{'has' if whole else 'one part has'} the form of {listed(effects)}"
 
 
 def told_once(located: Sequence[Location]) -> list[Location]:
