@@ -61,9 +61,7 @@ pub fn undo(t: &[f64], theta: &[f64], omega: &[f64], segments: &[Range<usize>]) 
         let share = (tau / period).fract();
         share * share + (1.0 - share) * (1.0 - share)
     });
-    // Not "greater": without windows there is nothing to understand.
-    let all = misfit(theta);
-    if !(filter.1.min(delay.1) < UNDERSTOOD * (all - steps)) {
+    if filter.1.min(delay.1) >= UNDERSTOOD * (misfit(theta) - steps) {
         return None;
     }
     let by_chance = SIGNIFICANT * (2.0 / windows.len() as f64).sqrt() * (filter.1.max(delay.1) + steps);
