@@ -6,7 +6,7 @@ import os
 from typing import TYPE_CHECKING, Any, overload
 
 from ._core import DataError, UsageError
-from .errors import opened, refuse
+from .errors import no_answer, opened, refuse
 from .model import Model
 from .results.estimates import IdentificationValues
 from .results.findings import DiagnosisValues, compared
@@ -287,16 +287,10 @@ def read_answer(
     cannot be read.
     """
     with opened(str(path), "answer") as file:
-        text = file.read_text(encoding="utf-8", errors="replace")
-    try:
-        answer = Diagnosis.from_json(text)
-    except DataError as error:
-        raise refuse(
-            UsageError,
-            "this is no JSON answer",
-            file=str(path),
-            fix="write one with: pmsm-rs diagnose ... --json ANSWER.json",
-        ) from error
+        try:
+            answer = Diagnosis.from_json(file.read_text(encoding="utf-8"))
+        except (UnicodeDecodeError, DataError) as error:
+            raise no_answer(path) from error
     if trajectories is None:
         return answer
     from .io.formats import open_source

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import operator
+import os
 import stat
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -83,6 +84,16 @@ class Problem(NamedTuple):
     column: str | None = None
     lines: tuple[str, ...] = ()
     brief: str = ""
+
+
+def no_answer(path: str | os.PathLike[str]) -> UsageError:
+    """That the file `path` holds no answer."""
+    return refuse(
+        UsageError,
+        "this is no JSON answer",
+        file=str(path),
+        fix="write one with: pmsm-rs diagnose ... --json ANSWER.json",
+    )
 
 
 def refuse_all(kind: type[Refusal], problems: Sequence[Problem], file: str | None) -> Refusal:

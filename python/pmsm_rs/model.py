@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from . import _core
 from ._core import Machine, UsageError
-from .errors import did_you_mean, refuse
+from .errors import did_you_mean, no_answer, opened, refuse
 from .quantities.parameters import BASE
 from .results.estimates import Estimate, estimates
 
@@ -82,18 +82,11 @@ class Model(Mapping[str, Any]):
         UsageError
             Where there is none.
         """
-        from .errors import opened
-
         with opened(str(path), "answer") as file:
             try:
                 content = json.loads(file.read_text(encoding="utf-8"))
             except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-                raise refuse(
-                    UsageError,
-                    "this is no JSON answer",
-                    file=str(path),
-                    fix="write one with: pmsm-rs diagnose ... --json ANSWER.json",
-                ) from error
+                raise no_answer(path) from error
         if isinstance(content, Mapping) and isinstance(content.get("model"), Mapping):
             content = content["model"]
         try:

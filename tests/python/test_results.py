@@ -18,6 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.axes import Axes
 from pmsm_rs import Diagnosis, Identification, plot
+from pmsm_rs.answers import read_answer
 from pmsm_rs.results import traces as reduced
 from pmsm_rs.results import words
 from pmsm_rs.results.estimates import Estimate
@@ -546,3 +547,11 @@ def test_an_identification_is_read_back() -> None:
 def test_names_of_persons_and_abbreviations_keep_their_capital_within_a_sentence() -> None:
     said = [words.lower_first(text) for text in ("Coulomb friction", "DC-link sag", "Iron loss", "")]
     assert said == ["Coulomb friction", "DC-link sag", "iron loss", ""]
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe{}", b"no JSON", b"[" * 100_000])
+def test_a_file_that_is_no_answer_is_refused(content: bytes, tmp_path: Path) -> None:
+    file = tmp_path / "answer.json"
+    file.write_bytes(content)
+    with pytest.raises(pm.UsageError, match="this is no JSON answer"):
+        read_answer(file)

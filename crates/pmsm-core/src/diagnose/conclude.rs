@@ -41,8 +41,8 @@ fn floors(data: &Data) -> BTreeMap<String, f64> {
     data.floors.iter().map(|f| (f.channel.name().to_string(), f.total())).collect()
 }
 
-/// Writes the answer: the verdict that the search calls for, what a remaining residual and doubtful strengths change of it, a description of
-/// what stays unknown, and all that an answer tells of these.
+/// Writes the answer. The search calls for a verdict, which a remaining residual and doubtful strengths may change. What stays unknown is
+/// described by a map.
 pub fn conclude(
     data: &Data,
     validation: Option<&Data>,

@@ -150,8 +150,8 @@ impl Hypothesis {
         &self.parameters[..self.model.parameter_count()]
     }
 
-    /// Whether an effect of the set has next to no strength, so that only the initial values of its states are fitted, or whether it does
-    /// nothing that its name says.
+    /// Whether an effect of the set has next to no strength, or does not do what its name says. Of an effect with states only their initial
+    /// values would then be fitted.
     pub fn vanishes(&self, effect: EffectId) -> bool {
         let context = self.model.context();
         let Some(slot) = self.model.slots().iter().find(|s| s.effect == effect) else { return false };

@@ -18,9 +18,9 @@ pub struct Settings {
     /// Whether the last step is left to the caller, who takes it without an evaluation, see [`Fit::go_on`](super::Fit::go_on). Converged is then also where
     /// the step behind it would promise no more than `cost_tolerance` allows, if it falls behind it as that one fell behind the one before.
     pub leaves_rest: bool,
-    /// Converged also where three steps on end lower the cost less and less, and by no more than this share of it, ≥ 0, times the mean
-    /// square of the residuals where that is known and above one: a parameter runs away where hardly anything shows it, whatever the model
-    /// promises.
+    /// Converged also where three steps in a row lower the cost less and less, each by no more than this share of it, ≥ 0. The share is
+    /// multiplied by the mean square of the residuals where that is known and above one. A parameter that the data hardly shows would
+    /// else run away.
     pub stall_tolerance: f64,
 }
 
