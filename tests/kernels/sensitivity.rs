@@ -1,6 +1,6 @@
 //! How a run depends on parameters and initial values, by dual numbers and the reference equations, and what rounding may do to it.
 
-use nalgebra::{DMatrix, DVector, Matrix3};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use pmsm_core::kernels::bare::POINT;
 use pmsm_core::kernels::bare::copies::INITIAL;
 use pmsm_core::kernels::objective::Starts;
@@ -109,6 +109,20 @@ impl<'a> Sensitivity<'a> {
             turned = (0..INITIAL).map(|x| off[x] / part.column(x).norm()).fold(turned, f64::max);
         }
         along + turned * self.condition() * rest
+    }
+
+    /// A Gauss–Newton step of the initial values of each segment, and how far another way to compute it may be off where its
+    /// derivatives are off by `off`, in length: each changes its product with the error by as much of the error.
+    pub fn steps(&self, off: [f64; INITIAL]) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+        let of = |(part, rows): (DMatrix<f64>, Vec<usize>)| {
+            let error = DVector::from_fn(rows.len(), |r, _| self.errors[rows[r]]);
+            let inverse = gram(&part).try_inverse().expect("independent");
+            let step = -inverse * part.tr_mul(&error).fixed_rows::<INITIAL>(0);
+            let product =
+                Vector3::from_fn(|x, _| off[x] * error.norm() + self.rounding * part.column(x).norm());
+            (step, inverse.abs() * product)
+        };
+        self.segments().zip(self.rows()).map(of).collect()
     }
 
     /// The rows of each segment.

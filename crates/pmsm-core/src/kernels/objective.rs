@@ -9,12 +9,14 @@
 //! What a recording does not contain drops out of the sum; operating points compare voltages in place of currents.
 
 mod equations;
+mod initial;
 mod kernel;
 mod recorded;
 mod side_by_side;
 
 use crate::experiment::{Channel, Experiment, Linearisation};
 use crate::kernels::bare::Track;
+use crate::kernels::bare::copies::INITIAL;
 use crate::model::Model;
 use crate::signals::Signals;
 use crate::simulate::mechanical::{self, Nuisance};
@@ -24,6 +26,9 @@ use std::ops::Range;
 use std::sync::Arc;
 
 pub use kernel::{Course, Nearby, Starts};
+
+/// Initial values rest where a Gauss–Newton step changes them by no more than this share of the largest current and speed.
+const AT_REST: f64 = 1e-5;
 
 /// Squared phase quantities over squared rotor-frame quantities.
 const PHASES: f64 = 1.5;
@@ -174,6 +179,14 @@ impl<'a> Objective<'a> {
             self.experiment.residual(p).norm_squared()
         };
         if sum <= bound && sum.is_finite() { sum } else { f64::INFINITY }
+    }
+
+    /// Initial i_d, i_q (A) and ω_e (rad/s) of each gap-free segment at which the fitness at `p` is least: a Gauss–Newton step from
+    /// there is at most 10⁻⁵ of the largest current and speed, save where a hundred runs do not lead there. Empty where the
+    /// recording has no currents.
+    pub fn initial_values(&self, p: &[f64]) -> Starts {
+        let kernels = self.settle(|starts| self.slopes_on_kernels(p, starts));
+        kernels.or_else(|| self.settle(|starts| Some(self.slopes(p, starts)))).unwrap_or_default()
     }
 
     /// Weighted residuals at `p`, model minus measurement, stacked channel by channel: their sum of squares is the

@@ -1,7 +1,8 @@
 //! The objective of the coupled model by the equations as the catalogue has them, with the initial values of each gap-free segment
 //! estimated along.
 
-use super::{Objective, PHASES, Starts};
+use super::initial::{Search, Slope};
+use super::{AT_REST, INITIAL, Objective, PHASES, Starts};
 use crate::experiment::{Channel, Linearisation};
 use crate::numerics::dual::Dual;
 use crate::numerics::real::Real;
@@ -9,12 +10,8 @@ use crate::simulate::coupled;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
-/// Initial values of a segment: i_d, i_q, ω_e.
-const INITIAL: usize = 3;
-/// Initial values rest where a step changes them by no more than this share of the largest current and speed.
-pub(super) const AT_REST: f64 = 1e-5;
 /// Most runs on the way to the best initial values.
-const ROUNDS: usize = 20;
+const ROUNDS: usize = 100;
 /// Derivatives carried in one pass.
 const SLOTS: usize = 8;
 
@@ -40,8 +37,7 @@ impl Objective<'_> {
         if let Some(linear) = self.kernel_linear(p, free, starts) {
             return linear;
         }
-        let settled = || self.settle(|starts| Some(self.better_starts(p, starts)));
-        let starts = starts.cloned().or_else(settled).unwrap_or_default();
+        let starts = starts.cloned().unwrap_or_else(|| self.initial_values(p));
         let signals = self.experiment.signals;
         let (mut linear, mut initial) = self.coupled_pass(p, free, &starts);
         for segment in &signals.segments {
@@ -50,48 +46,48 @@ impl Objective<'_> {
         linear
     }
 
-    /// Sum of squares from the initial values `starts`, and the better ones that this run calls for; where they cannot be
-    /// told apart the same ones.
-    fn better_starts(&self, p: &[f64], starts: &Starts) -> (f64, Starts) {
+    /// What the sum of squares of each segment tells of its initial values, on a run from `starts`.
+    pub(super) fn slopes(&self, p: &[f64], starts: &Starts) -> Vec<Slope> {
         let signals = self.experiment.signals;
         let (seen, initial) = self.coupled_pass(p, &[], starts);
-        let mut better = starts.clone();
-        for (segment, start) in signals.segments.iter().zip(&mut better) {
+        let of = |segment: &Range<usize>| {
             let rows = stacked(segment, signals.len());
             let slope = DMatrix::from_fn(rows.len(), INITIAL, |r, c| initial[(rows[r], c)]);
             let error = DVector::from_fn(rows.len(), |r, _| seen.residual[rows[r]]);
-            let normal = slope.tr_mul(&slope);
-            let Some(step) = normal.cholesky().map(|c| c.solve(&slope.tr_mul(&error))) else { continue };
-            if step.iter().all(|x| x.is_finite()) {
-                for c in 0..INITIAL {
-                    start[c] -= step[c];
-                }
+            Slope {
+                cost: error.norm_squared(),
+                gram: slope.tr_mul(&slope).fixed_view::<INITIAL, INITIAL>(0, 0).into_owned(),
+                gradient: slope.tr_mul(&error).fixed_rows::<INITIAL>(0).into_owned(),
             }
-        }
-        (seen.residual.norm_squared(), better)
+        };
+        signals.segments.iter().map(of).collect()
     }
 
-    /// The best initial values, from the measured ones by Gauss–Newton steps, halved while they lead uphill. `look` gives the
-    /// sum of squares from some initial values and the better ones that this run calls for.
-    pub(super) fn settle(&self, mut look: impl FnMut(&Starts) -> Option<(f64, Starts)>) -> Option<Starts> {
+    /// The best initial values: those at which a Gauss–Newton step is within [`AT_REST`], from the measured ones on. `look` runs the
+    /// model from some initial values. `None` where that ends early.
+    pub(super) fn settle(&self, mut look: impl FnMut(&Starts) -> Option<Vec<Slope>>) -> Option<Starts> {
         let mut starts = self.measured_starts();
-        let (mut cost, mut goal) = look(&starts)?;
+        let mut searches: Vec<Search> =
+            look(&starts)?.into_iter().zip(&starts).map(|(slope, at)| Search::new(slope, *at)).collect();
         for _ in 0..ROUNDS {
-            if self.within(AT_REST, &starts, &goal) {
-                return Some(goal);
+            let mut resting = true;
+            for (search, start) in searches.iter_mut().zip(&mut starts) {
+                let rests = self.within(AT_REST, &[search.at], &[search.better()]);
+                *start = if rests { search.at } else { search.next() };
+                resting &= rests;
             }
-            let (there, next) = look(&goal)?;
-            if there <= cost {
-                (starts, cost, goal) = (goal, there, next);
-            } else {
-                goal = halfway(&starts, &goal);
+            if resting {
+                break;
+            }
+            for (search, (slope, start)) in searches.iter_mut().zip(look(&starts)?.into_iter().zip(&starts)) {
+                search.seen(slope, *start);
             }
         }
-        Some(starts)
+        Some(searches.iter().map(|search| search.at).collect())
     }
 
     /// Whether initial values differ by no more than this `share` of the largest current and speed.
-    pub(super) fn within(&self, share: f64, a: &Starts, b: &Starts) -> bool {
+    pub(super) fn within(&self, share: f64, a: &[[f64; INITIAL]], b: &[[f64; INITIAL]]) -> bool {
         let cx = &self.experiment.signals.context;
         let sizes = [cx.i_max, cx.i_max, cx.omega_e_max];
         let both = a.iter().zip(b);
@@ -136,10 +132,6 @@ impl Objective<'_> {
         }
         (Linearisation { residual, jacobian }, initial)
     }
-}
-
-fn halfway(a: &Starts, b: &Starts) -> Starts {
-    a.iter().zip(b).map(|(a, b)| [0, 1, 2].map(|k| 0.5 * (a[k] + b[k]))).collect()
 }
 
 /// The rows of a segment in three stacked channels of `n` samples.

@@ -1,9 +1,9 @@
 //! The objective on the kernels of [`crate::kernels::bare`], where they know the model and the sampling: many points at once, and
 //! normal equations from perturbed copies.
 
-use super::equations::AT_REST;
+use super::initial::Slope;
 use super::recorded::Recorded;
-use super::{Drive, Objective, side_by_side};
+use super::{AT_REST, Drive, Objective, side_by_side};
 use crate::experiment::Linearisation;
 use crate::kernels::bare::copies::{self, Around, INITIAL};
 use crate::kernels::bare::{self, Kernel, POINT, chunks};
@@ -258,7 +258,10 @@ impl Objective<'_> {
     ) -> Option<Linearisation> {
         match starts {
             Some(starts) => self.normal(p, free, starts, true, &|| false)?.linear,
-            None => self.linear_from(p, free, &self.better_on_kernels(p, &self.measured_starts())?.1),
+            None => {
+                let measured = self.normal(p, &[], &self.measured_starts(), false, &|| false)?;
+                self.linear_from(p, free, measured.course.best())
+            }
         }
     }
 
@@ -270,21 +273,17 @@ impl Objective<'_> {
         if self.within(AT_REST, goal, there.course.best()) {
             return there.linear;
         }
-        around(&self.settle(|starts| self.better_on_kernels(p, starts))?)?.linear
+        around(&self.initial_values(p))?.linear
     }
 
-    /// Sum of squares from the initial values `starts`, and the better ones that this run calls for.
-    fn better_on_kernels(&self, p: &[f64], starts: &Starts) -> Option<(f64, Starts)> {
-        let mut better = starts.clone();
-        let mut cost = 0.0;
-        for (sums, start) in self.sums(p, &[], starts, &|| false, None)?.iter().zip(&mut better) {
-            let (last, error) = (sums.width - 1, sums.explained(None));
-            cost += sums.get(last, last);
-            for k in 0..INITIAL {
-                start[k] -= error[k];
-            }
-        }
-        Some((cost, better))
+    /// What the sum of squares of each segment tells of its initial values, on a run from `starts`.
+    pub(super) fn slopes_on_kernels(&self, p: &[f64], starts: &Starts) -> Option<Vec<Slope>> {
+        let of = |sums: Sums| Slope {
+            cost: sums.get(sums.width - 1, sums.width - 1),
+            gram: Matrix3::from_fn(|a, b| sums.get(a, b)),
+            gradient: Vector3::from_fn(|a, _| sums.get(a, sums.width - 1)),
+        };
+        Some(self.sums(p, &[], starts, &|| false, None)?.into_iter().map(of).collect())
     }
 
     /// Products of columns, segment by segment; `record` takes the rows.
