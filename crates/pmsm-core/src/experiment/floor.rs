@@ -256,8 +256,13 @@ fn every_other_row(signals: &Signals) -> Signals {
 fn disturbed(signals: &Signals, floors: &[Floor], input: &InputNoise, draw: usize) -> Signals {
     let numbers = drawn_numbers(signals, input);
     let mut random = Gaussian { count: (draw * numbers) as u32 };
-    let sensor = |channel: Channel| floors.iter().find(|f| f.channel == channel).map_or(0.0, |f| f.sensor);
-    let (sigma_i, sigma_w) = (sensor(Channel::ID), sensor(Channel::OmegaE));
+    let sensor = |channel: Channel| floors.iter().find(|f| f.channel == channel).map(|f| f.sensor);
+    let sigma_w = sensor(Channel::OmegaE).unwrap_or(0.0);
+    // Currents that no equation simulates tell their noise themselves.
+    let sigma_i = [Channel::ID, Channel::IQ].map(|channel| {
+        let own = || signals.i.as_ref().map_or(0.0, |i| white_noise(&i[usize::from(channel == Channel::IQ)]));
+        sensor(channel).unwrap_or_else(own)
+    });
     let mut noisy = signals.clone();
     if noisy.speed_known {
         for w in &mut noisy.omega_e {
@@ -278,7 +283,7 @@ fn disturbed(signals: &Signals, floors: &[Floor], input: &InputNoise, draw: usiz
                 let inner = apart && k > 0 && k + 1 < x.len();
                 if inner { (x[k + 1] - 2.0 * x[k] + x[k - 1]) / 12.0 } else { 0.0 }
             };
-            let dq = [0, 1].map(|axis| sigma_i.hypot(unseen(&clean[axis])) * random.next());
+            let dq = [0, 1].map(|axis| sigma_i[axis].hypot(unseen(&clean[axis])) * random.next());
             let (s, c) = Real::sin_cos(noisy.theta_e[k]);
             let abc = inverse_clarke(rotate(dq, c, s));
             for x in 0..3 {
