@@ -129,7 +129,7 @@ impl<'a> Ruling<'a> {
         if let Some(why) = data.signals.limits.coarse.as_ref().filter(|_| self.verdict == Verdict::NoMismatch)
         {
             // The motion is explained; the voltages were left out, so that `no_mismatch` would claim too much.
-            let explained = "the equation of motion explains the speed down to the noise, but the voltage equations cannot be judged";
+            let explained = "the equation of motion explains the speed down to the noise, but the voltage equations cannot be checked";
             let why = Finding { finding: format!("{explained}, as {}", why.finding), ..why.clone() };
             (self.verdict, self.reason) = (Verdict::Undetermined, Some(why.reason()));
         }
