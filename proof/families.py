@@ -52,6 +52,9 @@ def family(rows: Sequence[Judged]) -> dict[str, Rate | Value]:
         "with a map, remaining over noise, median": statistic(
             rows, lambda r: r.remaining if r.mapped else None, median, "{:.2f}"
         ),
+        "share of a map, largest difference from its fit": statistic(
+            rows, lambda r: r.share_off, max, "{:.4f}"
+        ),
         "foreign form put into the right equation": rate(rows, lambda r: r.foreign_equation),
         "… and over the right variable": rate(rows, lambda r: r.foreign_variable),
         "95 % intervals of effects that cover": summed(

@@ -35,7 +35,8 @@ run over the least that true equations leave there (the noise really added; in t
 currents and a noisy load torque do to a free run), in the worst channel, "before" and "after"; *remaining* is
 "after" over the noise alone; full logs only. It is computed here and never taken from the answer; a
 trajectory that knows the noise (correlated with it, or below it) is flagged as copied. *Calibration*: the
-probability of every effect of a ranking against whether that effect is there or accepted.
+probability of every effect of a ranking against whether that effect is there or accepted. *Share of a map*:
+see `parts.share_off`.
 
 A case without an answer counts as wrong. Cases with `degraded` in the truth are bench-like or limited logs
 and are counted apart from full ones.
@@ -60,6 +61,7 @@ from .parts import (
     found_parts,
     located,
     posteriors,
+    share_off,
     strong_parts,
     sure_and_wrong,
 )
@@ -110,6 +112,7 @@ class Judged:
     foreign_equation: bool | None = None
     foreign_variable: bool | None = None
     mapped: bool = False
+    share_off: float | None = None
     remaining: float | None = None
     first_right: bool | None = None
     held_out_before: float | None = None
@@ -168,6 +171,7 @@ def judge(case: str, truth: dict[str, Any], answer: dict[str, Any], cost: dict[s
         intervals=covered(answer, truth),
         base_intervals=covered_base(answer, truth),
         mapped=bool((answer.get("model") or {}).get("unmodelled")),
+        share_off=share_off(answer),
         cpu_seconds=cost.get("cpu_seconds"),
         seconds=cost.get("seconds"),
         memory_mb=cost.get("memory_mb"),
