@@ -1,18 +1,20 @@
 //! Parameters of a fitted hypothesis with their uncertainties.
 
+mod covariance;
+mod interval;
+
 use super::answer::{Covariance, Estimate, Z95};
 use super::collinearity::{self, Collinearity};
 use super::data::Data;
 use super::hypothesis::Hypothesis;
-use super::torque_noise;
 use crate::base::Base;
 use crate::effect::{Role, Site};
 use crate::effects::EffectId;
 use crate::machine::BaseParameter;
 use crate::numerics::dual::Dual;
-use crate::optimise::least_squares;
-use crate::optimise::uncertainty;
-use nalgebra::{DMatrix, DVector};
+use covariance::finite;
+use interval::{estimate, shown, signed, within_errors};
+use nalgebra::DMatrix;
 use std::collections::BTreeMap;
 
 /// Parameters that one effect's outputs may depend on.
@@ -25,6 +27,7 @@ const FORM: f64 = 1.5;
 /// and angle at instants, and what happens between them is interpolated. With this and [`FORM`], 305 of 321 intervals of 95 % hold the
 /// truth: `python -m proof --split calibration --families singles,pairs --cases 44 --seed 7301` and `--families clean --cases 24 --seed 7101`.
 const BETWEEN_ROWS: f64 = 1e-4;
+
 /// Uncertainty of a fitted hypothesis on its recording.
 pub struct Outputs<'a> {
     data: &'a Data,
@@ -34,51 +37,9 @@ pub struct Outputs<'a> {
 }
 
 impl<'a> Outputs<'a> {
-    /// Works out the covariance of the fitted parameters, corrected for coloured residuals.
-    ///
-    /// The electrical parameters come from the electrical channels alone, and the mechanical ones from the speed at
-    /// those values. Their covariance follows the same way down: C_m = C_m|e + G·C_e·Gᵀ with
-    /// G = −(J_mᵀJ_m)⁻¹·J_mᵀJ_e on the rows of the speed, and noise of the torque adds to it. Where a sensor
-    /// is in the set, all were fitted together.
+    /// Works out the covariance of the fitted parameters.
     pub fn new(data: &'a Data, hypothesis: &'a Hypothesis) -> Self {
-        let experiment = data.whole(hypothesis);
-        let linear = experiment.linearise(&hypothesis.parameters, &hypothesis.free);
-        let n = data.signals.len();
-        let speed = experiment.channels().iter().position(|c| !c.is_electrical());
-        let (first, second): (Vec<usize>, Vec<usize>) =
-            (0..hypothesis.free.len()).partition(|k| experiment.is_electrical(hypothesis.free[*k]));
-        let alone = first.is_empty() || second.is_empty() || !data.has_electrical();
-        let together = hypothesis.model.has_sensor() || alone;
-        let free: Vec<usize> = first.iter().chain(&second).map(|k| hypothesis.free[*k]).collect();
-        let covariance = match speed {
-            _ if free.is_empty() => DMatrix::zeros(0, 0),
-            Some(speed) if !together => {
-                let (before, at) = (speed * n, speed * n..(speed + 1) * n);
-                let electrical = linear.jacobian.select_columns(&first).rows(0, before).into_owned();
-                let c_e =
-                    of_held(data, true, (&electrical, &linear.residual.rows(0, before).into_owned()), n);
-                let rows = linear.jacobian.rows(at.start, n);
-                let (j_e, j_m) = (rows.select_columns(&first), rows.select_columns(&second));
-                let c_m = of_held(data, false, (&j_m, &linear.residual.rows(at.start, n).into_owned()), n);
-                let all = vec![true; second.len()];
-                let inverse = least_squares::covariance(&j_m.tr_mul(&j_m), None, &all).map(finite);
-                let shaken = torque_noise::scores(data, hypothesis, &j_m);
-                let c_m = c_m + &inverse * shaken * &inverse;
-                let g = -(inverse * j_m.tr_mul(&j_e));
-                let (a, b) = (first.len(), second.len());
-                let mut whole = DMatrix::zeros(a + b, a + b);
-                whole.view_mut((a, a), (b, b)).copy_from(&(c_m + &g * c_e.map(finite) * g.transpose()));
-                let cross = &g * c_e.map(finite);
-                whole.view_mut((a, 0), (b, a)).copy_from(&cross);
-                whole.view_mut((0, a), (a, b)).copy_from(&cross.transpose());
-                whole.view_mut((0, 0), (a, a)).copy_from(&c_e);
-                whole
-            }
-            _ => {
-                let jacobian = linear.jacobian.select_columns(&[first, second].concat());
-                uncertainty::covariance(&jacobian, &linear.residual, n)
-            }
-        };
+        let (free, covariance) = covariance::of_parameters(data, hypothesis);
         Self { data, hypothesis, free, covariance }
     }
 
@@ -276,70 +237,6 @@ impl<'a> Outputs<'a> {
     /// Whether zero lies within the 95 % intervals of all that tells the strength of `effect`: no probability may then say that it is there.
     pub fn may_be_absent(&self, effect: EffectId) -> bool {
         within_errors(effect, &self.effect(effect), Z95)
-    }
-}
-
-/// Whether none of an effect's estimates exceeds so many `times` its standard error. A whole number, which has none, says nothing of a
-/// strength; what else has none counts as beyond it.
-fn within_errors(effect: EffectId, estimates: &BTreeMap<String, Estimate>, times: f64) -> bool {
-    let chosen = |name: &String| {
-        effect.info().parameters.iter().any(|p| p.name == name.as_str() && p.role == Role::Fixed)
-    };
-    let within = |x: &Estimate| matches!((x.value, x.stderr), (Some(value), Some(error)) if value.abs() < times * error);
-    estimates.iter().filter(|(name, _)| !chosen(name)).all(|(_, x)| within(x))
-}
-
-/// The interval of what cannot be negative, as its lowest value tells, does not reach below zero. Other bounds are where it was sought.
-fn signed(estimate: Estimate, low: f64) -> Estimate {
-    let least = if low >= 0.0 { 0.0 } else { f64::NEG_INFINITY };
-    Estimate { ci95: estimate.ci95.map(|[from, to]| [from.max(least), to]), ..estimate }
-}
-
-/// A positive parameter whose standard error exceeds its value is not shown; all that is known of it is how large it may be.
-fn shown(estimate: Estimate) -> Estimate {
-    let (Some(value), Some(stderr)) = (estimate.value, estimate.stderr) else { return estimate };
-    if stderr <= value {
-        return estimate;
-    }
-    let most = value + Z95 * stderr;
-    let why = format!("the recording does not show it: anything up to {most:.2e} {} fits", estimate.unit);
-    Estimate { value: None, stderr: None, ci95: None, why_none: Some(why), ..estimate }
-}
-
-/// What is not determined carries nothing over to other parameters.
-fn finite(x: f64) -> f64 {
-    if x.is_finite() { x } else { 0.0 }
-}
-
-/// Covariance from the rows of the recordings that hold electrical (or mechanical) channels: those of the others are zero and
-/// would fill blocks of the sandwich estimate.
-fn of_held(
-    data: &Data,
-    electrical: bool,
-    (jacobian, residual): (&DMatrix<f64>, &DVector<f64>),
-    n: usize,
-) -> DMatrix<f64> {
-    let holds = |run: &Data| if electrical { run.has_electrical() } else { run.has_mechanical() };
-    let runs = data.runs().iter().enumerate().filter(|(_, run)| holds(run));
-    let held: Vec<usize> = runs.flat_map(|(run, _)| data.samples_of(run)).collect();
-    if held.len() == n {
-        return uncertainty::covariance(jacobian, residual, n);
-    }
-    let rows: Vec<usize> =
-        (0..residual.len() / n).flat_map(|c| held.iter().map(move |k| c * n + k)).collect();
-    uncertainty::covariance(&jacobian.select_rows(&rows), &residual.select_rows(&rows), held.len())
-}
-
-fn estimate(value: f64, variance: f64, unit: &str, why: Option<String>) -> Estimate {
-    let stderr = variance.max(0.0).sqrt();
-    let why = why.or_else(|| (!stderr.is_finite()).then(|| "the recording does not show it".to_string()));
-    let shown = why.is_none();
-    Estimate {
-        value: Some(value),
-        stderr: shown.then_some(stderr),
-        ci95: shown.then_some([value - Z95 * stderr, value + Z95 * stderr]),
-        unit: unit.into(),
-        why_none: if shown { None } else { why },
     }
 }
 
