@@ -130,8 +130,8 @@ impl<'a> Ruling<'a> {
         {
             // The motion is explained; the voltages were left out, so that `no_mismatch` would claim too much.
             let explained = "the equation of motion explains the speed down to the noise, but the voltage equations cannot be checked";
-            let why = Finding { finding: format!("{explained}, as {}", why.finding), ..why.clone() };
-            (self.verdict, self.reason) = (Verdict::Undetermined, Some(why.reason()));
+            self.verdict = Verdict::Undetermined;
+            self.reason = Some(format!("{explained}, as {}", why.reason()));
         }
         monitor.go_on()?;
         let own = Outputs::new(data, &self.outcome.best.fitted);
