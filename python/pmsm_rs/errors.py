@@ -250,6 +250,11 @@ def written_by(writer: str) -> Iterator[None]:
         ) from error
 
 
+def is_panic(error: BaseException) -> bool:
+    """Whether compiled code gave up: no Exception, and of a class that each library has for itself."""
+    return type(error).__name__ == "PanicException"
+
+
 def fact(error: BaseException, name: str) -> object:
     """Attribute `name` of an error, None where it has none."""
     return getattr(error, name, None)

@@ -485,7 +485,7 @@ def test_each_column_of_text_is_told_by_itself(tmp_path: Path) -> None:
     columns = {**plausible(), **words}
     rows = zip(*columns.values(), strict=True)
     path.write_text("\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]) + "\n")
-    told = {signal.column: signal.why for signal in pm.inspect(path).signals}
+    told = {signal.column: signal.why for signal in pm.inspect(path).columns}
     assert [told[name] for name in words] == [
         f"'off{k}' is no number (line 51); correct the value or cut the line" for k in range(100)
     ]
