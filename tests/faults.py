@@ -28,6 +28,8 @@ WHOLE = {
     **dict.fromkeys((".csv", ".fmu", ".zip", ".png", ".md"), b""),
 }
 """What files end in that are whole, by the end of their names; a draft has a longer name."""
+ORPHANS = 5.0
+"""s that a process may go on whose command was killed: it may be importing."""
 RUNS = 6
 """Recordings of a fleet."""
 FLEET = """
@@ -216,24 +218,28 @@ def killed_fleets(folder: Path, count: int, random: Random) -> Trials:
     began = time.monotonic()
     finish(*start(arguments, folder))
     whole = time.monotonic() - began
-    killed, ended, faults = 0, 1, ledger_faults(ledger, answers)
+    expected = json.loads(answers.read_bytes())
+    killed, ended, faults = 0, 0, ledger_faults(ledger, answers)
     ledger.unlink()
     while killed < count:
         process, logs = start(arguments, folder)
         time.sleep(random.uniform(0.0, whole))
         own = children(process.pid)
-        process.kill()
+        os.kill(process.pid, signal.SIGKILL)
         if finish(process, logs).code == -signal.SIGKILL:
             killed += 1
-            time.sleep(0.5)
-            faults += [f"process {child} runs on" for child in own if Path(f"/proc/{child}/exe").exists()]
+            until = time.monotonic() + ORPHANS
+            while any(map(command_of, own)) and time.monotonic() < until:
+                time.sleep(0.01)
+            faults += [f"process {child} runs on" for child in own if command_of(child)]
             if killed < count and random.random() < 0.7:
                 continue
             ran = finish(*start(arguments, folder))
             faults += [fault] if (fault := ran.fault()) else []
         ended += 1
-        faults += ledger_faults(ledger, answers)
+        faults += ledger_faults(ledger, answers, expected)
         ledger.unlink()
+        answers.unlink()
     return Trials(killed, f"{ended} fleets of {RUNS} recordings came to their end", faults)
 
 
@@ -260,7 +266,7 @@ def killed_workers(folder: Path, count: int, random: Random) -> Trials:
         if len(numbers) != 3 or sum(numbers[:2]) != RUNS or numbers[1] != numbers[2]:
             faults.append(f"exit code {ran.code}, {ran.out!r}: {ran.err.decode(errors='replace')[-400:]}")
         lost += sum(numbers[2:])
-        faults += ledger_faults(ledger, None)
+        faults += ledger_faults(ledger, folder)
     return Trials(killed, f"{fleets} fleets of {RUNS} recordings, {lost} told as lost", faults)
 
 
@@ -279,8 +285,10 @@ def command_of(process: int) -> bytes:
         return b""
 
 
-def ledger_faults(ledger: Path, answers: Path | None) -> list[str]:
-    """What is wrong with a ledger: recordings that are missing or stand twice, lines that are torn."""
+def ledger_faults(ledger: Path, answers: Path, expected: object = None) -> list[str]:
+    """What is wrong with a ledger, recordings that are missing or stand twice, and with answers that are not
+    those `expected`.
+    """
     keys: Counter[str] = Counter()
     for line in ledger.read_bytes().splitlines():
         try:
@@ -291,8 +299,6 @@ def ledger_faults(ledger: Path, answers: Path | None) -> list[str]:
         keys.update([entry["key"]] if "key" in entry else [])
     faults = [f"{times} entries of one recording" for times in keys.values() if times > 1]
     faults += [f"{len(keys)} recordings in the ledger"] if len(keys) != RUNS else []
-    if answers is not None:
-        whole = json.loads(answers.read_bytes())
-        told = len(whole["answers"]) + len(whole["failures"])
-        faults += [f"{told} answers"] if told != RUNS else []
+    if expected is not None and json.loads(answers.read_bytes()) != expected:
+        faults.append("the answers are not those of a fleet that nobody disturbed")
     return faults

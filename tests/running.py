@@ -83,7 +83,7 @@ def finish(process: subprocess.Popen[bytes], logs: list[Path], longest: float = 
         if ended:
             break
         if time.monotonic() > until:
-            process.kill()
+            os.kill(process.pid, signal.SIGKILL)
         time.sleep(0.002)
     process.returncode = os.waitstatus_to_exitcode(status)
     seconds, resident = used.ru_utime + used.ru_stime, used.ru_maxrss << 10
