@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections import Counter
@@ -114,20 +113,16 @@ def empty(folder: Path) -> None:
 
 def interrupts(folder: Path, count: int, random: Random) -> Iterator[tuple[str, list[Latency], list[str]]]:
     """Per command and signal how long each went on, and what went wrong."""
-    # Until the interpreter itself has started, the signal is its own.
-    began = time.monotonic()
-    subprocess.run([sys.executable, "-c", "import signal"], check=True)
-    least = 2.0 * (time.monotonic() - began)
     for name, arguments in commands(folder).items():
         began = time.monotonic()
         finish(*start(arguments, folder))
-        whole = max(time.monotonic() - began, least)
+        whole = time.monotonic() - began
         for number in (signal.SIGINT, signal.SIGTERM):
             took: list[Latency] = []
             faults = []
             for _ in range(count):
                 empty(folder / "made")
-                delay = random.uniform(least, whole)
+                delay = random.uniform(0.0, whole)
                 latency, ran = interrupt(arguments, folder, delay, number)
                 if fault := ran.fault(CODES | {130}) or torn(folder / "made"):
                     faults.append(f"{fault} after {delay:.3f} s: {ran.err.decode(errors='replace')[-400:]}")
@@ -139,14 +134,26 @@ def interrupts(folder: Path, count: int, random: Random) -> Iterator[tuple[str, 
 def interrupt(
     arguments: list[str], folder: Path, delay: float, number: signal.Signals
 ) -> tuple[Latency, Ran]:
-    """How long a command goes on after a signal, and the outcome."""
+    """How long a command goes on after a signal, and the outcome.
+
+    The signal waits until the command has the signals in hand: before, they are those of the interpreter.
+    """
     process, logs = start(arguments, folder)
     time.sleep(delay)
+    while not has_signals(process.pid):
+        time.sleep(0.002)
     sent, before = time.monotonic(), used(process.pid)
     # One that has ended is a zombie until it is waited for, and takes the signal.
     os.kill(process.pid, number)
     ran = finish(process, logs)
     return Latency(max(ran.seconds - before, 0.0), time.monotonic() - sent), ran
+
+
+def has_signals(process: int) -> bool:
+    """Whether a process catches SIGTERM, which Python by itself does not, or has ended."""
+    told = dict(line.split(":\t", 1) for line in Path(f"/proc/{process}/status").read_text().splitlines())
+    caught = int(told.get("SigCgt", "0"), 16) | int(told.get("SigIgn", "0"), 16)
+    return told["State"].startswith("Z") or bool(caught >> (signal.SIGTERM - 1) & 1)
 
 
 def torn(made: Path) -> str:
