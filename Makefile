@@ -29,7 +29,7 @@ help:
 	@echo 'make demo      install into $(VENV) and diagnose the recording that ships with the package'
 	@echo 'make test      lints, Rust tests, and Python tests against the installed wheel'
 	@echo 'make soak      property tests with fresh seeds, for MINUTES=10; a failing case ends it'
-	@echo 'make hold      time and memory on hostile files, and how soon Ctrl-C ends a command'
+	@echo 'make hold      hostile files, Ctrl-C, full disks, lost readers and kills: time, memory and faults'
 	@echo 'make fuzz      damaged files to every reader, for MINUTES=10; a failing file is kept'
 	@echo 'make proof     make 600 sealed cases, diagnose and score them; CASES= SEED= OUT= FAMILIES= SPLIT=scoring JOBS=2'
 	@echo 'make accuracy  score the diagnosis on concealed cases, where CONCEALED=folder has them'
@@ -125,7 +125,7 @@ python: $(VENV)/.test
 soak: $(VENV)/.test
 	$(BIN)/python .ci/soak.py --minutes $(MINUTES) --installed
 
-# Prints figures; only an end, a code or a traceback that must not be fails it.
+# Prints figures. An end, a code, a traceback or a time that must not be fails it.
 hold: $(VENV)/.test
 	$(BIN)/python tests/hold.py
 

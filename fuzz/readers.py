@@ -23,6 +23,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from random import Random
+from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "python"))
@@ -40,15 +41,21 @@ Read = Callable[[Path], None]
 
 
 def corpus() -> dict[str, bytes]:
-    """Whole files by name, as the tests of damage make them, and machine files and streams."""
+    """Whole files by name, as the tests make them, and machine files and streams."""
     from conftest import MACHINE, csv_text, plausible
     from test_damage import whole_files
+    from test_message_logs import bag, mcap_json, ulog
 
     table = plausible(60)
+    with TemporaryDirectory() as folder:
+        turning = {"theta_e": table["omega_e"] * table["t"], **table}
+        paths = [write(Path(folder), turning) for write in (ulog, bag, mcap_json)]
+        logs = {path.name: path.read_bytes() for path in paths}
     columns = '[columns]\ni_d = "i_d"\nv_dc = { value = 24.0 }\nt = { from = "t", unit = "s" }\n'
     rows = [dict(zip(table, map(float, row), strict=True)) for row in zip(*table.values(), strict=True)]
     return {
         **whole_files(),
+        **logs,
         "machine.toml": (MACHINE + columns).encode(),
         "samples.stream": csv_text(table).encode(),
         "objects.stream": "\n".join(map(json.dumps, rows)).encode(),

@@ -250,6 +250,27 @@ def written_by(writer: str) -> Iterator[None]:
         ) from error
 
 
+@contextmanager
+def unchanged(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Raises UsageError where the answer in the file `path` holds what cannot be used as such."""
+    try:
+        yield
+    except PmsmError:
+        raise
+    except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
+        raise refuse(
+            UsageError,
+            f"this is no answer of this package ({type(error).__name__}: {shown(str(error))})",
+            file=str(path),
+            fix="write it again with: pmsm-rs diagnose ... --json ANSWER.json",
+        ) from error
+
+
+def is_panic(error: BaseException) -> bool:
+    """Whether compiled code gave up: no Exception, and of a class that each library has for itself."""
+    return type(error).__name__ == "PanicException"
+
+
 def fact(error: BaseException, name: str) -> object:
     """Attribute `name` of an error, None where it has none."""
     return getattr(error, name, None)

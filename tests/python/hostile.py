@@ -43,6 +43,18 @@ def _wide(columns: int, rows: int) -> bytes:
     return "\n".join([",".join([*NAMES, *more]), *lines, ""]).encode()
 
 
+def _with_states(columns: int, rows: int, *, one_a_row: bool) -> bytes:
+    """A wide table with text among its numbers: every 100th column, or another column in each row."""
+    lines = _wide(columns, rows).decode().split("\n")
+    for k in range(1, rows + 1):
+        fields = lines[k].split(",")
+        for at in [columns - k] if one_a_row else range(len(NAMES), columns, 100):
+            fields[at] = "on"
+        # The layout is found by rows of numbers.
+        lines[k] = ",".join(fields) if k > 1 or not one_a_row else lines[k]
+    return "\n".join(lines).encode()
+
+
 def sound() -> bytes:
     """A recording that asks for nothing odd."""
     return _csv(",".join(NAMES))
@@ -126,6 +138,11 @@ RECORDINGS: Final[dict[str, tuple[str, Callable[[], bytes]]]] = {
     "5 000 columns of text": (
         "csv",
         lambda: _table([*NAMES, *(f"x{k}" for k in range(5000))]).replace(b",1,1,1", b",on,on,on"),
+    ),
+    "60 000 columns, some of text": ("csv", lambda: _with_states(60_000, 4, one_a_row=False)),
+    "20 000 columns, text in another one in each row": (
+        "csv",
+        lambda: _with_states(20_000, 80, one_a_row=True),
     ),
     "blanks in a field": ("csv", lambda: _csv(",".join(NAMES), "0.005,1" + " " * 200_000 + "x,2,3,4,100")),
     "blanks before a percent sign": ("csv", lambda: _csv(",".join(NAMES), " " * 200_000 + "%")),

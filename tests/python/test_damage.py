@@ -125,3 +125,15 @@ def test_damaged_files_are_read_or_refused(name: str, source: Random, folder: Pa
         assert str(path) in refusal
         assert "; " in refusal
         assert "\n" not in refusal
+
+
+@pytest.mark.parametrize("name", ["r.parquet", "r.feather"])
+def test_a_decoder_that_gave_up_is_not_asked_again(name: str, folder: Path) -> None:
+    data = bytearray(whole_files()[name])
+    data[40:1200] = b"\xff" * 1160
+    (folder / name).write_bytes(data)
+    try:
+        text = str(pm.inspect(folder / name))
+    except pm.DataError as error:
+        text = str(error)
+    assert "cannot be read" in text

@@ -11,13 +11,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import hostile
+import numpy as np
 import pmsm_rs as pm
 import pytest
 from conftest import MACHINE, PACKAGE, Ran, csv_text, plausible
+from pmsm_rs.support.demo import recording_files
 
 Run = Callable[..., Ran]
 COMMAND = [
@@ -215,6 +218,72 @@ def test_a_first_line_that_is_torn_is_passed_over(
         ran = run(*command)
         assert (ran.code, ran.err) == (0, "")
     assert sum('"key"' in line for line in ledger.read_text().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "command", ['"$@" | true; exit ${PIPESTATUS[0]}', '"$@" 2>&1 | true; exit ${PIPESTATUS[0]}']
+)
+@pytest.mark.parametrize("arguments", [["effects"], ["--help"], ["explain", "PR001"], ["man"]])
+def test_a_reader_that_has_gone_is_no_fault(command: str, arguments: list[str]) -> None:
+    ran = shell(command, *arguments)
+    assert (ran.returncode, ran.stderr) == (0, b"")
+
+
+def test_a_disk_that_fills_up_leaves_no_half_of_a_table(recording: Path, tmp_path: Path) -> None:
+    drive = Path(__file__).parents[2] / "docs" / "examples" / "drive.toml"
+    for name in ("t.parquet", "t.csv"):
+        out = tmp_path / name
+        ran = shell('ulimit -f 1; "$@"', "simulate", drive, "-o", out)
+        assert (ran.returncode, out.exists()) == (2, False)
+        assert ran.stderr.startswith(b"pmsm-rs: %s: cannot be written" % os.fsencode(out))
+    assert [path.name for path in tmp_path.iterdir()] == ["r.csv"]
+
+
+@pytest.mark.parametrize("odd", [None, [], {"a": {"b": []}}, "\x1b[2J", [[[]]], 1e308])
+@pytest.mark.parametrize(
+    "place",
+    [("machine", "n_p"), ("ranking", 0, "gain_held_out"), ("model", "base", "r_s", "unit"), ("model",)],
+)
+def test_an_answer_that_was_changed_is_used_or_refused(
+    place: tuple[str | int, ...], odd: object, tmp_path: Path, run: Run
+) -> None:
+    answer = json.loads(sealed_answer())
+    part: Any = answer
+    for step in place[:-1]:
+        part = part[step]
+    part[place[-1]] = odd
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(answer))
+    for arguments in (["report", path], ["export", path, "--to", "mujoco"]):
+        ran = run(*arguments, "-o", tmp_path / "out.xml")
+        assert ran.code in (0, 2, 3)
+        assert "internal" not in ran.err
+
+
+@cache
+def sealed_answer() -> str:
+    """The answer to the demo, as text."""
+    recording, _, machine = recording_files()
+    return pm.diagnose(recording, machine).to_json()
+
+
+def test_numbers_that_overflow_bring_no_warnings_of_libraries(tmp_path: Path) -> None:
+    columns = dict(plausible())
+    columns["t"] = 1e308 * np.linspace(-1.0, 1.0, len(columns["t"]))
+    (tmp_path / "r.csv").write_text(csv_text(columns))
+    ran = shell('"$@"', "inspect", tmp_path / "r.csv")
+    assert ran.returncode in (0, 3)
+    assert b"Warning" not in ran.stderr
+
+
+def test_numbers_that_are_lost_in_computing_are_refused(recording: Path, tmp_path: Path) -> None:
+    machine = tmp_path / "m.toml"
+    machine.write_text(MACHINE + "[drive]\nv_dc = 1e-320\n")
+    with pytest.raises(pm.MachineError, match=r"drive.v_dc: 1e-320 is too small to compute with"):
+        pm.load(recording, machine)
+    machine.write_text(MACHINE)
+    with pytest.raises(pm.UsageError, match=r"window is 1e-320; give a length in s, at least 1e-09"):
+        pm.Tracker(machine, window=1e-320)
 
 
 @pytest.mark.parametrize("name", hostile.MACHINES)

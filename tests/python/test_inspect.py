@@ -477,3 +477,15 @@ def test_what_is_used_is_read_where_all_columns_take_too_much_memory(tmp_path: P
     assert found.is_ready
     assert signal(found, "i_q").rows == 4000
     assert "more than the 600000 allowed" in str(signal(found, "signal 7").why)
+
+
+def test_each_column_of_text_is_told_by_itself(tmp_path: Path) -> None:
+    words = {f"state{k}": np.where(np.arange(400) % 50 == 49, f"off{k}", "1") for k in range(100)}
+    path = tmp_path / "r.csv"
+    columns = {**plausible(), **words}
+    rows = zip(*columns.values(), strict=True)
+    path.write_text("\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]) + "\n")
+    told = {signal.column: signal.why for signal in pm.inspect(path).columns}
+    assert [told[name] for name in words] == [
+        f"'off{k}' is no number (line 51); correct the value or cut the line" for k in range(100)
+    ]

@@ -39,6 +39,7 @@ def _run(arguments: list[str] | None) -> int:
     from . import terminal
     from .commands import cli
 
+    streams = sys.stdout, sys.stderr
     try:
         given = sys.argv[1:] if arguments is None else arguments
         code = cli.main(arguments, prog_name="pmsm-rs", standalone_mode=False, obj=tuple(given))
@@ -53,7 +54,17 @@ def _run(arguments: list[str] | None) -> int:
         return terminal.USAGE
     except click.Abort:
         raise KeyboardInterrupt from None
-    except Exception as error:
+    except SystemExit:
+        # Where the reader of the output has gone, click puts others in the place of the streams and ends.
+        if sys.stdout is streams[0]:
+            raise
+        sys.stdout, sys.stderr = streams
+        return terminal.said(BrokenPipeError())
+    except BaseException as error:
+        from ..errors import is_panic
+
+        if not isinstance(error, Exception) and not is_panic(error):
+            raise
         return terminal.said(error)
     return code if isinstance(code, int) else 0
 

@@ -46,12 +46,14 @@ def export(answer: str, kind: str, output: str, temperature: float | None) -> in
     stands in the file.
     """
     from ..atomic import apart
+    from ..errors import unchanged
     from ..export import export as write
     from ..model import Model
 
     apart([output], [answer])
     given = {} if temperature is None else {"temperature": temperature}
-    left_out = write(Model.read(answer), kind, output, **given)
+    with unchanged(answer):
+        left_out = write(Model.read(answer), kind, output, **given)
     terminal.show("\n".join([f"{output}: {kind}", *left_out]))
     return 0
 
@@ -88,9 +90,11 @@ def report(answer: str, output: str, trajectories: str | None, title: str | None
 
     from ..answers import read_answer
     from ..atomic import apart
+    from ..errors import unchanged
 
     apart([output], [answer, trajectories])
-    found = read_answer(answer, trajectories)
-    found.report(output, title=title or Path(answer).name)
+    with unchanged(answer):
+        found = read_answer(answer, trajectories)
+        found.report(output, title=title or Path(answer).name)
     terminal.show(f"Report: {output}")
     return 0

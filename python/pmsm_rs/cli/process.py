@@ -7,6 +7,7 @@ from __future__ import annotations
 import io
 import os
 import sys
+import warnings
 from contextlib import suppress
 from typing import Any, NoReturn
 
@@ -27,6 +28,9 @@ def prepare(own: bool) -> None:
     if own:
         _fill_descriptors()
         _take_signals()
+        if not sys.warnoptions:
+            # What overflows is checked where it matters; NumPy names lines of code that no user has seen.
+            warnings.simplefilter("ignore", RuntimeWarning)
     if sys.stdout is None:
         sys.stdout = _Closed()
     if sys.stderr is None:

@@ -186,7 +186,7 @@ def say(message: str) -> None:
     process.write_error(printable(message), name)
 
 
-def said(error: Exception) -> int:
+def said(error: BaseException) -> int:
     """The exit code that goes with an error, which is said."""
     if isinstance(error, BrokenPipeError):
         # The reader of our output has gone; there is nobody left to tell.
@@ -207,13 +207,13 @@ def said(error: Exception) -> int:
     return told
 
 
-def _ours(error: Exception) -> bool:
+def _ours(error: BaseException) -> bool:
     from .._core import PmsmError
 
     return isinstance(error, PmsmError)
 
 
-def code(error: Exception) -> int:
+def code(error: BaseException) -> int:
     """The exit code that goes with an error."""
     from .. import _core
 

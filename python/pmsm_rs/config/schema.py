@@ -5,12 +5,23 @@ from __future__ import annotations
 import re
 from typing import Annotated, Final, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from ..errors import did_you_mean
 
+_SMALLEST: Final = 1e-30
+"""In any SI unit far below what a motor has; what is smaller is lost in computing."""
+
+
+def _above_rounding(value: float) -> float:
+    """Raises ValueError on a value that is too small to compute with."""
+    if value < _SMALLEST:
+        raise ValueError(f"{value!r} is too small to compute with; check its unit")
+    return value
+
+
 Number = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False), AfterValidator(_above_rounding)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 

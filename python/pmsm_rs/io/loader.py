@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .._core import DataError, Machine, MachineError
 from ..config.machine_file import MachineFile, read_machine
-from ..errors import NothingToAsk, fact, message, opened, refuse, shown
+from ..errors import NothingToAsk, fact, is_panic, message, opened, refuse, shown
 from .captures import completed, is_capture
 from .checks import angle_against_speed, angle_in_radians, rotor_frame_against_phases
 from .columns import Columns, taken
@@ -109,6 +109,15 @@ def readable(data: Any) -> Iterator[None]:
             fix="cut the recording, or map fewer columns in [columns]",
         ) from error
     except (RecursionError, OverflowError, UnicodeError, csv.Error) as error:
+        raise refuse(
+            DataError,
+            f"it cannot be read ({shown(str(error))})",
+            file=_name(data),
+            fix="export it again; it may be damaged",
+        ) from error
+    except BaseException as error:
+        if not is_panic(error):
+            raise
         raise refuse(
             DataError,
             f"it cannot be read ({shown(str(error))})",

@@ -51,6 +51,8 @@ _BRACKETED: Final = re.compile(r"([^\[(]*)[\[(]([^\])]*)[\])]\s*$")
 _BETWEEN_SEGMENTS: Final = re.compile(r"[./\\:|>]+(?=\S)")
 _NUMBERED_PHASE: Final = re.compile(r"([iuv])_?(?:l|phase|ph)?_?[123]")
 """Phases by number, as `i1` and `U_L2`: of a motor, or of so many joints."""
+_REMEMBERED: Final = 1 << 18
+"""Names whose meaning is kept, more than one file may have: each is asked for several times in turn."""
 _ROOTS: Final = {
     **{"volt": "voltage", "spannung": "voltage", "current": "current", "strom": "current"},
     **{"angle": "angle", "winkel": "angle", "theta": "angle", "speed": "speed", "drehzahl": "speed"},
@@ -86,7 +88,7 @@ class Meaning:
         return self.unit is None and self.quantity not in {"voltage", "current"}
 
 
-@lru_cache(maxsize=1 << 14)
+@lru_cache(maxsize=_REMEMBERED)
 def meaning(name: str, stated: str | None = None) -> Meaning | None:
     """What the column `name`, of which the file states a unit or not, says of itself; None where nothing."""
     if len(name) > LONGEST:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -24,8 +25,13 @@ _TOGETHER: Final = 64
 """Columns that are read at a time: a file may have thousands."""
 _READS: Final = 16
 """Times that a file is read over for its columns, at least as many as make groups of `_TOGETHER`."""
+_VALUES: Final = 1 << 20
+"""Values that are read at a time, where that is more columns: short columns take next to no memory."""
 _FAULTS: Final = 64
-"""Columns that cannot be read, each of which has the others read over, before the rest is passed over."""
+"""Rows with columns that cannot be read, each of which has the others read over, before the rest is passed
+over."""
+_FIELDS: Final = 1 << 19
+"""Fields of a row that are read over in all, where that is fewer times: each of them takes time."""
 UNNAMED: Final = "nothing in the name says that it is a signal of the motor"
 """Why a column is not used whose name says nothing."""
 
@@ -77,17 +83,21 @@ def signals(source: Source, survey: Survey) -> tuple[list[Signal], dict[str, NDA
     found: dict[str, Signal] = {}
     # What is used is read by itself, so that it can be read where all columns together take too much memory.
     rest = [column for column in columns if column not in taken and column != source.common]
-    size = max(_TOGETHER, -(-len(rest) // _READS))
-    groups = [rest[start : start + size] for start in range(0, len(rest), size)]
+    group = [column for column in columns if column in taken and column != source.common]
+    group, rest = (group, rest) if group else (rest[:_TOGETHER], rest[_TOGETHER:])
+    least = max(_TOGETHER, -(-len(rest) // _READS))
     fates = _Fates(source, survey)
-    faults = 0
-    for group in [[column for column in columns if column in taken and column != source.common], *groups]:
-        for column, own in _values(source, group, _FAULTS - faults):
+    tries, rows = iter(range(min(_FAULTS, _FIELDS // max(len(columns), 1)))), 0
+    while group:
+        for column, own in _values(source, group, tries):
             found[column] = _signal(column, own, taken.get(column, []), fates)
-            faults += isinstance(own, DataError)
-            wanted = column in taken or found[column].use
-            if wanted and not isinstance(own, DataError):
+            if isinstance(own, DataError):
+                continue
+            rows = max(rows, len(own))
+            if column in taken or found[column].use:
                 raw[column] = own
+        size = max(least, _VALUES // rows) if rows else least
+        group, rest = rest[:size], rest[size:]
     if source.common in columns:
         # The times that stand for those of any group have no values of their own.
         nothing: NDArray[np.float64] = np.empty(0)
@@ -107,32 +117,36 @@ def _columns(source: Source, taken: Iterable[str]) -> list[str]:
 
 
 def _values(
-    source: Source, columns: Sequence[str], faults: int
+    source: Source, columns: Sequence[str], tries: Iterator[int]
 ) -> Iterator[tuple[str, NDArray[np.float64] | DataError]]:
-    """The values of each column, or why they cannot be read; behind so many `faults` no more is tried."""
-    left = list(columns)
+    """The values of each column, or why they cannot be read; a fault takes one of the `tries`, and behind the
+    last one no more is read.
+    """
+    left = dict.fromkeys(columns)
     while left:
-        if faults < 0:
-            error = refuse(
-                DataError,
-                f"it was passed over, as {_FAULTS} other columns cannot be read",
-                file=source.file,
-                fix="export columns of numbers alone",
-            )
-            yield from ((column, error) for column in left)
-            return
         try:
             yield from source.read(left, gaps=True).items()
             return
         except DataError as error:
-            faulty = fact(error, "column")
-            if faulty not in left:
+            others = fact(error, "others")
+            same = others if isinstance(others, tuple) else ()
+            told = {fact(each, "column"): each for each in (error, *same)}
+            if fact(error, "column") not in left:
                 # The fault is that of the table, and of each of its columns.
                 yield from ((column, error) for column in left)
                 return
-            left.remove(str(faulty))
-            faults -= 1
-            yield str(faulty), error
+            for column in [column for column in left if column in told]:
+                del left[column]
+                yield column, told[column]
+            if left and next(tries, None) is None:
+                passed = refuse(
+                    DataError,
+                    "it was passed over, as too many other columns cannot be read",
+                    file=source.file,
+                    fix="export columns of numbers alone",
+                )
+                yield from ((column, passed) for column in left)
+                return
 
 
 def _signal(
@@ -218,7 +232,12 @@ def course(values: NDArray[np.float64]) -> tuple[float, ...]:
     """
     if not values.size:
         return ()
-    edges = np.linspace(0, len(values), min(STRETCHES, len(values)) + 1).astype(np.intp)
     known = np.where(np.isfinite(values), values, -np.inf)
-    highest = np.maximum.reduceat(known, edges[:-1])
+    highest = np.maximum.reduceat(known, _starts(len(values)))
     return tuple(float(value) if value > -np.inf else float("nan") for value in highest)
+
+
+@lru_cache(maxsize=8)
+def _starts(rows: int) -> NDArray[np.intp]:
+    """Where each of at most STRETCHES equal parts of so many rows begins, shape (parts,)."""
+    return np.linspace(0, rows, min(STRETCHES, rows) + 1).astype(np.intp)[:-1]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from .._core import DataError, Machine
+from .._core import DataError, Machine, UsageError
 from ..config.machine_file import MachineFile
 from ..config.swarm import Swarm, expect_method, swarm_settings
 from ..errors import expect_whole, number_of, refuse
@@ -34,6 +34,8 @@ PAPER = Swarm(particles=10, iterations=30, inertia=0.8, cognitive=2.0, social=2.
 _WINDOWS_AT_ONCE = 4
 _MOST_ROWS = 1 << 18
 _LOOKED_AT = 1000
+_SHORTEST = 1e-9
+"""s, far less than any drive takes between two samples."""
 
 
 class Tracker:
@@ -107,7 +109,7 @@ class Tracker:
         self._core = _core.Tracker(
             described.machine if isinstance(described, MachineFile) else described,
             fit=fit_bounds(fit),
-            window=number_of("window", window),
+            window=_length(window),
             method=method,
             swarm=swarm_settings(swarm or PAPER),
             search=number_of("search", search),
@@ -216,6 +218,14 @@ class Tracker:
 
     def __repr__(self) -> str:
         return f"<Tracker of {', '.join(self._core.fit)} in windows of {self._core.window:g} s>"
+
+
+def _length(window: object) -> float:
+    """The length of a window, s. Raises UsageError where it is no number, or too small to count windows."""
+    length = number_of("window", window)
+    if 0.0 < length < _SHORTEST:
+        raise refuse(UsageError, f"window is {length!r}", fix=f"give a length in s, at least {_SHORTEST:g}")
+    return length
 
 
 def _restored(kind: type[Tracker], state: bytes, threads: int | None) -> Tracker:

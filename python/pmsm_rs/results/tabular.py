@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -44,9 +45,12 @@ def write(path: str | os.PathLike[str], columns: Mapping[str, NDArray[np.float64
     data = table(columns)
 
     def fill(draft: Path) -> None:
+        # It panics where a disk is full, so it does not get to write to one.
+        content = io.BytesIO()
         if kind == ".csv":
-            arro3.io.write_csv(data, str(draft))
+            arro3.io.write_csv(data, content)
         else:
-            arro3.io.write_parquet(data, str(draft), compression="zstd(3)")
+            arro3.io.write_parquet(data, content, compression="zstd(3)")
+        draft.write_bytes(content.getbuffer())
 
     atomic.write(path, fill)

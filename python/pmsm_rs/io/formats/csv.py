@@ -36,6 +36,7 @@ _TAIL_CHARACTERS: Final = 1 << 14
 # The sample from which the layout is found: whole lines, as many as fit, and these few however long they are.
 _SAMPLE_CHARACTERS: Final = 1 << 20
 _FEWEST_LINES: Final = 8
+_NO_VALUE: Final = frozenset({"nan", "inf", "-inf", "+inf"})
 _BLANKS: Final = r"[^\S\n]"
 
 
@@ -289,17 +290,17 @@ def _explain(text: str, layout: Layout, wanted: dict[int, str], error: Exception
                 "complete or remove the line; a file cut short ends like this",
                 row=row,
             )
-        for i, name in wanted.items():
-            field = fields[i]
-            if (
-                field
-                and not is_number(field, layout.comma)
-                and field.lower() not in {"nan", "inf", "-inf", "+inf"}
-            ):
-                return Refused(
-                    f"'{shown(field)}' is no number",
-                    "correct the value or cut the line",
-                    column=name,
-                    row=row,
-                )
+        odd = [
+            Refused(
+                f"'{shown(fields[i])}' is no number",
+                "correct the value or cut the line",
+                column=name,
+                row=row,
+            )
+            for i, name in wanted.items()
+            if fields[i] and not is_number(fields[i], layout.comma) and fields[i].lower() not in _NO_VALUE
+        ]
+        if odd:
+            odd[0].others = tuple(odd[1:])
+            return odd[0]
     return Refused(f"the table cannot be read ({shown(str(error))})", "export it again as plain CSV")

@@ -238,13 +238,11 @@ def _needed(members: Sequence[Member], wanted: Sequence[Wanted]) -> int:
 
 
 def _refusal(refused: Refused, file: str | None, place: Callable[[int], tuple[int, str]]) -> DataError:
+    """The error of a refusal; its `others` are those of other columns in the same row."""
     number, words = (None, None) if refused.row is None else place(refused.row)
-    return refuse(
-        DataError,
-        refused.problem,
-        file=file,
-        row=number,
-        place=words,
-        column=refused.column,
-        fix=refused.fix,
-    )
+    error, *others = [
+        refuse(DataError, each.problem, file=file, row=number, place=words, column=each.column, fix=each.fix)
+        for each in (refused, *refused.others)
+    ]
+    error.others = tuple(others)  # type: ignore[attr-defined]
+    return error

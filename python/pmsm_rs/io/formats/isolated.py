@@ -108,6 +108,9 @@ class _Child:
         """The values of the members wanted. Raises Refused and DataError as `message`."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
+        if self.process.stdin.closed:
+            # It was ended when it gave up on other columns.
+            raise self.damaged("the decoder gave up on it")
         asked = [[item.index, item.column, item.gaps, *vars(item.part).values()] for item in wanted]
         try:
             self.process.stdin.write(json.dumps(asked).encode() + b"\n")

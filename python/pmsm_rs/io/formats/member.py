@@ -37,9 +37,10 @@ class Refused(Exception):
     """What a member or its file holds cannot be used, for a reason that the user can change."""
 
     def __init__(self, problem: str, fix: str, *, column: str | None = None, row: int | None = None) -> None:
-        """`row` counts from 0."""
+        """`row` counts from 0. `others` are refusals of other columns in the same row, as far as known."""
         super().__init__(problem)
         self.problem, self.fix, self.column, self.row = problem, fix, column, row
+        self.others: tuple[Refused, ...] = ()
 
 
 @dataclass(frozen=True)
