@@ -238,7 +238,7 @@ def test_an_undetermined_answer_begins_with_its_reason() -> None:
         verdict="undetermined", reason="the torque counts with the opposite sign; turn it round"
     )
     assert str(answer).startswith(
-        "Verdict: undetermined\nNothing can be said of the motor: the torque counts with the opposite sign"
+        "Verdict: undetermined\nNothing can be said of what is missing: the torque counts with the opposite"
     )
 
 

@@ -74,8 +74,7 @@ def _first_sentence(answer: DiagnosisValues) -> str:
         told = f"Only parameters can be told: {answer.reason}" if answer.base else answer.reason
         return f"{told[0].upper()}{told[1:]}."
     if answer.verdict == "undetermined" and answer.reason:
-        of = "what is missing" if answer.base else "the motor"
-        return f"Nothing can be said of {of}: {answer.reason}."
+        return f"Nothing can be said of what is missing: {answer.reason}."
     if answer.verdict == "no_mismatch" and answer.remaining:
         these = "these recordings" if answer.recordings else "this recording"
         worst = max(answer.remaining, key=lambda at: at.times)
