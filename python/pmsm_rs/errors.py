@@ -252,7 +252,7 @@ def written_by(writer: str) -> Iterator[None]:
 
 @contextmanager
 def unchanged(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Raises UsageError where the answer in the file `path` holds what cannot be used as such."""
+    """Raises UsageError where the answer in the file `path` cannot be used: changed, or by a fault of ours."""
     try:
         yield
     except PmsmError:
@@ -260,9 +260,10 @@ def unchanged(path: str | os.PathLike[str]) -> Iterator[None]:
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise refuse(
             UsageError,
-            f"this is no answer of this package ({type(error).__name__}: {shown(str(error))})",
+            f"this answer cannot be used ({type(error).__name__}: {shown(str(error))})",
             file=str(path),
-            fix="write it again with: pmsm-rs diagnose ... --json ANSWER.json",
+            fix="if it was changed, write it again with: pmsm-rs diagnose ... --json ANSWER.json; "
+            "if not, report it as a fault",
         ) from error
 
 

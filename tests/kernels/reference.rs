@@ -4,7 +4,7 @@ use crate::sensitivity::Sensitivity;
 use crate::{objective, points, signals};
 use pmsm_core::kernels::bare::POINT;
 use pmsm_core::kernels::bare::copies::{INITIAL, NUDGE};
-use pmsm_core::kernels::objective::{Objective, Starts, speed_weight};
+use pmsm_core::kernels::objective::{Drive, Objective, Starts, speed_weight};
 use pmsm_core::model::Model;
 use pmsm_core::recording::Load;
 use pmsm_core::signals::Signals;
@@ -91,6 +91,14 @@ fn at_rest(signals: &Signals, path: &Objective<'_>, p: &[f64]) -> Result<(), Tes
         }
     }
     Ok(())
+}
+
+#[test]
+fn no_initial_currents_are_sought_where_the_speed_alone_is_simulated() {
+    let (plant, signals) = signals(400, 1e-4, None, Load::None);
+    let (model, windows) = (Model::new(signals.context, &[]), Drive::MeasuredTorque.windows(&signals));
+    let objective = Objective::new(Drive::MeasuredTorque, &model, &signals, &windows);
+    assert!(objective.initial_values(&points(&plant, &[[1.0; POINT]])).is_empty());
 }
 
 /// Residual and derivatives around the same initial values.

@@ -164,10 +164,9 @@ def test_names_of_the_catalogue_and_names_given_twice_are_refused() -> None:
 def test_an_effect_of_the_catalogue_given_as_text_gets_the_same_verdict_and_parameters(name: str) -> None:
     values, given, same = KNOWN[name]
     run, other = (_run({name: values}, seed) for seed in (1, 2))
-    options = pm.DiagnosisOptions(most_effects=2)
-    known = pm.diagnose(run.recording, run.machine, other.recording, options=options)
+    known = pm.diagnose(run.recording, run.machine, other.recording)
     own = pm.effect(f"my_{name}", **given, replaces=[name])
-    text = pm.diagnose(run.recording, run.machine, other.recording, options=options, effects=[own])
+    text = pm.diagnose(run.recording, run.machine, other.recording, effects=[own])
     assert text.verdict == known.verdict
     expected = [f"my_{name}" if effect == name else effect for effect in known.effects]
     assert list(text.effects) == expected

@@ -22,10 +22,8 @@ def columns() -> dict[str, np.ndarray]:
 
 
 def diagnosed(columns: dict[str, np.ndarray]) -> pm.Diagnosis:
-    """The diagnosis; what explains nothing of a log with a mistake is not looked for among many effects."""
     machine = read_machine(demo.recording_files()[2]).machine
-    recording = pm.Recording(columns, load="unknown_constant")
-    return pm.diagnose(recording, machine, options=pm.DiagnosisOptions(most_effects=2))
+    return pm.diagnose(pm.Recording(columns, load="unknown_constant"), machine)
 
 
 @pytest.mark.parametrize(("one", "other"), [("i_b", "i_c"), ("i_a", "i_b"), ("i_c", "i_a")])

@@ -127,7 +127,7 @@ mod tests {
         assert_ne!(whole.verdict, Verdict::Undetermined);
         // Each at another stage; where the last asks are made, everything is known.
         let mut furthest = 0;
-        for k in [0, 1, 4, 8, 11] {
+        for k in 0..12 {
             let most = asks * k / 12;
             let (asked, passes, answer) = stopped(&runs, &setup.nameplate, most);
             assert_eq!(passes, 0, "{asked} of {asks}");

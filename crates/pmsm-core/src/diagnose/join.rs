@@ -309,11 +309,9 @@ impl Data {
 mod tests {
     use super::*;
     use crate::diagnose::answer::{Answer, Verdict};
-    use crate::diagnose::outputs::Outputs;
-    use crate::diagnose::testing::{choice, fitted, setup, speeds};
-    use crate::diagnose::{baseline, diagnose};
+    use crate::diagnose::diagnose;
+    use crate::diagnose::testing::{choice, setup, speeds};
     use crate::drive::{Choice, Manoeuvre, Schedule, Setup, Shape, simulate};
-    use crate::effects::EffectId;
     use crate::monitor::Silent;
 
     /// Speed along lines through points (s, mechanical rad/s) without load, i_d in steps.
@@ -378,13 +376,10 @@ mod tests {
             manoeuvre.load_kind = Some("unknown_constant".into());
             setup(manoeuvre, coulomb())
         };
-        let setups = [run(0.5), run(2.5)];
-        let runs = setups.each_ref().map(|s| simulate(s, &Silent).unwrap().recording);
-        let mut data = prepare(&[&runs[0], &runs[1]], &setups[0].nameplate, &Default::default()).unwrap();
-        let base = baseline::fit(&mut data, &Silent).unwrap();
-        let base = Outputs::new(&data, &fitted(&data, &base, EffectId::CoulombFriction)).base();
+        let answer = together(&[run(0.5), run(2.5)]);
+        assert_eq!(answer.model.effects, ["coulomb_friction"]);
         for (name, value) in [("tau_load_of_1", 0.5), ("tau_load_of_2", 2.5)] {
-            let found = base[name].value.unwrap();
+            let found = answer.model.base[name].value.unwrap();
             assert!((found - value).abs() < 0.03, "{name}: {found}");
         }
     }

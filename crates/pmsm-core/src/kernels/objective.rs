@@ -183,8 +183,11 @@ impl<'a> Objective<'a> {
 
     /// Initial i_d, i_q (A) and ω_e (rad/s) of each gap-free segment at which the fitness at `p` is least: a Gauss–Newton step from
     /// there is at most 10⁻⁵ of the largest current and speed, save where a hundred runs do not lead there. Empty where the
-    /// recording has no currents.
+    /// recording has no currents, and where another drive than the coupled model is asked.
     pub fn initial_values(&self, p: &[f64]) -> Starts {
+        if self.drive != Drive::Coupled || self.experiment.signals.i.is_none() {
+            return Starts::new();
+        }
         let kernels = self.settle(|starts| self.slopes_on_kernels(p, starts));
         kernels.or_else(|| self.settle(|starts| Some(self.slopes(p, starts)))).unwrap_or_default()
     }
