@@ -11,7 +11,7 @@ import signal
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from random import Random
 from typing import NamedTuple
@@ -169,45 +169,49 @@ def torn(made: Path) -> str:
 
 def full_disks(folder: Path, count: int, random: Random) -> Trials:
     """Commands no file of which grows beyond so many bytes, standard output among them."""
-    each = commands(folder)
-    seen: Counter[int] = Counter()
-    faults = []
-    for k in range(count):
-        name = [*each][k % len(each)]
-        empty(folder / "made")
+
+    def on_full(name: str, arguments: list[str], _: int) -> tuple[str, Ran, frozenset[int]]:
         largest = int(2 ** random.uniform(0.0, 18.0))
         read, write = os.pipe()
-        ran = finish(*start(each[name], folder, largest=largest, err=write))
+        ran = finish(*start(arguments, folder, largest=largest, err=write))
         os.close(write)
         with open(read, "rb") as said:
             ran = ran._replace(err=said.read())
-        seen[ran.code] += 1
         # That of the command that tells whether the disk is full.
-        own = CODES | {1} if name == "doctor" else CODES
-        if fault := ran.fault(own) or torn(folder / "made"):
-            faults.append(f"{name}, {largest} bytes: {fault}: {ran.err.decode(errors='replace')[-400:]}")
-    return Trials(count, codes(seen), faults)
+        return f"{largest} bytes", ran, CODES | {1} if name == "doctor" else CODES
+
+    return tried(folder, count, on_full)
 
 
 def broken_pipes(folder: Path, count: int, random: Random) -> Trials:
     """Commands whose standard output, error or both lose their reader at a random moment."""
+
+    def on_broken(_: str, arguments: list[str], k: int) -> tuple[str, Ran, frozenset[int]]:
+        read, write = os.pipe()
+        streams = [{"out": write}, {"err": write}, {"out": write, "err": write}][k % 3]
+        process, logs = start(arguments, folder, **streams)
+        os.close(write)
+        time.sleep(random.choice([0.0, random.uniform(0.0, 3.0)]))
+        os.close(read)
+        return " and ".join(streams), finish(process, logs), CODES
+
+    return tried(folder, count, on_broken)
+
+
+def tried(
+    folder: Path, count: int, trial: Callable[[str, list[str], int], tuple[str, Ran, frozenset[int]]]
+) -> Trials:
+    """What comes of a trial of each command in turn, by place, outcome and codes that may be."""
     each = commands(folder)
     seen: Counter[int] = Counter()
     faults = []
     for k in range(count):
         name = [*each][k % len(each)]
         empty(folder / "made")
-        read, write = os.pipe()
-        streams = [{"out": write}, {"err": write}, {"out": write, "err": write}][k % 3]
-        process, logs = start(each[name], folder, **streams)
-        os.close(write)
-        time.sleep(random.choice([0.0, random.uniform(0.0, 3.0)]))
-        os.close(read)
-        ran = finish(process, logs)
+        place, ran, own = trial(name, each[name], k)
         seen[ran.code] += 1
-        if fault := ran.fault() or torn(folder / "made"):
-            said = ran.err.decode(errors="replace")[-400:]
-            faults.append(f"{name}, {' and '.join(streams)}: {fault}: {said}")
+        if fault := ran.fault(own) or torn(folder / "made"):
+            faults.append(f"{name}, {place}: {fault}: {ran.err.decode(errors='replace')[-400:]}")
     return Trials(count, codes(seen), faults)
 
 

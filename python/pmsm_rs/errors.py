@@ -252,7 +252,7 @@ def written_by(writer: str) -> Iterator[None]:
 
 @contextmanager
 def unchanged(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Raises UsageError where the answer in the file `path` cannot be used: changed, or by a fault of ours."""
+    """Raises UsageError where the answer in the file `path` cannot be used: changed, or by our own fault."""
     try:
         yield
     except PmsmError:

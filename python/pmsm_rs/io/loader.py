@@ -108,15 +108,9 @@ def readable(data: Any) -> Iterator[None]:
             file=_name(data),
             fix="cut the recording, or map fewer columns in [columns]",
         ) from error
-    except (RecursionError, OverflowError, UnicodeError, csv.Error) as error:
-        raise refuse(
-            DataError,
-            f"it cannot be read ({shown(str(error))})",
-            file=_name(data),
-            fix="export it again; it may be damaged",
-        ) from error
     except BaseException as error:
-        if not is_panic(error):
+        damaged = isinstance(error, (RecursionError, OverflowError, UnicodeError, csv.Error))
+        if not damaged and not is_panic(error):
             raise
         raise refuse(
             DataError,

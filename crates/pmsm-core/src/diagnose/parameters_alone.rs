@@ -10,6 +10,23 @@ use crate::signals::Finding;
 /// A base parameter with its standard error, in its unit.
 pub type Shown = (BaseParameter, f64, f64);
 
+/// Most outliers that a sentence names.
+const NAMED: usize = 6;
+
+/// That the other points contradict some, each told by its number and `what` else; `None` where there are none.
+pub fn contradicted(told: &[String], what: &str, consequence: &str, fix: &str) -> Option<Finding> {
+    let count = told.len();
+    let named = told[..count.min(NAMED)].join(", ");
+    let more = if count > NAMED { format!(" and {} more", count - NAMED) } else { String::new() };
+    (count > 0).then(|| Finding {
+        finding: format!(
+            "the other points contradict {count} of them, by their number and {what}: {named}{more}"
+        ),
+        consequence: consequence.into(),
+        fix: fix.into(),
+    })
+}
+
 /// The answer that names no effect, for the reason `why`, and holds what was `shown` of the machine.
 pub fn answer(
     (why, kind): (Finding, Kind),

@@ -21,8 +21,6 @@ use fit::{Fit, Points, currents};
 
 /// Standard error of the logarithm of a value beyond which it is not shown.
 const SHOWN: f64 = 0.2;
-/// Most outliers that a sentence names.
-const NAMED: usize = 6;
 /// Fewest points from which the drag that grows with the speed is told from one that does not.
 const DRAGS: usize = 8;
 
@@ -114,26 +112,14 @@ impl Fit {
     /// Points that the others contradict.
     fn outliers(&self, points: &Points<'_>, options: &DiagnosisOptions) -> Option<Finding> {
         let level = options.remaining_chance / self.chance.len() as f64;
-        let beyond: Vec<usize> = self.chance.iter().filter(|(_, p)| *p < level).map(|(k, _)| *k).collect();
-        if beyond.is_empty() {
-            return None;
-        }
-        let told: Vec<String> = beyond
-            .iter()
-            .take(NAMED)
-            .map(|k| format!("{} ({:.3} rad/s)", k + 1, points.omega[*k] / points.n_p))
-            .collect();
-        let more =
-            if beyond.len() > NAMED { format!(" and {} more", beyond.len() - NAMED) } else { String::new() };
-        Some(Finding {
-            finding: format!(
-                "the other points contradict {} of them, by their number and speed: {}{more}",
-                beyond.len(),
-                told.join(", ")
-            ),
-            consequence: "they hardly count".into(),
-            fix: "measure such points again".into(),
-        })
+        let told = |k: usize| format!("{} ({:.3} rad/s)", k + 1, points.omega[k] / points.n_p);
+        let beyond = self.chance.iter().filter(|(_, p)| *p < level).map(|(k, _)| told(*k));
+        parameters_alone::contradicted(
+            &beyond.collect::<Vec<_>>(),
+            "speed",
+            "they hardly count",
+            "measure such points again",
+        )
     }
 
     /// That the angle of the current contradicts its size, and by how much.

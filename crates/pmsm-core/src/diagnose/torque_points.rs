@@ -22,8 +22,6 @@ const EACH_WAY: f64 = 0.1;
 const SHOWN: f64 = 3.0;
 /// Range of a term, share of its largest value, from which it is told from a constant.
 const VARIES: f64 = 0.1;
-/// Most outliers that a sentence names.
-const NAMED: usize = 6;
 
 /// Whether a recording holds such points: a measured load torque beside currents, in rows so far apart that no window of the motion holds two.
 pub fn are(recording: &Recording) -> bool {
@@ -91,21 +89,13 @@ fn said(finding: String) -> Finding {
 
 /// Rows that the others contradict.
 fn outliers(line: &Line) -> Option<Finding> {
-    let count = line.outliers.len();
-    if count == 0 {
-        return None;
-    }
-    let told: Vec<String> =
-        line.outliers.iter().take(NAMED).map(|k| format!("{} ({:+.3} N m)", k + 1, line.off[*k])).collect();
-    let more = if count > NAMED { format!(" and {} more", count - NAMED) } else { String::new() };
-    Some(Finding {
-        finding: format!(
-            "the other points contradict {count} of them, by their number and how far they are off: {}{more}",
-            told.join(", ")
-        ),
-        consequence: "they have no weight".into(),
-        fix: "measure such points again; they are kept where others near them agree".into(),
-    })
+    let told = |k: &usize| format!("{} ({:+.3} N m)", k + 1, line.off[*k]);
+    parameters_alone::contradicted(
+        &line.outliers.iter().map(told).collect::<Vec<_>>(),
+        "how far they are off",
+        "they have no weight",
+        "measure such points again; they are kept where others near them agree",
+    )
 }
 
 /// The terms of the balance that the points can tell apart.

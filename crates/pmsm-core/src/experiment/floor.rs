@@ -184,9 +184,10 @@ fn add_driven(
     let mut squares = vec![Vec::with_capacity(DRAWS); floors.len()];
     let speed = floors.iter().position(|f| f.channel == Channel::OmegaE);
     let mut steps = (0.0, 0);
+    let noise = input_noise(experiment.signals, floors);
     // Only the inputs are noisy: the initial currents and speeds come from the clean log.
     let run = |draw: usize| {
-        let noisy = disturbed(experiment.signals, floors, input, draw);
+        let noisy = disturbed(experiment.signals, noise, input, draw);
         Experiment { signals: &noisy, ..experiment.clone() }.predict(p)
     };
     let two = |pair: usize| rayon::join(|| run(2 * pair), || run(2 * pair + 1));
@@ -252,17 +253,24 @@ fn every_other_row(signals: &Signals) -> Signals {
     sparse
 }
 
+/// Standard deviations of i_d, i_q (A) and of the speed (rad/s) as inputs. Currents that no equation simulates tell their noise themselves.
+fn input_noise(signals: &Signals, floors: &[Floor]) -> ([f64; 2], f64) {
+    let sensor = |channel: Channel| floors.iter().find(|f| f.channel == channel).map(|f| f.sensor);
+    let own = |axis: usize| signals.i.as_ref().map_or(0.0, |i| white_noise(&i[axis]));
+    let axes = [(Channel::ID, 0), (Channel::IQ, 1)];
+    let currents = axes.map(|(channel, axis)| sensor(channel).unwrap_or_else(|| own(axis)));
+    (currents, sensor(Channel::OmegaE).unwrap_or(0.0))
+}
+
 /// The signals with noise added to what drives the models, that of one draw after the other's.
-fn disturbed(signals: &Signals, floors: &[Floor], input: &InputNoise, draw: usize) -> Signals {
+fn disturbed(
+    signals: &Signals,
+    (sigma_i, sigma_w): ([f64; 2], f64),
+    input: &InputNoise,
+    draw: usize,
+) -> Signals {
     let numbers = drawn_numbers(signals, input);
     let mut random = Gaussian { count: (draw * numbers) as u32 };
-    let sensor = |channel: Channel| floors.iter().find(|f| f.channel == channel).map(|f| f.sensor);
-    let sigma_w = sensor(Channel::OmegaE).unwrap_or(0.0);
-    // Currents that no equation simulates tell their noise themselves.
-    let sigma_i = [Channel::ID, Channel::IQ].map(|channel| {
-        let own = || signals.i.as_ref().map_or(0.0, |i| white_noise(&i[usize::from(channel == Channel::IQ)]));
-        sensor(channel).unwrap_or_else(own)
-    });
     let mut noisy = signals.clone();
     if noisy.speed_known {
         for w in &mut noisy.omega_e {
@@ -381,5 +389,37 @@ impl Gaussian {
     fn next(&mut self) -> f64 {
         self.count += 1;
         normal(SEED, [self.count, 0, 0, 0])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::testing::{of_speed, reversing};
+    use crate::model::Model;
+    use crate::numerics::random::normal_pair;
+    use crate::simulate::mechanical::Nuisance;
+    use std::ops::Range;
+
+    #[test]
+    fn noise_of_currents_that_are_not_simulated_moves_the_speed_as_far_as_it_does_in_theory() {
+        let (h, noise, length) = (1e-3, 0.5, 200);
+        let driven = |noise: f64| {
+            let mut signals = reversing(h, &(0.0..0.0));
+            for (k, i_q) in signals.i.as_mut().unwrap()[1].iter_mut().enumerate() {
+                *i_q += noise * normal_pair(5, [k as u32, 0, 0, 0]).0;
+            }
+            let model = Model::new(signals.context, &[]);
+            let windows: Vec<Range<usize>> =
+                (0..signals.len() / length).map(|w| w * length..(w + 1) * length).collect();
+            let experiment = of_speed(&model, &signals, Nuisance::known(0), &windows);
+            floors(&experiment, &[0.5, 6e-3, 9e-3, 0.1, 2e-3, 1e-3]).0[0].driven
+        };
+        // A torque off by δ for one row leaves the speed off by n_p·h·δ/j; half a window of such steps adds up, in the mean.
+        let step = 4.0 * h * (1.5 * 4.0 * 0.1 * noise) / 2e-3;
+        let expected = step * (0.5 * length as f64).sqrt();
+        let found = driven(noise);
+        assert!((0.5..1.8).contains(&(found / expected)), "{found} {expected}");
+        assert!(driven(0.0) < 0.1 * found, "{}", driven(0.0));
     }
 }
