@@ -34,6 +34,7 @@ mod identifiability;
 mod incumbent;
 mod join;
 pub mod locate;
+mod log_limits;
 mod motion;
 mod nameplate;
 mod noise_update;
@@ -100,6 +101,12 @@ pub fn diagnose(
             "give another run of the same machine, or none",
         ));
     }
+    let new: Vec<Option<Recording>> = recordings.iter().map(|r| r.rows_with_new_values()).collect();
+    let recordings: Vec<&Recording> =
+        new.iter().zip(recordings).map(|(new, whole)| new.as_ref().unwrap_or(whole)).collect();
+    let recordings = &recordings[..];
+    let validated = validation.and_then(Recording::rows_with_new_values);
+    let validation = validated.as_ref().or(validation);
     if let [points] = recordings {
         if let Some(answer) = short_circuit::answer(points, machine, options)? {
             return Ok(answer);

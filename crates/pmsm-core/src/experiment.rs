@@ -322,25 +322,54 @@ impl<'a> Experiment<'a> {
     }
 
     /// Mean square of channel `c`, whose root mean square is `plain`, in means over 1, 2, 4, … samples, in which white noise keeps the
-    /// mean square and what lasts longer stands out: the largest, and the number of samples of its scale.
+    /// mean square and what lasts longer stands out: the largest, and the number of samples of its scale. Noise of the sensor that lasts is
+    /// expected to.
     fn loudest(&self, residual: &DVector<f64>, c: usize, plain: f64) -> (f64, usize) {
         let n = self.samples();
         let rows = &residual.as_slice()[c * n..(c + 1) * n];
         let counted = self.counted();
         let mut best = (plain * plain, 1);
         let mut size = 2;
+        let lasting = self.lasting_rows(c);
+        let expected = |size: usize| {
+            let of = |rows: &Vec<f64>| 1.0 + self.block_square(rows, size) - self.block_square(rows, 1);
+            lasting.as_ref().map_or(1.0, of).max(1.0)
+        };
         let speed = self.channels[c].0 == Channel::OmegaE && self.wander.is_some();
         let least = if speed { LEAST_SWINGS } else { LEAST_BLOCKS };
         while counted / size >= least {
             // Of two standard errors nothing is known for certain.
             let certain = 1.0 - 2.0 * (2.0 * size as f64 / counted as f64).sqrt();
-            let mean = self.block_square(rows, size) * certain;
+            let mean = self.block_square(rows, size) * certain / expected(size);
             if mean > best.0 {
                 best = (mean, size);
             }
             size *= 2;
         }
         best
+    }
+
+    /// What noise of the sensor that lasts leaves in channel `c`, weighted and whitened as its residual is; `None` where the noise is white.
+    fn lasting_rows(&self, c: usize) -> Option<Vec<f64>> {
+        let limits = &self.signals.limits;
+        let (channel, floor) = self.channels[c];
+        if channel == Channel::OmegaE {
+            let mut rows: Vec<f64> = limits.speed_noise.as_ref()?.series.iter().map(|x| x / floor).collect();
+            self.windows.iter().for_each(|window| self.whiten_speed(&mut rows[window.clone()]));
+            return Some(rows);
+        }
+        let mut d = limits.current_noise.as_ref()?.series.clone();
+        let mut q = d.clone();
+        // The two axes have noise of the same colour, and not the same noise.
+        q.rotate_left(d.len() / 2);
+        if let Some((whitening, floors)) = self.whitening {
+            whitening.apply(&mut d, &mut q);
+            let axis = usize::from(channel == Channel::IQ);
+            [&mut d, &mut q][axis].iter_mut().for_each(|x| *x *= floors[axis]);
+        }
+        let mut rows = if channel == Channel::IQ { q } else { d };
+        rows.iter_mut().for_each(|x| *x /= floor);
+        Some(rows)
     }
 
     /// Fewest values in which what is left of the speed is looked at: every sample, or few long means where it wanders.

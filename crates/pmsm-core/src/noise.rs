@@ -2,5 +2,6 @@
 
 pub mod colour;
 pub mod input;
+pub mod lasting;
 pub mod wander;
 pub mod whitening;

@@ -13,6 +13,7 @@ pub mod random;
 pub mod real;
 pub mod rk4;
 pub(crate) mod robust;
+pub(crate) mod steps;
 pub(crate) mod student;
 pub mod symbolic;
 pub(crate) mod tall;

@@ -1,5 +1,6 @@
 //! A recording as it came from the bench: named columns in SI units, checked once, and what is known of the load.
 
+mod held;
 mod kind;
 mod load;
 
@@ -53,6 +54,7 @@ pub struct Recording {
     segments: Vec<Range<usize>>,
     kind: Kind,
     angle_error: Option<f64>,
+    held: usize,
 }
 
 impl Recording {
@@ -90,8 +92,8 @@ impl Recording {
             let problem = format!("has {} rows while t has {n}", values.len());
             return Err(column_error(name, &problem, "give every column the same number of rows"));
         }
-        let voltages = ["v_d", "v_q", "v_a"].iter().any(|name| columns.contains_key(name));
-        let (period, segments) = check_time(t, if voltages { GAP } else { GAP_MECHANICAL })?;
+        let gap = if has_voltages(&columns) { GAP } else { GAP_MECHANICAL };
+        let (period, segments) = check_time(t, gap)?;
         let load = load.unwrap_or(if columns.contains_key("tau_m") {
             Load::Measured
         } else {
@@ -102,7 +104,7 @@ impl Recording {
             return Err(column_error("tau_m", "is missing although the load is said to be measured", fix));
         }
         let kind = kind::of(&columns, period, load)?;
-        Ok(Self { columns, load, period, segments, kind, angle_error: None })
+        Ok(Self { columns, load, period, segments, kind, angle_error: None, held: 1 })
     }
 
     /// The same where angle and speed were not measured but taken from the voltages, to within `angle_error` (rad, electrical). The motion is
@@ -120,6 +122,11 @@ impl Recording {
             self.kind = Kind::Electrical;
         }
         Ok(self)
+    }
+
+    /// Rows of the log for each of these, where only those with new values were kept.
+    pub(crate) fn held(&self) -> usize {
+        self.held
     }
 
     /// Number of samples.
@@ -196,6 +203,10 @@ impl Recording {
     pub fn has(&self, names: &[&str]) -> bool {
         names.iter().all(|name| self.columns.contains_key(name))
     }
+}
+
+fn has_voltages(columns: &BTreeMap<&'static str, Vec<f64>>) -> bool {
+    ["v_d", "v_q", "v_a"].iter().any(|name| columns.contains_key(name))
 }
 
 fn column_error(column: &str, problem: &str, fix: &str) -> Error {

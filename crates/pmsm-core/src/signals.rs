@@ -15,7 +15,6 @@ mod open_circuit;
 mod phases;
 mod scales;
 mod steady_points;
-mod steps;
 mod turned;
 
 use crate::effect::Context;
@@ -25,7 +24,7 @@ use crate::recording::{Kind, Load, Recording};
 use angle::{check_sense, integrate, unwrap};
 pub use decimation::Within;
 pub use held::Logged;
-pub use limits::Limits;
+pub use limits::{Limits, SensorNoise};
 use mend::mend;
 use phases::Currents;
 pub(crate) use scales::electrical_rate;
@@ -178,6 +177,9 @@ impl Signals {
             _ => (held.omega, held.error, held.logged),
         };
         let lasting = in_time && (!speed_known || held.finding.is_some());
+        if recording.held() > 1 {
+            findings.push(limits::held_together(recording.held()));
+        }
         findings.extend(held.finding.filter(|_| in_time));
         let mut angle_error = Vec::new();
         if let (Some((step, _)), Some(angle)) = (&steps, &logged_angle) {
@@ -192,6 +194,8 @@ impl Signals {
             }
         }
         findings.extend(steps.as_ref().map(|(_, finding)| finding.clone()));
+        // So far all of them are of what the log cannot hold.
+        let mut limited = findings.clone();
         let mut theta_e = logged_angle.unwrap_or_else(|| integrate(&t, &omega_e));
 
         if angle_known && mechanical.is_none() && !operating_points {
@@ -217,7 +221,9 @@ impl Signals {
         }
         let theta_m = mechanical.unwrap_or_else(|| theta_e.iter().map(|x| x / n_p).collect());
         if angle_known && speed_known && !operating_points {
-            findings.extend(mend(&mut t, &mut omega_e, &theta_e, &segments));
+            let found = mend(&mut t, &mut omega_e, &theta_e, &segments);
+            limited.extend(found.iter().cloned());
+            findings.extend(found);
         }
         let currents = if open {
             let none = [vec![0.0; n], vec![0.0; n], vec![0.0; n]];
@@ -290,7 +296,8 @@ impl Signals {
                 angle: angle_error,
                 angle_step: steps.as_ref().map_or(0.0, |(step, _)| *step),
                 current: limits::current_rounding(recording),
-                coarse: None,
+                found: limited,
+                ..Limits::default()
             },
             phase_currents: !recording.has(&["i_d", "i_q"]),
             tau_e,
@@ -333,6 +340,11 @@ impl Signals {
     pub(crate) fn complete(&mut self) {
         let (None, Some([d, q])) = (&self.phases, &self.i) else { return };
         self.phases = Some(turned::to_phases([d, q], &self.theta_e));
+    }
+
+    /// The slope of the angle, and how far it may be off.
+    pub(crate) fn slope_of_angle(&self) -> derived::Derived {
+        derived::derive(&self.t, &self.theta_e, &self.segments)
     }
 
     /// Number of samples.

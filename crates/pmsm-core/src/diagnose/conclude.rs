@@ -12,8 +12,8 @@ use super::select::Outcome;
 use super::transfer::transfer;
 use super::verdict::Validated;
 use super::{
-    attribution, budget, coverage, data_quality, experiment_design, nameplate, per_recording, power,
-    stated_load, traces, unmodelled, verdict,
+    attribution, budget, coverage, data_quality, experiment_design, log_limits, nameplate, per_recording,
+    power, stated_load, traces, unmodelled, verdict,
 };
 use crate::error::Result;
 use crate::machine::BaseParameter;
@@ -57,7 +57,7 @@ pub fn conclude(
     monitor.go_on()?;
     let located = attribution::located(data, validation, &ruling.outcome, ruling.verdict);
     ruling.settle();
-    let Ruling { outcome, mut ranked, verdict, before, mut after, remaining, .. } = ruling;
+    let Ruling { outcome, mut ranked, mut verdict, mut reason, before, mut after, remaining, .. } = ruling;
     let best = &outcome.best;
     // Of the named effects, without the map that describes the rest.
     let predicted = before.as_ref().zip(after.as_ref()).filter(|_| verdict != Verdict::Unknown);
@@ -69,6 +69,10 @@ pub fn conclude(
         }
         _ => None,
     };
+    let by_the_log = described.as_ref().filter(|_| verdict == Verdict::Unknown);
+    if let Some(why) = by_the_log.and_then(|(_, rest)| log_limits::may_have_caused(data, rest)) {
+        (verdict, reason) = (Verdict::Undetermined, Some(why));
+    }
     if let Some((fitted, _)) = &described {
         after = validation.map(|run| transfer(run, fitted, monitor)).transpose()?;
     }
@@ -131,7 +135,7 @@ pub fn conclude(
         located,
         remaining,
         budget,
-        reason: ruling.reason,
+        reason,
         ranking,
         model: FoundModel {
             effects: outcome.order().iter().map(|e| e.id().to_string()).collect(),

@@ -11,6 +11,7 @@ use crate::experiment::{Channel, Channels, Experiment, Joint, Prior};
 use crate::machine::{BaseParameter, Machine};
 use crate::model::Model;
 use crate::noise::input::InputNoise;
+use crate::noise::lasting;
 use crate::noise::wander::Wander;
 use crate::noise::whitening::Whitening;
 use crate::optimise::least_squares::Settings;
@@ -73,11 +74,12 @@ impl Data {
 
     /// The same from given base parameters.
     pub fn started(
-        signals: Signals,
+        mut signals: Signals,
         machine: &Machine,
         mut start: [f64; BASE],
         options: &DiagnosisOptions,
     ) -> Self {
+        lasting::find(&mut signals);
         let windows = mechanical::windows(&signals);
         let nameplate = BaseParameter::ALL.map(|p| machine.get(p));
         let known = |p: &BaseParameter| known(*p, nameplate[p.index()], &signals, options);

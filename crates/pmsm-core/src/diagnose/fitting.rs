@@ -160,7 +160,7 @@ fn staged(
     }
     let mut parameters = start.to_vec();
     let mut nuisances = vec![Nuisance::known(0); data.runs().len()];
-    let mut free: Vec<usize> = reluctance(data).into_iter().collect();
+    let mut free = torque_constants(data);
     if data.has_electrical() {
         if !electrical_done {
             parameters = to_currents(data, model, start, held, monitor)?;
@@ -254,18 +254,24 @@ pub fn refit(data: &Data, from: &Hypothesis, monitor: &dyn Monitor) -> Result<Hy
 /// the torque determines the flux better than the currents do.
 pub fn together(data: &Data, model: &Model) -> bool {
     let both = data.has_electrical() && data.has_mechanical();
-    both && (model.has_sensor() || data.input.voltage > 0.0 || data.poor) || reluctance(data).is_some()
+    both && (model.has_sensor() || data.input.voltage > 0.0 || data.poor)
+        || !torque_constants(data).is_empty()
 }
 
-/// The parameter of the reluctance torque that recordings of the motion alone determine: l_d − l_q, by way of l_q. The flux scales inertia
-/// and friction and is not determined. A wrong value on the nameplate is no missing physics.
-fn reluctance(data: &Data) -> Option<usize> {
-    let saliency_turns = |run: &Data| {
-        let flows = |i: &[Vec<f64>; 2]| i[0].iter().zip(&i[1]).any(|(d, q)| d * q != 0.0);
-        run.signals.tau_e.is_none() && run.signals.i.as_ref().is_some_and(flows)
-    };
-    (!data.has_electrical() && data.has_mechanical() && data.runs().iter().any(saliency_turns))
-        .then(|| BaseParameter::LQ.index())
+/// The parameters of the torque that recordings of the motion alone determine: l_d − l_q, by way of l_q, where both currents flow, and the flux
+/// where a load in N·m is known. Without such a load it scales inertia and friction, and is not determined. A wrong value on the nameplate is
+/// no missing physics.
+fn torque_constants(data: &Data) -> Vec<usize> {
+    let by_currents = |run: &&Data| run.signals.tau_e.is_none() && run.signals.i.is_some();
+    let runs = || data.runs().iter().filter(by_currents);
+    if data.has_electrical() || !data.has_mechanical() {
+        return Vec::new();
+    }
+    let flows = |i: &[Vec<f64>; 2]| i[0].iter().zip(&i[1]).any(|(d, q)| d * q != 0.0);
+    let both = runs().any(|run| run.signals.i.as_ref().is_some_and(flows));
+    let against_a_load = runs().any(|run| run.signals.context.load_known);
+    let told = [(BaseParameter::LQ, both), (BaseParameter::PsiM, against_a_load)];
+    told.into_iter().filter(|(_, shown)| *shown).map(|(p, _)| p.index()).collect()
 }
 
 /// The final estimate: the mechanical parameters fitted once more with whitened residuals where the speed's residual is
@@ -349,6 +355,26 @@ mod tests {
             "{:?}",
             base.squares
         );
+    }
+
+    #[test]
+    fn a_wrong_flux_under_a_known_load_is_no_physics_that_a_recording_of_the_motion_lacks() {
+        let mut manoeuvre = speeds(1.0, &[(0.1, 90.0), (0.4, -80.0), (0.7, 60.0)]);
+        manoeuvre.tau_load = Some(Schedule::constant(3.0).unwrap());
+        manoeuvre.load_kind = Some("known_constant".into());
+        let setup = setup(manoeuvre, Vec::new());
+        let whole = crate::drive::simulate(&setup, &Silent).unwrap().recording;
+        let names = ["t", "i_a", "i_b", "i_c", "theta_e", "omega_e"];
+        let columns = names.iter().filter_map(|name| Some((name.to_string(), whole.column(name)?.to_vec())));
+        let recording = crate::recording::Recording::new(columns.collect(), Some(whole.load())).unwrap();
+        let psi_m = setup.machine.get(BaseParameter::PsiM).unwrap();
+        let nameplate = setup.machine.with(BaseParameter::PsiM, 1.15 * psi_m).unwrap();
+        let signals = crate::signals::Signals::new(&recording, &nameplate).unwrap();
+        let mut data = Data::new(signals, &nameplate, &Default::default()).unwrap();
+        let base = crate::diagnose::baseline::fit(&mut data, &Silent).unwrap();
+        let excess = crate::diagnose::verdict::largest_excess(&base);
+        assert!(excess < data.options.mismatch, "{:?}", base.squares);
+        assert!((base.own()[BaseParameter::PsiM.index()] / psi_m - 1.0).abs() < 0.01, "{:?}", base.own());
     }
 
     #[test]

@@ -88,6 +88,9 @@ impl Floor {
 /// Sensor noise of the currents in the rotor frame, A, from i_a + i_b + i_c, which is zero but for noise, offsets and
 /// gain errors. `None` unless three currents were logged.
 pub fn current_noise(signals: &Signals) -> Option<f64> {
+    if let Some(lasting) = &signals.limits.current_noise {
+        return Some(lasting.rms);
+    }
     let phases = signals.phases.as_ref().filter(|_| signals.three_currents)?;
     let sum: Vec<f64> = (0..signals.len()).map(|k| phases[0][k] + phases[1][k] + phases[2][k]).collect();
     let noise = white_noise(&sum) / 3f64.sqrt() * (2.0f64 / 3.0).sqrt();
@@ -105,6 +108,9 @@ fn turned_noise(signals: &Signals, channel: Channel) -> f64 {
 /// Noise of the speed, rad/s: that of its sensor, or the error of one that the log rounds or holds, or that was derived.
 pub fn speed_noise(signals: &Signals) -> f64 {
     let error = signals.limits.speed_error();
+    if let Some(lasting) = &signals.limits.speed_noise {
+        return lasting.rms.max(error);
+    }
     if signals.speed_known { white_noise(&signals.omega_e).max(error) } else { error }
 }
 
@@ -125,9 +131,13 @@ pub fn floors(experiment: &Experiment, p: &[f64]) -> (Vec<Floor>, InputNoise) {
             let (sensor, unsure) = match channel {
                 Channel::ID | Channel::IQ => {
                     let seen = current_noise(signals).unwrap_or_else(|| white_noise(&rest(at)));
-                    (seen.max(signals.limits.current).hypot(turned_noise(signals, *channel)), 0.0)
+                    let unsure = signals.limits.current_noise.as_ref().map_or(0.0, |noise| noise.unsure);
+                    (seen.max(signals.limits.current).hypot(turned_noise(signals, *channel)), unsure)
                 }
-                Channel::OmegaE => (speed_noise(signals), 0.0),
+                Channel::OmegaE => {
+                    let unsure = signals.limits.speed_noise.as_ref().map_or(0.0, |noise| noise.unsure);
+                    (speed_noise(signals), unsure)
+                }
                 Channel::VD | Channel::VQ if signals.kind == Kind::OpenCircuit => {
                     (white_noise(&rest(at)), 0.0)
                 }
@@ -272,15 +282,19 @@ fn disturbed(
     let numbers = drawn_numbers(signals, input);
     let mut random = Gaussian { count: (draw * numbers) as u32 };
     let mut noisy = signals.clone();
-    if noisy.speed_known {
+    // Noise that has a colour of its own is taken as it was seen, from elsewhere in the log.
+    let n = signals.len();
+    let shift = |draw: usize| (draw + 1) * n / (DRAWS + 1);
+    if let Some(noise) = &signals.limits.speed_noise {
+        let elsewhere = noise.series.iter().cycle().skip(shift(draw));
+        noisy.omega_e.iter_mut().zip(elsewhere).for_each(|(w, error)| *w += error);
+    } else if noisy.speed_known {
         for w in &mut noisy.omega_e {
             *w += sigma_w * random.next();
         }
     } else if !signals.limits.speed.is_empty() {
-        // The error of a derived speed has its own colour, and comes where the rotor moves so: it is taken as it is, from elsewhere.
-        let n = signals.len();
-        let shift = (draw + 1) * n / (DRAWS + 1);
-        let elsewhere = signals.limits.speed.iter().cycle().skip(shift);
+        // The error of a derived speed comes where the rotor moves so.
+        let elsewhere = signals.limits.speed.iter().cycle().skip(shift(draw));
         noisy.omega_e.iter_mut().zip(elsewhere).for_each(|(w, error)| *w += error);
     }
     if let (Some(phases), Some(i), Some(clean)) = (&mut noisy.phases, &mut noisy.i, &signals.i) {
@@ -291,7 +305,11 @@ fn disturbed(
                 let inner = apart && k > 0 && k + 1 < x.len();
                 if inner { (x[k + 1] - 2.0 * x[k] + x[k - 1]) / 12.0 } else { 0.0 }
             };
-            let dq = [0, 1].map(|axis| sigma_i[axis].hypot(unseen(&clean[axis])) * random.next());
+            let apart = |axis: usize| (k + shift(draw) + axis * n / (2 * DRAWS + 2)) % n;
+            let dq = [0, 1].map(|axis| match &signals.limits.current_noise {
+                Some(noise) => noise.series[apart(axis)],
+                None => sigma_i[axis].hypot(unseen(&clean[axis])) * random.next(),
+            });
             let (s, c) = Real::sin_cos(noisy.theta_e[k]);
             let abc = inverse_clarke(rotate(dq, c, s));
             for x in 0..3 {
@@ -337,8 +355,11 @@ fn drawn_numbers(signals: &Signals, input: &InputNoise) -> usize {
     let currents = signals.phases.is_some() && signals.i.is_some();
     let voltages = signals.v.is_some() && !input.is_none();
     let torques = [&signals.tau_e, &signals.tau_m].into_iter().flatten().count();
-    let columns =
-        usize::from(signals.speed_known) + 2 * usize::from(currents) + 2 * usize::from(voltages) + torques;
+    let white = [&signals.limits.speed_noise, &signals.limits.current_noise].map(Option::is_none);
+    let columns = usize::from(signals.speed_known && white[0])
+        + 2 * usize::from(currents && white[1])
+        + 2 * usize::from(voltages)
+        + torques;
     columns * signals.len()
 }
 

@@ -214,16 +214,8 @@ impl<'a> Experiment<'a> {
         for k in self.windows.iter().flat_map(Range::clone) {
             residual[k] = (shown[k] - self.signals.omega_e[k]) * weight;
         }
-        let whiten = |x: &mut [f64]| {
-            if let Some((wander, floor)) = &self.wander {
-                wander.whiten(*floor, x);
-            }
-            if let Some(colour) = &self.colour {
-                colour.whiten(x);
-            }
-        };
         let mut slope = slope.clone();
-        self.windows.iter().for_each(|window| whiten(&mut slope[window.clone()]));
+        self.windows.iter().for_each(|window| self.whiten_speed(&mut slope[window.clone()]));
         let own = self.windows.iter().map(|window| &slope[window.clone()]);
         let directions: Vec<(&[f64], f64)> = own.map(|slope| (slope, tall::dot(slope, slope))).collect();
         columns.push(residual);
@@ -234,10 +226,20 @@ impl<'a> Experiment<'a> {
                 if x.iter().all(|x| *x == 0.0) {
                     continue;
                 }
-                whiten(x);
+                self.whiten_speed(x);
                 remove(direction, *square, x);
             }
         });
+    }
+
+    /// Turns what is left of the speed within a window into innovations, and takes out its colour, where one of them is known.
+    pub(super) fn whiten_speed(&self, x: &mut [f64]) {
+        if let Some((wander, floor)) = &self.wander {
+            wander.whiten(*floor, x);
+        }
+        if let Some(colour) = &self.colour {
+            colour.whiten(x);
+        }
     }
 
     /// Least-squares initial electrical speed (rad/s) of each window at `p`, if the speed is compared.

@@ -73,7 +73,11 @@ impl InputNoise {
                 let certain = 18.0 * step > SIGNIFICANT * 2.0 * UNCERTAIN * spread[2] / count;
                 sensor[axis] = if certain { noise } else { spread[0] / 20.0 }.max(0.0).sqrt();
             }
-            let white = 20.0 * sensor[axis] * sensor[axis];
+            // Noise of the sensors that lasts shows over all lags, by itself.
+            let own = signals.limits.current_noise.as_ref();
+            let white = |m: usize| {
+                own.map_or(20.0 * sensor[axis].powi(2), |x| third_differences(signals, &x.series, m))
+            };
             let mut found: Option<(f64, f64)> = None;
             for (m, variance) in LAGS.iter().zip(&spread) {
                 let known = found.is_some_and(|(square, error)| square > SIGNIFICANT * error);
@@ -82,7 +86,7 @@ impl InputNoise {
                 {
                     break;
                 }
-                let m = *m as f64;
+                let (white, m) = (white(*m), *m as f64);
                 let scale = 6.0 * m * (h / l[axis]).powi(2);
                 let rest = variance - white;
                 let square = rest / scale;
@@ -123,16 +127,19 @@ impl InputNoise {
                     .into(),
             });
         }
-        if let (false, Some(control)) = (self.hidden.is_empty(), signals.control_period) {
-            out.push(Finding {
-                finding: format!("one row of the log covers {:.1} control periods", signals.period / control),
-                consequence: "what the voltage did between the rows is unknown; transients count less".into(),
-                fix:
-                    "log every control period, or the mean of the voltages commanded from one row to the next"
-                        .into(),
-            });
-        }
+        out.extend(self.of_rows(signals));
         out
+    }
+
+    /// What the user should know of rows that each cover several control periods.
+    pub fn of_rows(&self, signals: &Signals) -> Option<Finding> {
+        let control = signals.control_period.filter(|_| !self.hidden.is_empty())?;
+        Some(Finding {
+            finding: format!("one row of the log covers {:.1} control periods", signals.period / control),
+            consequence: "what the voltage did between the rows is unknown; transients count less".into(),
+            fix: "log every control period, or the mean of the voltages commanded from one row to the next"
+                .into(),
+        })
     }
 }
 

@@ -65,6 +65,8 @@ impl Signals {
             limits: Limits {
                 speed: picked(&self.limits.speed),
                 angle: picked(&self.limits.angle),
+                current_noise: self.limits.current_noise.as_ref().map(|noise| noise.decimated_by(factor)),
+                speed_noise: self.limits.speed_noise.as_ref().map(|noise| noise.decimated_by(factor)),
                 ..self.limits.clone()
             },
             tau_e: self.tau_e.as_ref().map(picked),

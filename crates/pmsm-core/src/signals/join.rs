@@ -49,6 +49,7 @@ impl Signals {
             limits: Limits {
                 coarse: parts.iter().find_map(|s| s.limits.coarse.clone()),
                 angle_step: parts.iter().map(|s| s.limits.angle_step).fold(0.0, f64::max),
+                found: parts.iter().flat_map(|s| s.limits.found.iter().cloned()).collect(),
                 ..Limits::default()
             },
             tau_e: single(parts, |s| s.tau_e.as_ref()),

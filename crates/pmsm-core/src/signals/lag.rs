@@ -12,8 +12,8 @@ const FORGOTTEN: f64 = 3.0;
 const LEAST: f64 = 0.3;
 /// And its standard errors.
 const SIGNIFICANT: f64 = 6.0;
-/// Longest lag that is looked for, sample periods.
-const MOST: f64 = 200.0;
+/// Longest lag that is looked for, share of the longest run without a gap: a longer one is not forgotten within a good part of the run.
+const MOST: f64 = 0.05;
 /// What may remain of the mean square difference between angle and speed for the lag to be understood.
 const UNDERSTOOD: f64 = 0.5;
 /// Coefficients of third differences, in which motion hardly shows beside noise.
@@ -40,7 +40,8 @@ pub fn undo(t: &[f64], theta: &[f64], omega: &[f64], segments: &[Range<usize>]) 
     let Estimate { half, lag, error } =
         estimates.max_by(|a, b| (a.lag / a.error).total_cmp(&(b.lag / b.error)))?;
     let period = (t[t.len() - 1] - t[0]) / (t.len() - 1) as f64;
-    if lag < LEAST * period || lag > MOST * period || lag < SIGNIFICANT * error {
+    let longest = segments.iter().map(Range::len).max().unwrap_or(0) as f64 * period;
+    if lag < LEAST * period || lag > MOST * longest || lag < SIGNIFICANT * error {
         return None;
     }
     // The angle is made late and not the speed prompt, which would raise its noise.

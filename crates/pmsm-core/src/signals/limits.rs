@@ -1,10 +1,10 @@
 //! What a log cannot hold, read from the data: rounding, holds, a speed that had to be derived, and rows too far apart for a voltage. It is
 //! part of the noise, and no physics.
 
-use super::steps::{held_rows, quantum, rounding};
 use super::{Finding, Signals, derived};
 use crate::numerics::differences::white_noise;
 use crate::numerics::extent::peak;
+use crate::numerics::steps::{held_rows, quantum, rounding};
 use crate::numerics::transforms::SQRT3;
 use crate::recording::{Kind, Recording};
 use std::f64::consts::SQRT_2;
@@ -17,6 +17,25 @@ const COARSE: f64 = 0.5;
 const SEEN: f64 = 0.3;
 /// How far a log period may be from the drive's own for both to be one, share of it.
 const SAME_PERIOD: f64 = 0.05;
+
+/// Noise of a sensor, as it was seen.
+#[derive(Debug, Clone)]
+pub struct SensorNoise {
+    /// Its values, in the unit of the sensor, one per sample.
+    pub series: Vec<f64>,
+    /// Root mean square.
+    pub rms: f64,
+    /// Two standard errors of the mean square, share of it.
+    pub unsure: f64,
+}
+
+impl SensorNoise {
+    /// That of every `factor`th sample.
+    #[must_use]
+    pub fn decimated_by(&self, factor: usize) -> Self {
+        Self { series: self.series.iter().step_by(factor).copied().collect(), ..self.clone() }
+    }
+}
 
 /// What a log adds to the noise of its sensors.
 #[derive(Debug, Clone, Default)]
@@ -34,12 +53,23 @@ pub struct Limits {
     pub current: f64,
     /// Why the voltages are left out, where the rows are too far apart for them.
     pub coarse: Option<Finding>,
+    /// Noise of the currents, A per axis, where it lasts from row to row.
+    pub current_noise: Option<SensorNoise>,
+    /// The same of the speed, rad/s (electrical).
+    pub speed_noise: Option<SensorNoise>,
+    /// What else the log cannot hold, as it was found.
+    pub found: Vec<Finding>,
 }
 
 impl Limits {
     /// Whether the noise of the speed's model is bounded rather than measured.
     pub fn bounded(&self) -> bool {
         self.lasting || self.coarse.is_some()
+    }
+
+    /// The first of all that the log cannot hold.
+    pub fn first(&self) -> Option<&Finding> {
+        self.coarse.iter().chain(&self.found).next()
     }
 
     /// Root mean square error of the speed, rad/s.
@@ -65,7 +95,7 @@ pub(super) fn motion(
     speed: Option<&[f64]>,
     segments: &[Range<usize>],
 ) -> Option<Motion> {
-    let rows = speed.map_or(1, held_rows);
+    let rows = speed.map_or(1, |x| held_rows(&[x]).0);
     let step = speed.and_then(quantum);
     let told = |fix: &str, consequence: &str| {
         let steps = step.map_or(String::new(), |q| format!(", in steps of {q:.3} rad/s (electrical)"));
@@ -138,6 +168,15 @@ fn drawn_through(t: &[f64], speed: &[f64], rows: usize, step: f64) -> (Vec<f64>,
 pub(super) fn through_steps(t: &[f64], theta: &mut Vec<f64>, segments: &[Range<usize>], half: usize) {
     if half > 1 {
         *theta = super::angle::smoothed(t, theta, segments, half);
+    }
+}
+
+/// What is to be said of a log whose columns are all held together over `rows` rows.
+pub(super) fn held_together(rows: usize) -> Finding {
+    Finding {
+        finding: format!("all columns are held over {rows} rows of the log"),
+        consequence: "the rows with new values are used, and what happened between them is unknown".into(),
+        fix: "log every period of the drive".into(),
     }
 }
 

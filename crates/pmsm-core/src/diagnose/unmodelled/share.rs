@@ -31,11 +31,11 @@ pub fn taken_away(
 ) -> Result<Taken> {
     let (more, less) = match validation {
         Some(run) => {
-            let on = |model: &Hypothesis| Ok(excesses(run, &transfer(run, model, monitor)?));
+            let on = |model: &Hypothesis| Ok(excesses(run, &data.floors, &transfer(run, model, monitor)?));
             let (more, less): (Result<Excesses>, Result<Excesses>) = rayon::join(|| on(before), || on(after));
             (more?, less?)
         }
-        None => (excesses(data, before), excesses(data, after)),
+        None => (excesses(data, &data.floors, before), excesses(data, &data.floors, after)),
     };
     let share = |shown: &dyn Fn(Channel) -> bool| {
         let of = |all: &Excesses| all.iter().filter(|(c, _)| shown(*c)).map(|(_, x)| x).sum::<f64>();
@@ -47,12 +47,13 @@ pub fn taken_away(
 
 type Excesses = Vec<(Channel, f64)>;
 
-/// Squares of measured minus predicted, as the answer's table of the fit has them, over the floor's and beyond one, of each channel.
-fn excesses(data: &Data, model: &Hypothesis) -> Excesses {
+/// Squares of measured minus predicted, as the answer's table of the fit has them, over those of the `floors` that the answer states, and
+/// beyond one, of each channel.
+fn excesses(data: &Data, floors: &[Floor], model: &Hypothesis) -> Excesses {
     let experiment = data.whole(model);
     let predicted = experiment.predict(&model.parameters);
     let square = |(channel, predicted): (&Channel, &Vec<f64>)| {
-        let floor = data.floors.iter().find(|f| f.channel == *channel).map_or(f64::INFINITY, Floor::total);
+        let floor = floors.iter().find(|f| f.channel == *channel).map_or(f64::INFINITY, Floor::total);
         let rms = per_recording::rms(&experiment.measured(*channel), predicted);
         (*channel, ((rms / floor).powi(2) - 1.0).max(0.0))
     };

@@ -45,19 +45,21 @@ pub fn rounding(quantum: f64) -> f64 {
     quantum / 12f64.sqrt()
 }
 
-/// Rows for which each value of a column is held before it may change again; one where every row has its own.
-pub fn held_rows(x: &[f64]) -> usize {
-    let changes: Vec<usize> = (1..x.len()).filter(|k| x[*k] != x[*k - 1]).collect();
+/// Rows for which the values of columns of one length are held together before any of them may change again, one where every row has its own,
+/// and the first row with a new value.
+pub fn held_rows(columns: &[&[f64]]) -> (usize, usize) {
+    let count = columns.first().map_or(0, |x| x.len());
+    let changes: Vec<usize> = (1..count).filter(|k| columns.iter().any(|x| x[*k] != x[*k - 1])).collect();
     if changes.len() < CHANGES {
-        return 1;
+        return (1, 0);
     }
-    let regular = |rows: &usize| {
-        let mut counts = vec![0; *rows];
+    let first = |rows: usize| {
+        let mut counts = vec![0; rows];
         changes.iter().for_each(|k| counts[k % rows] += 1);
-        let most = counts.into_iter().max().unwrap_or(0);
-        most as f64 >= REGULAR * changes.len() as f64
+        let (first, most) = counts.into_iter().enumerate().max_by_key(|(_, count)| *count)?;
+        (most as f64 >= REGULAR * changes.len() as f64).then_some((rows, first))
     };
-    (2..=LONGEST).rev().find(regular).unwrap_or(1)
+    (2..=LONGEST).rev().find_map(first).unwrap_or((1, 0))
 }
 
 #[cfg(test)]
@@ -69,13 +71,15 @@ mod tests {
     fn steps_and_holds_are_read_from_the_values() {
         let moving = |k: usize| 100.0 * (1e-3 * k as f64).sin() + 0.3 * normal_pair(5, [k as u32, 0, 0, 0]).0;
         let x: Vec<f64> = (0..5000).map(moving).collect();
-        assert!(quantum(&x).is_none() && held_rows(&x) == 1);
+        assert!(quantum(&x).is_none() && held_rows(&[&x]) == (1, 0));
         let steps: Vec<f64> = x.iter().map(|x| f64::from((0.25 * (x / 0.25).round()) as f32) + 3.0).collect();
         assert!((quantum(&steps).unwrap() - 0.25).abs() < 1e-4);
-        let held: Vec<f64> = (0..5000).map(|k| x[k / 7 * 7]).collect();
-        assert_eq!(held_rows(&held), 7);
+        let held: Vec<f64> = (0..5000).map(|k| x[(k + 3) / 7 * 7]).collect();
+        assert_eq!(held_rows(&[&held]), (7, 4));
+        // One that changes in between holds no row back.
+        assert_eq!(held_rows(&[&held, &x]), (1, 0));
         // A value that hardly changes is not held.
         let still: Vec<f64> = (0..5000).map(|k| f64::from(k > 700)).collect();
-        assert!(held_rows(&still) == 1 && quantum(&vec![2.0; 50]).is_none());
+        assert!(held_rows(&[&still]) == (1, 0) && quantum(&vec![2.0; 50]).is_none());
     }
 }
