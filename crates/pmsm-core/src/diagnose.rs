@@ -2,6 +2,7 @@
 //!
 //! 1. `join`: the recordings are read, with their noise floors and priors.
 //! 2. `baseline`: the dq-model without effects is fitted; `adequacy`, `wiring` and `torque_sign` check that it is a model of the log.
+//!    `between_rows`, `current_filter` and `voltage_frame` ask what the log did to voltages and currents.
 //! 3. `search`, `select`: sets of effects are grown, exchanged and pruned by `evidence`. Each is refitted by simulation and validated on
 //!    samples that it was not fitted to.
 //! 4. `noise_update`, `voltage_frame`: noise and voltage are read anew with the best set, and the search repeated if that changes them.
@@ -22,6 +23,7 @@ mod collinearity;
 mod conclude;
 mod consistency;
 mod coverage;
+mod current_filter;
 mod data;
 mod data_quality;
 mod decide;
@@ -165,9 +167,13 @@ fn in_stages(
         answer.data_quality.extend(wiring::suspected(recordings, machine, &base, options, monitor)?);
         return Ok(answer);
     }
+    let filter = current_filter::take_out(whole, &mut base, monitor)?;
     let mut others = Vec::new();
     if let Some(recording) = validation {
-        let read = join::read(recording, machine, whole.signals.limits.coarse.as_ref());
+        let read = join::read(recording, machine, whole.signals.limits.coarse.as_ref()).map(|mut signals| {
+            filter.into_iter().for_each(|tau| signals.take_filter_out(tau));
+            signals
+        });
         let data = read.and_then(|signals| Data::new(signals, machine, options));
         let mut data = data.map_err(|error| Error::InValidation { source: Box::new(error) })?;
         if counted {

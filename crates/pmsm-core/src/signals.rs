@@ -9,6 +9,7 @@ mod held;
 pub mod join;
 mod lag;
 mod limits;
+mod low_pass;
 mod mend;
 mod one_axis;
 mod open_circuit;

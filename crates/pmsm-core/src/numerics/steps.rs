@@ -7,7 +7,7 @@ const COARSE: f64 = 8.0;
 /// How far a difference of values may be from a whole number of steps, share of a step.
 const WHOLE: f64 = 0.1;
 /// Longest hold that is looked for, rows.
-const LONGEST: usize = 64;
+const LONGEST: usize = 1000;
 /// Fewest changes of a value from which a hold is read, and the share of them that must come at the same row of each hold.
 const CHANGES: usize = 32;
 const REGULAR: f64 = 0.98;

@@ -1,5 +1,6 @@
 //! A logged speed that lags behind the angle: a low-pass filter or a delay in the log, found by comparing both and undone.
 
+use super::low_pass::{has_passed, sharpen};
 use crate::numerics::differences::white_noise;
 use std::ops::Range;
 
@@ -16,13 +17,6 @@ const SIGNIFICANT: f64 = 6.0;
 const MOST: f64 = 0.05;
 /// What may remain of the mean square difference between angle and speed for the lag to be understood.
 const UNDERSTOOD: f64 = 0.5;
-/// Coefficients of third differences, in which motion hardly shows beside noise.
-const THIRD: [f64; 4] = [1.0, -3.0, 3.0, -1.0];
-/// Standard errors by which the colours of white and of filtered noise must differ to be told apart.
-const DISTINCT: f64 = 10.0;
-/// Differences larger than this many medians are no noise.
-const OUTLYING: f64 = 8.0;
-
 /// How the log let the speed lag.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Lag {
@@ -66,7 +60,7 @@ pub fn undo(t: &[f64], theta: &[f64], omega: &[f64], segments: &[Range<usize>]) 
         return None;
     }
     let by_chance = SIGNIFICANT * (2.0 / windows.len() as f64).sqrt() * (filter.1.max(delay.1) + steps);
-    Some(if filter.1 + by_chance < delay.1 || has_colour(omega, segments, (-period / filter.0).exp()) {
+    Some(if filter.1 + by_chance < delay.1 || has_passed(omega, segments, (-period / filter.0).exp()) {
         (sharpen(t, omega, segments, filter.0), Lag::Filter(filter.0))
     } else {
         (shifted(t, omega, segments, delay.0), Lag::Delay(delay.0))
@@ -147,55 +141,9 @@ impl Log<'_> {
     }
 }
 
-/// Whether the noise of `y` has passed a first-order low pass with the coefficient `a`, rather than being white: noise that was filtered
-/// along with the speed shows it where the motion is too slow to.
-fn has_colour(y: &[f64], segments: &[Range<usize>], a: f64) -> bool {
-    let covariance = |of: &dyn Fn(i32) -> f64, lag: i32| -> f64 {
-        let pairs = (0..4).flat_map(|i| (0..4).map(move |j| (i, j)));
-        pairs.map(|(i, j): (i32, i32)| THIRD[i as usize] * THIRD[j as usize] * of(lag + i - j)).sum()
-    };
-    let correlation = |of: &dyn Fn(i32) -> f64| covariance(of, 1) / covariance(of, 0);
-    let white = correlation(&|lag| f64::from(u8::from(lag == 0)));
-    let filtered = correlation(&|lag| a.powi(lag.abs()));
-    let differences: Vec<Vec<f64>> = segments
-        .iter()
-        .map(|s| y[s.clone()].windows(4).map(|w| w.iter().zip(THIRD).map(|(y, c)| y * c).sum()).collect())
-        .collect();
-    let mut sizes: Vec<f64> = differences.iter().flatten().map(|d| d.abs()).collect();
-    if sizes.is_empty() {
-        return false;
-    }
-    let middle = sizes.len() / 2;
-    let most = OUTLYING * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
-    let (mut product, mut square, mut count) = (0.0, 0.0, 0.0);
-    for pair in differences.iter().flat_map(|d| d.windows(2)).filter(|p| p[0].abs().max(p[1].abs()) <= most) {
-        product += pair[0] * pair[1];
-        square += 0.5 * (pair[0] * pair[0] + pair[1] * pair[1]);
-        count += 1.0;
-    }
-    let distinct = (filtered - white).abs() * f64::sqrt(count) > DISTINCT;
-    // Motion, where it shows, looks like neither.
-    distinct && square > 0.0 && (product / square - filtered).abs() < 0.5 * (filtered - white).abs()
-}
-
 /// Mean of `x` over the times of samples `a` to `b`.
 fn mean(t: &[f64], x: &[f64], a: usize, b: usize) -> f64 {
     (a..b).map(|k| 0.5 * (x[k] + x[k + 1]) * (t[k + 1] - t[k])).sum::<f64>() / (t[b] - t[a])
-}
-
-/// What went into a first-order low pass y_k = a·y_{k−1} + (1 − a)·x_k, a = exp(−h/τ).
-fn sharpen(t: &[f64], y: &[f64], segments: &[Range<usize>], tau: f64) -> Vec<f64> {
-    let mut x = y.to_vec();
-    for segment in segments {
-        for k in segment.start + 1..segment.end {
-            let a = (-(t[k] - t[k - 1]) / tau).exp();
-            x[k] = (y[k] - a * y[k - 1]) / (1.0 - a);
-        }
-        if segment.len() > 1 {
-            x[segment.start] = x[segment.start + 1];
-        }
-    }
-    x
 }
 
 /// The signal as it is `tau` (s) later, straight between samples; beyond its ends it is held.

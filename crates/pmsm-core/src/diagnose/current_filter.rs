@@ -1,0 +1,170 @@
+//! A low pass in the log of the currents. Noise that has passed one is not white, and the logged currents lag behind the voltages. The time
+//! constant is the most likely one, and it is taken out where nothing but white noise is left of the currents then.
+
+use super::baseline;
+use super::data::Data;
+use super::fitting;
+use super::hypothesis::Hypothesis;
+use super::verdict::beyond_chance;
+use crate::error::Result;
+use crate::experiment::Block;
+use crate::monitor::Monitor;
+use crate::noise::input::InputNoise;
+
+/// Shortest and longest time constant that is looked for, rows, and how many are tried between them and about the best of these.
+const ROWS: (f64, f64) = (0.3, 40.0);
+const TRIED: (usize, usize) = (8, 8);
+
+/// The time constant (s) of a low pass that the currents have passed. It is taken out of `data`, and `base` is fitted anew.
+///
+/// # Errors
+/// Those of the least-squares fits.
+pub fn take_out(data: &mut Data, base: &mut Hypothesis, monitor: &dyn Monitor) -> Result<Option<f64>> {
+    let electrical = |run: &&Data| run.has_electrical();
+    let mismatched = |base: &Hypothesis| {
+        let excess =
+            beyond_chance(base).zip(&base.squares).filter(|(_, (channel, _))| channel.is_electrical());
+        excess.map(|(x, _)| x).any(|x| x > data.options.mismatch)
+    };
+    let may = data.runs().iter().filter(electrical).all(|run| run.signals.currents_may_be_filtered());
+    if !mismatched(base) || !may || !data.runs().iter().any(|run| run.has_electrical()) {
+        return Ok(None);
+    }
+    let period = data.leading().signals.period;
+    let worth = |rows: f64| -> Result<f64> {
+        monitor.go_on()?;
+        likelihood(&data.without_filter(rows * period), base, rows, monitor)
+    };
+    let (low, high) = (ROWS.0.ln(), ROWS.1.ln());
+    let step = (high - low) / (TRIED.0 - 1) as f64;
+    let mut best = (f64::NEG_INFINITY, 0.0);
+    for k in 0..TRIED.0 {
+        let rows = (low + step * k as f64).exp();
+        best = larger(best, (worth(rows)?, rows));
+    }
+    let mut reach = step;
+    for _ in 0..TRIED.1 / 2 {
+        reach *= 0.5;
+        for rows in [best.1 * (-reach).exp(), best.1 * reach.exp()] {
+            best = larger(best, (worth(rows)?, rows));
+        }
+    }
+    let gain = (best.0 - likelihood(data, base, 0.0, monitor)?) / data.options.rows_per_sample;
+    // One more parameter, and as rare as any effect.
+    if gain < data.options.effect_cost + data.options.decisive {
+        return Ok(None);
+    }
+    let mut tried = data.without_filter(best.1 * period);
+    let fitted = baseline::fit(&mut tried, monitor)?;
+    // Beside something else that is missing its time constant is not known.
+    if mismatched(&fitted) {
+        return Ok(None);
+    }
+    (*data, *base) = (tried, fitted);
+    Ok(Some(best.1 * period))
+}
+
+fn larger(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
+    if b.0 > a.0 { b } else { a }
+}
+
+/// Logarithm of the likelihood of the logged currents, nats, if they passed a low pass with a time constant of so many `rows`, which was taken
+/// out of `data`, and nothing else is left of them but white noise. Of a new value the share 1 − e^(−1/rows) enters the log.
+fn likelihood(data: &Data, base: &Hypothesis, rows: f64, monitor: &dyn Monitor) -> Result<f64> {
+    let data = &data.with_white_currents();
+    let fitted = fitting::currents_alone(data, base, monitor)?;
+    let experiment = data.experiment(&fitted.model, &fitted.nuisances, data.channels(true, false)).plain();
+    let left = experiment.relative_rms(&experiment.residual(&fitted.parameters));
+    let enters = if rows > 0.0 { 1.0 - (-1.0 / rows).exp() } else { 1.0 };
+    let of = |(block, left): (Block, f64)| -(block.rows.len() as f64) * (left * enters).ln();
+    Ok(experiment.blocks().into_iter().zip(left).map(of).sum())
+}
+
+impl Data {
+    /// The same where noise of the voltages does not let the currents wander.
+    fn with_white_currents(&self) -> Self {
+        let mut out = self.clone();
+        (out.whitening, out.input) = (None, InputNoise::default());
+        out.parts.iter_mut().for_each(|part| *part = part.with_white_currents());
+        out
+    }
+
+    /// The same without a low pass of the time constant `tau` (s) in its currents.
+    pub(super) fn without_filter(&self, tau: f64) -> Self {
+        let mut out = self.clone();
+        out.signals.take_filter_out(tau);
+        out.parts.iter_mut().for_each(|part| part.signals.take_filter_out(tau));
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::diagnose::answer::{Answer, Verdict};
+    use crate::diagnose::diagnose;
+    use crate::diagnose::testing::{choice, setup, speeds};
+    use crate::drive::{Choice, Schedule, Shape, simulate};
+    use crate::monitor::Silent;
+    use crate::recording::Recording;
+
+    /// Of a machine whose axis currents were logged behind a low pass with this time constant, s.
+    fn told(effects: Vec<Choice>, tau: f64) -> Answer {
+        let run = |levels: [f64; 3]| {
+            let path: Vec<(f64, f64)> =
+                (0..8).map(|k| (0.05 + 0.15 * f64::from(k), levels[k as usize % 3])).collect();
+            let mut manoeuvre = speeds(1.3, &path);
+            let steps = (0..13).map(|k| (0.1 * f64::from(k), [-4.0, 2.0, 0.0][k as usize % 3])).collect();
+            manoeuvre.i_d = Some(Schedule::new(steps, Shape::Steps).unwrap());
+            let setup = setup(manoeuvre, effects.clone());
+            let whole = simulate(&setup, &Silent).unwrap().recording;
+            let column = |name: &str| whole.column(name).unwrap().to_vec();
+            let phases = ["i_a", "i_b", "i_c"].map(column);
+            let axes = phases[0].iter().zip(&phases[1]).zip(&phases[2]).zip(column("theta_e")).map(
+                |(((a, b), c), theta)| {
+                    let [alpha, beta] = [(2.0 * a - b - c) / 3.0, (b - c) / 3f64.sqrt()];
+                    let (s, cos) = theta.sin_cos();
+                    [cos * alpha + s * beta, cos * beta - s * alpha]
+                },
+            );
+            let a = if tau > 0.0 { (-whole.period() / tau).exp() } else { 0.0 };
+            let mut shown: Option<[f64; 2]> = None;
+            let filtered: Vec<[f64; 2]> = axes
+                .map(|x| {
+                    let next = shown.map_or(x, |y| [0, 1].map(|k| a * y[k] + (1.0 - a) * x[k]));
+                    shown = Some(next);
+                    next
+                })
+                .collect();
+            let mut columns: Vec<(String, Vec<f64>)> = ["t", "theta_e", "omega_e", "v_d", "v_q"]
+                .map(|name| (name.to_string(), column(name)))
+                .to_vec();
+            columns.extend(
+                (0..2).map(|k| (["i_d", "i_q"][k].to_string(), filtered.iter().map(|x| x[k]).collect())),
+            );
+            (Recording::new(columns, Some(whole.load())).unwrap(), setup.nameplate)
+        };
+        let ((recording, machine), (validation, _)) = (run([90.0, -70.0, 40.0]), run([-60.0, 80.0, -30.0]));
+        diagnose(&[&recording], &machine, Some(&validation), &Default::default(), &Silent).unwrap()
+    }
+
+    #[test]
+    fn a_low_pass_in_the_log_of_the_currents_is_found_and_taken_out() {
+        for (effects, named) in
+            [(Vec::new(), vec![]), (vec![choice("coulomb_friction", "tau_c", 0.3)], vec!["coulomb_friction"])]
+        {
+            let answer = told(effects, 6e-4);
+            let filter = |answer: &Answer| {
+                answer.data_quality.iter().any(|f| f.finding.contains("currents are low-pass filtered at 2"))
+            };
+            assert!(filter(&answer), "{:?}", answer.data_quality);
+            assert_eq!(answer.model.effects, named);
+            let expected = if named.is_empty() { Verdict::NoMismatch } else { Verdict::Named };
+            assert_eq!(answer.verdict, expected, "{:?}", answer.remaining);
+        }
+        let without = told(Vec::new(), 0.0);
+        assert!(
+            without.verdict == Verdict::NoMismatch
+                && without.data_quality.iter().all(|f| !f.finding.contains("filtered"))
+        );
+    }
+}
