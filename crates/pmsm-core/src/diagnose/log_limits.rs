@@ -11,7 +11,7 @@ pub fn may_have_caused(data: &Data, rest: &Unmodelled) -> Option<String> {
     let Finding { finding, fix, .. } =
         data.runs().iter().find_map(of_run).filter(|_| rest.terms.is_empty())?;
     Some(format!(
-        "the dq-model leaves more than noise, no function of speed, angle, currents and time predicts it, and the log may have caused it: {finding}; {fix}"
+        "the dq-model has a residual above the noise, no function of speed, angle, currents and time predicts it, and the log may have caused it: {finding}; {fix}"
     ))
 }
 
