@@ -152,12 +152,16 @@ def share_off(answer: dict[str, Any]) -> float | None:
     """How far the share that a map takes away lies from the share by the answer's own `fit`; None without a
     map, and beside effects, of which `fit` states no residual.
 
-    The share is that of the squares above the noise, over all channels of the validation run.
+    The share is that of the squares above the noise, over all channels of the validation run; a channel below
+    its noise has none.
     """
     model = answer.get("model") or {}
     stated = (model.get("unmodelled") or {}).get("gain_held_out")
     noise, fit = answer.get("noise_floor") or {}, (answer.get("fit") or {}).get("validation") or {}
     if stated is None or model.get("effects") or not fit:
         return None
-    above = {when: sum((fit[when][c] / noise[c]) ** 2 - 1.0 for c in noise) for when in ("before", "after")}
+    above = {
+        when: sum(max((fit[when][c] / noise[c]) ** 2 - 1.0, 0.0) for c in noise)
+        for when in ("before", "after")
+    }
     return abs(float(stated) - (1.0 - above["after"] / above["before"]))

@@ -70,6 +70,7 @@ use crate::machine::Machine;
 use crate::monitor::Monitor;
 use crate::recording::Recording;
 use answer::Answer;
+use between_rows::Voltages;
 use data::Data;
 use incumbent::Incumbent;
 pub use options::DiagnosisOptions;
@@ -147,15 +148,19 @@ fn in_stages(
         return Ok(answer);
     }
     let counted = angle_quantisation::select(whole, &mut base, monitor)?;
-    if let Some(why) = between_rows::moved(whole, &base, monitor)? {
-        if let Some(mistake) = wiring::suspected(recordings, machine, &base, options, monitor)? {
-            return Ok(conclude::undetermined(whole, mistake, None));
+    match between_rows::select(whole, &base, monitor)? {
+        Voltages::Held => {}
+        Voltages::Drawn(read) => (*whole, base) = *read,
+        Voltages::Unknown(why) => {
+            if let Some(mistake) = wiring::suspected(recordings, machine, &base, options, monitor)? {
+                return Ok(conclude::undetermined(whole, mistake, None));
+            }
+            *whole = join::motion_alone(recordings, machine, &why, options)?;
+            if counted {
+                angle_quantisation::to_middle(whole);
+            }
+            base = baseline::fit(whole, monitor)?;
         }
-        *whole = join::motion_alone(recordings, machine, &why, options)?;
-        if counted {
-            angle_quantisation::to_middle(whole);
-        }
-        base = baseline::fit(whole, monitor)?;
     }
     if let Some(finding) = torque_sign::opposite(whole, &base, monitor)?
         && wiring::suspected(recordings, machine, &base, options, monitor)?.is_none()
@@ -167,11 +172,11 @@ fn in_stages(
         answer.data_quality.extend(wiring::suspected(recordings, machine, &base, options, monitor)?);
         return Ok(answer);
     }
-    let filter = current_filter::take_out(whole, &mut base, monitor)?;
+    current_filter::take_out(whole, &mut base, monitor)?;
     let mut others = Vec::new();
     if let Some(recording) = validation {
         let read = join::read(recording, machine, whole.signals.limits.coarse.as_ref()).map(|mut signals| {
-            filter.into_iter().for_each(|tau| signals.take_filter_out(tau));
+            signals.read_as(whole.signals.voltages_drawn, whole.signals.current_filter);
             signals
         });
         let data = read.and_then(|signals| Data::new(signals, machine, options));

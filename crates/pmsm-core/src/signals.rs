@@ -72,6 +72,10 @@ pub struct Signals {
     pub within: Option<Within>,
     /// Where the voltage is held in the stator's frame over a control period, as inverters do, and not in the rotor's: what of it is logged.
     pub stator_held: Option<Logged>,
+    /// Whether the voltage of a row was taken for that of its instant, and drawn straight from row to row.
+    pub voltages_drawn: bool,
+    /// Time constant of a low pass that was taken out of the currents, s.
+    pub current_filter: Option<f64>,
     /// Whether an angle in steps was taken for the lower end of its step, and moved to the middle.
     pub middle_of_steps: bool,
     /// Whether the voltages were logged as those of the phases, in place of a command seen from the rotor.
@@ -277,6 +281,8 @@ impl Signals {
             averaged: 1,
             within: None,
             stator_held: None,
+            voltages_drawn: false,
+            current_filter: None,
             middle_of_steps: false,
             phase_voltages: v_d.is_none() || v_q.is_none(),
             v,
@@ -296,7 +302,7 @@ impl Signals {
                 lasting,
                 angle: angle_error,
                 angle_step: steps.as_ref().map_or(0.0, |(step, _)| *step),
-                current: limits::current_rounding(recording),
+                current: limits::current_rounding(recording, currents.three),
                 found: limited,
                 ..Limits::default()
             },

@@ -69,7 +69,7 @@ pub struct Specification {
 }
 
 /// How the recordings of a model are read: what was found out about the log when the model was fitted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Reading {
     /// Whether it holds for the voltage equations.
@@ -80,11 +80,22 @@ pub struct Reading {
     pub stator_held: Option<Logged>,
     /// Whether an angle in steps is the lower end of its step.
     pub middle_of_steps: bool,
+    /// Whether the voltage of a row is that of its instant, and is drawn straight from row to row.
+    pub voltages_drawn: bool,
+    /// Time constant of a low pass in the log of the currents, s.
+    pub current_filter: Option<f64>,
 }
 
 impl Default for Reading {
     fn default() -> Self {
-        Self { electrical: true, mechanical: true, stator_held: None, middle_of_steps: false }
+        Self {
+            electrical: true,
+            mechanical: true,
+            stator_held: None,
+            middle_of_steps: false,
+            voltages_drawn: false,
+            current_filter: None,
+        }
     }
 }
 

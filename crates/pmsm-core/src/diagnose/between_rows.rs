@@ -1,6 +1,7 @@
 //! Whether the voltage of a log changed between its rows. Rows picked from a faster drive hold the voltage of one instant, and not that which
 //! acts up to the next row. The residual of the voltage equations is then no physics.
 
+use super::baseline;
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
@@ -10,8 +11,8 @@ use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
 use crate::signals::{Finding, Signals};
 
-/// Row distance, as a share of an electrical time constant, below which the question is not asked. A held voltage and one drawn straight
-/// from row to row then act alike on the currents.
+/// Row distance, as a share of an electrical time constant, below which the voltages are asked about all the same. A held voltage and one drawn
+/// straight from row to row then act nearly alike on the currents.
 const NEAR: f64 = 0.1;
 /// Electrical time constants, and fewest rows, of the pieces of a recording in which a voltage held over each row is compared with one drawn
 /// straight from row to row. A current forgets within a few time constants, so that pieces of ten are independent of one another.
@@ -22,34 +23,50 @@ const FEWEST_ROWS: usize = 8;
 /// twentieth of the others is taken for such.
 const DECISIVE: f64 = 1.645;
 
-/// Why nothing can be asked of the voltages, where they moved between the rows, or these lie too far apart for the machine that was fitted.
+/// What the voltage did from one row to the next.
+pub enum Voltages {
+    /// It was held, or nothing tells of anything else.
+    Held,
+    /// It went straight from row to row, as means over rows do: the recordings read so, and the dq-model fitted to them.
+    Drawn(Box<(Data, Hypothesis)>),
+    /// No log tells, so that nothing can be asked of the voltages, and why.
+    Unknown(Finding),
+}
+
+/// What the voltage did between the rows: it is unknown where these lie too far apart for the machine that was fitted, or where a voltage drawn
+/// straight from row to row explains the currents far better than one held over each, and yet not down to the noise.
 ///
 /// # Errors
 /// Those of the least-squares fits.
-pub fn moved(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result<Option<Finding>> {
+pub fn select(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result<Voltages> {
     let rate = {
         let own = |p: BaseParameter| base.own()[p.index()];
         own(BaseParameter::RS) / own(BaseParameter::LD).min(own(BaseParameter::LQ))
     };
     let sampled = |run: &Data| run.has_electrical() && run.has_mechanical() && run.signals.within.is_none();
     if !data.runs().iter().any(sampled) {
-        return Ok(None);
+        return Ok(Voltages::Held);
     }
     if let Some(run) = data.runs().iter().find(|run| sampled(run) && run.signals.is_coarse(rate)) {
-        return Ok(Some(run.signals.too_coarse(rate, "")));
+        return Ok(Voltages::Unknown(run.signals.too_coarse(rate, "")));
     }
-    let far =
-        |run: &Data| sampled(run) && !run.signals.holds_every_period() && run.signals.period * rate > NEAR;
-    let mismatched =
-        |(channel, square): &(Channel, f64)| channel.is_electrical() && *square > 1.0 + data.options.mismatch;
-    if !base.squares.iter().any(mismatched) || !data.runs().iter().any(far) {
-        return Ok(None);
+    let mismatched = |base: &Hypothesis| {
+        let over = |(channel, square): &(Channel, f64)| {
+            channel.is_electrical() && *square > 1.0 + data.options.mismatch
+        };
+        base.squares.iter().any(over)
+    };
+    let open = |run: &Data| sampled(run) && !run.signals.holds_every_period();
+    if !mismatched(base) || !data.runs().iter().any(open) {
+        return Ok(Voltages::Held);
     }
     let mut drawn = data.clone();
-    drawn.signals.draw_voltages_through();
-    drawn.parts.iter_mut().for_each(|part| part.signals.draw_voltages_through());
-    let as_held = left_in_pieces(data, &fitting::currents_alone(data, base, monitor)?, rate);
-    let as_drawn = left_in_pieces(&drawn, &fitting::currents_alone(&drawn, base, monitor)?, rate);
+    drawn.draw_voltages_through();
+    let left = |data: &Data| -> Result<Vec<f64>> {
+        let data = data.with_white_currents();
+        Ok(left_in_pieces(&data, &fitting::currents_alone(&data, base, monitor)?, rate))
+    };
+    let (as_held, as_drawn) = (left(data)?, left(&drawn)?);
     let ratios: Vec<f64> = as_held.iter().zip(&as_drawn).map(|(held, drawn)| (held / drawn).ln()).collect();
     let count = ratios.len() as f64;
     let mean = ratios.iter().sum::<f64>() / count;
@@ -57,10 +74,19 @@ pub fn moved(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result<Op
     // A NaN decides nothing.
     let beyond = mean * count.sqrt() - DECISIVE * spread;
     if beyond.is_nan() || beyond <= 0.0 {
-        return Ok(None);
+        return Ok(Voltages::Held);
+    }
+    let fitted = baseline::fit(&mut drawn, monitor)?;
+    if !mismatched(&fitted) {
+        drawn.signals.say_drawn();
+        drawn.parts.iter_mut().for_each(|part| part.signals.say_drawn());
+        return Ok(Voltages::Drawn(Box::new((drawn, fitted))));
+    }
+    if !data.runs().iter().any(|run| open(run) && run.signals.period * rate > NEAR) {
+        return Ok(Voltages::Held);
     }
     let known = ", and a voltage drawn straight from row to row explains the currents far better than one held over each";
-    Ok(Some(data.leading().signals.too_coarse(rate, known)))
+    Ok(Voltages::Unknown(data.leading().signals.too_coarse(rate, known)))
 }
 
 /// Squares that a hypothesis leaves of both currents, in pieces of each recording; the `rate` of the currents is r_s/l, 1/s.
@@ -82,15 +108,33 @@ fn left_in_pieces(data: &Data, hypothesis: &Hypothesis, rate: f64) -> Vec<f64> {
     pieces
 }
 
-impl Signals {
-    /// Takes the voltage of each row for that of its instant: what acts up to the next one is the mean of both.
+impl Data {
     fn draw_voltages_through(&mut self) {
-        let Some(v) = &mut self.v else { return };
-        for segment in &self.segments {
-            for k in segment.start..segment.end.saturating_sub(1) {
-                v.iter_mut().for_each(|x| x[k] = 0.5 * (x[k] + x[k + 1]));
-            }
+        self.signals.draw_voltages_through();
+        self.parts.iter_mut().for_each(|part| part.signals.draw_voltages_through());
+    }
+}
+
+impl Signals {
+    /// Reads the log as another one of the same bench was read: its voltages drawn from row to row, a low pass taken out of its currents.
+    pub(super) fn read_as(&mut self, drawn: bool, filter: Option<f64>) {
+        if drawn {
+            self.draw_voltages_through();
         }
+        if let Some(tau) = filter {
+            self.take_filter_out(tau);
+        }
+    }
+
+    fn say_drawn(&mut self) {
+        let found = Finding {
+            finding: "the voltages act as if they went straight from row to row, as means over rows do"
+                .into(),
+            consequence: "they are drawn so".into(),
+            fix: "log every period of the drive, with f_sample under [drive], to see what is quicker".into(),
+        };
+        self.limits.found.push(found.clone());
+        self.findings.push(found);
     }
 }
 

@@ -163,6 +163,8 @@ fn specified(data: &Data, set: &Hypothesis) -> Specification {
         mechanical: data.has_mechanical(),
         stator_held: signals.stator_held,
         middle_of_steps: signals.middle_of_steps,
+        voltages_drawn: signals.voltages_drawn,
+        current_filter: signals.current_filter,
     };
     Specification { reading, ..Specification::of(&set.model, &set.parameters) }
 }

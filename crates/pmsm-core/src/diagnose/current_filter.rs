@@ -9,17 +9,16 @@ use super::verdict::beyond_chance;
 use crate::error::Result;
 use crate::experiment::Block;
 use crate::monitor::Monitor;
-use crate::noise::input::InputNoise;
 
 /// Shortest and longest time constant that is looked for, rows, and how many are tried between them and about the best of these.
 const ROWS: (f64, f64) = (0.3, 40.0);
 const TRIED: (usize, usize) = (8, 8);
 
-/// The time constant (s) of a low pass that the currents have passed. It is taken out of `data`, and `base` is fitted anew.
+/// Takes a low pass that the currents have passed out of `data`, if they have, and fits `base` anew.
 ///
 /// # Errors
 /// Those of the least-squares fits.
-pub fn take_out(data: &mut Data, base: &mut Hypothesis, monitor: &dyn Monitor) -> Result<Option<f64>> {
+pub fn take_out(data: &mut Data, base: &mut Hypothesis, monitor: &dyn Monitor) -> Result<()> {
     let electrical = |run: &&Data| run.has_electrical();
     let mismatched = |base: &Hypothesis| {
         let excess =
@@ -28,7 +27,7 @@ pub fn take_out(data: &mut Data, base: &mut Hypothesis, monitor: &dyn Monitor) -
     };
     let may = data.runs().iter().filter(electrical).all(|run| run.signals.currents_may_be_filtered());
     if !mismatched(base) || !may || !data.runs().iter().any(|run| run.has_electrical()) {
-        return Ok(None);
+        return Ok(());
     }
     let period = data.leading().signals.period;
     let worth = |rows: f64| -> Result<f64> {
@@ -52,16 +51,16 @@ pub fn take_out(data: &mut Data, base: &mut Hypothesis, monitor: &dyn Monitor) -
     let gain = (best.0 - likelihood(data, base, 0.0, monitor)?) / data.options.rows_per_sample;
     // One more parameter, and as rare as any effect.
     if gain < data.options.effect_cost + data.options.decisive {
-        return Ok(None);
+        return Ok(());
     }
     let mut tried = data.without_filter(best.1 * period);
     let fitted = baseline::fit(&mut tried, monitor)?;
     // Beside something else that is missing its time constant is not known.
     if mismatched(&fitted) {
-        return Ok(None);
+        return Ok(());
     }
     (*data, *base) = (tried, fitted);
-    Ok(Some(best.1 * period))
+    Ok(())
 }
 
 fn larger(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
@@ -81,14 +80,6 @@ fn likelihood(data: &Data, base: &Hypothesis, rows: f64, monitor: &dyn Monitor) 
 }
 
 impl Data {
-    /// The same where noise of the voltages does not let the currents wander.
-    fn with_white_currents(&self) -> Self {
-        let mut out = self.clone();
-        (out.whitening, out.input) = (None, InputNoise::default());
-        out.parts.iter_mut().for_each(|part| *part = part.with_white_currents());
-        out
-    }
-
     /// The same without a low pass of the time constant `tau` (s) in its currents.
     pub(super) fn without_filter(&self, tau: f64) -> Self {
         let mut out = self.clone();

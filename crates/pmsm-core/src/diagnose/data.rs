@@ -170,6 +170,14 @@ impl Data {
         self
     }
 
+    /// The same where noise of the voltages does not let the currents wander.
+    pub(super) fn with_white_currents(&self) -> Self {
+        let mut out = self.clone();
+        (out.whitening, out.input) = (None, InputNoise::default());
+        out.parts.iter_mut().for_each(|part| *part = part.with_white_currents());
+        out
+    }
+
     /// The recording split into windows of which every other one is held out, and the complement; `None` if there are too few.
     pub fn halves(&self) -> Option<(Self, Self)> {
         if self.windows.len() < FEWEST_WINDOWS {

@@ -47,7 +47,8 @@ pub fn predict(
             "read the recording with the machine of the model",
         ));
     }
-    let mut signals = join::read(recording, machine, None)?;
+    let new = recording.rows_with_new_values();
+    let mut signals = join::read(new.as_ref().unwrap_or(recording), machine, None)?;
     let reading = specification.reading;
     match (signals.kind, reading.electrical, reading.mechanical) {
         (Kind::Full, false, true) => signals.kind = Kind::Mechanical,
@@ -68,6 +69,7 @@ pub fn predict(
     if reading.middle_of_steps {
         signals.to_middle_of_steps();
     }
+    signals.read_as(reading.voltages_drawn, reading.current_filter);
     let start = specification.machine()?;
     let mut data = Data::new(signals, &start, &DiagnosisOptions::default())?;
     if let Some(logged) = reading.stator_held {

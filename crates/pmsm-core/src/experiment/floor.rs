@@ -177,7 +177,8 @@ fn voltage_noise(
     let l = incremental_inductances(experiment.model, signals, &p[..experiment.model.parameter_count()]);
     let input = InputNoise::estimate(signals, l, [&in_d, &in_q], &mut sensor, known);
     for (at, sensor) in [d, q].into_iter().zip(sensor) {
-        floors[at].sensor = sensor.max(RESOLUTION * signals.context.i_max);
+        let rounded = signals.limits.current.hypot(turned_noise(signals, floors[at].channel));
+        floors[at].sensor = sensor.max(rounded).max(RESOLUTION * signals.context.i_max);
     }
     input
 }
@@ -324,11 +325,16 @@ fn disturbed(
         misturn(v, signals, draw);
     }
     if let (Some(v), false) = (&mut noisy.v, input.is_none()) {
+        let mut last = [0.0; 2];
         for k in 0..v[0].len() {
             let turn = signals.period * signals.context.electrical_rate.hypot(signals.omega_e[k]);
-            let sigma = input.at(k, turn);
-            v[0][k] += sigma * random.next();
-            v[1][k] += sigma * random.next();
+            let (sigma, between) = (input.at(k, turn), input.between_means(k));
+            let drawn = [random.next(), random.next()];
+            for axis in 0..2 {
+                // What one interval gets too much the next one gets too little.
+                v[axis][k] += sigma * drawn[axis] + between * drawn[axis] - last[axis];
+                last[axis] = between * drawn[axis];
+            }
         }
     }
     for torque in [&mut noisy.tau_e, &mut noisy.tau_m].into_iter().flatten() {

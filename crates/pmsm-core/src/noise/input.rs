@@ -35,6 +35,8 @@ pub struct InputNoise {
     /// Change of the voltage within a sample of the log, V per sample, where it was averaged over several control periods; empty
     /// where each sample is one period.
     pub hidden: Vec<f64>,
+    /// Whether the voltage is drawn straight from one mean to the next.
+    pub drawn: bool,
 }
 
 impl InputNoise {
@@ -46,8 +48,15 @@ impl InputNoise {
     /// Standard deviation of the voltage's error in the interval that begins at sample `k`, V. A step Δ at an unknown place of an
     /// interval whose mean voltage is known acts like an error Δ·h·a·√(1/120), with a the fastest rate of the dynamics.
     pub fn at(&self, k: usize, turn: f64) -> f64 {
-        let hidden = self.hidden.get(k).map_or(0.0, |step| step * turn / 120f64.sqrt());
+        let hidden =
+            self.hidden.get(k).filter(|_| !self.drawn).map_or(0.0, |step| step * turn / 120f64.sqrt());
         self.voltage.hypot(hidden)
+    }
+
+    /// Standard deviation of the error of a mean voltage that is drawn straight to the next one, V: a step Δ at an unknown place of its
+    /// interval is worth Δ·√(1/120) up to the middle of that, and as much less behind it.
+    pub fn between_means(&self, k: usize) -> f64 {
+        self.hidden.get(k).filter(|_| self.drawn).map_or(0.0, |step| step / 120f64.sqrt())
     }
 }
 
@@ -105,7 +114,7 @@ impl InputNoise {
         let weight: f64 = wander.iter().map(|(_, error)| error.powi(-2)).sum();
         let square = wander.iter().map(|(square, error)| square * error.powi(-2)).sum::<f64>() / weight;
         let voltage = if square > SIGNIFICANT / weight.sqrt() { square.sqrt() } else { 0.0 };
-        Self { voltage, hidden: hidden(signals) }
+        Self { voltage, hidden: hidden(signals), drawn: signals.voltages_drawn }
     }
 }
 
@@ -164,7 +173,8 @@ fn third_differences(signals: &Signals, x: &[f64], lag: usize) -> f64 {
     *squares.select_nth_unstable_by(middle, f64::total_cmp).1 / MEDIAN
 }
 
-/// Steps of the voltage over the neighbours of each sample, where the log averages over several control periods.
+/// Steps of the voltage over the neighbours of each sample, where the log averages over several control periods; where it is drawn, by how much it is
+/// not straight there.
 fn hidden(signals: &Signals) -> Vec<f64> {
     let (Some(v), Some(control)) = (&signals.v, signals.control_period) else { return Vec::new() };
     if signals.period < AVERAGED * control {
@@ -174,7 +184,12 @@ fn hidden(signals: &Signals) -> Vec<f64> {
     (0..n)
         .map(|k| {
             let (before, after) = (k.saturating_sub(1), (k + 1).min(n - 1));
-            (v[0][after] - v[0][before]).hypot(v[1][after] - v[1][before])
+            let change = |x: &[f64]| match signals.voltages_drawn {
+                // Of a step half is in the mean of two rows.
+                true => 2.0 * (x[after] - 2.0 * x[k] + x[before]),
+                false => x[after] - x[before],
+            };
+            change(&v[0]).hypot(change(&v[1]))
         })
         .collect()
 }

@@ -300,7 +300,7 @@ mod tests {
     }
 
     fn bench(sensor: f64, speed: f64, voltage: f64) -> Bench {
-        let input = InputNoise { voltage, hidden: Vec::new() };
+        let input = InputNoise { voltage, ..InputNoise::default() };
         Bench { r_s: P[0], psi_m: P[3], sensor: [sensor; 2], speed, input }
     }
 

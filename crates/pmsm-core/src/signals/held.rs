@@ -47,6 +47,19 @@ impl Signals {
         self.stator_held = Some(logged);
     }
 
+    /// Takes the voltage of each row for that of its instant, or for its mean about that: what acts up to the next row is the mean of both. A
+    /// voltage acts for a control period from its sample on, half a period later than a current is seen; so the first of both counts more.
+    pub fn draw_voltages_through(&mut self) {
+        let first = 0.5 + 0.5 * self.control_period.map_or(0.0, |own| (own / self.period).min(1.0));
+        let Some(v) = &mut self.v else { return };
+        for segment in &self.segments {
+            for k in segment.start..segment.end.saturating_sub(1) {
+                v.iter_mut().for_each(|x| x[k] = first * x[k] + (1.0 - first) * x[k + 1]);
+            }
+        }
+        self.voltages_drawn = true;
+    }
+
     /// For how long a voltage is held, s.
     pub fn held_period(&self) -> f64 {
         self.control_period.unwrap_or(self.period).min(self.period)

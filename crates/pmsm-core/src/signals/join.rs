@@ -31,6 +31,8 @@ impl Signals {
             averaged: 1,
             within: None,
             stator_held: first.stator_held,
+            voltages_drawn: first.voltages_drawn,
+            current_filter: first.current_filter,
             middle_of_steps: first.middle_of_steps,
             phase_voltages: first.phase_voltages,
             v: series(parts, |s| s.v.as_ref()),

@@ -197,15 +197,16 @@ pub(super) fn angle_steps(recording: &Recording, angle: &[f64], turns: f64) -> O
     (rounding(step * turns) > SEEN * seen).then(|| (step * turns, told()))
 }
 
-/// Standard deviation of the rounding of rotor-frame currents, A.
-pub(super) fn current_rounding(recording: &Recording) -> f64 {
+/// Standard deviation of the rounding of rotor-frame currents, A, where `three` phases were measured, or two.
+pub(super) fn current_rounding(recording: &Recording, three: bool) -> f64 {
     let of = |names: &[&str]| {
         let steps = names.iter().filter_map(|name| recording.column(name)).filter_map(quantum);
         steps.fold(0.0, f64::max)
     };
     let (axes, phases) = (of(&["i_d", "i_q"]), of(&["i_a", "i_b", "i_c"]));
-    // Three phases, each rounded by itself, make √(2/3) of that in each axis.
-    rounding(if axes > 0.0 { axes } else { phases * SQRT_2 / SQRT3 })
+    // Three phases, each rounded by itself, make √(2/3) of that in each axis. Two make √(4/3) in the mean over a turn, as the third is their sum.
+    let of_phases = if three { SQRT_2 / SQRT3 } else { 2.0 / SQRT3 };
+    rounding(if axes > 0.0 { axes } else { phases * of_phases })
 }
 
 impl Signals {

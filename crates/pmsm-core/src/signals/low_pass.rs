@@ -93,7 +93,7 @@ impl Signals {
         let Some([d, q]) = &self.i else { return };
         let [d, q] = [d, q].map(|x| sharpen(&self.t, x, &self.segments, tau));
         self.phases = Some(turned::to_phases([&d, &q], &self.theta_e));
-        self.i = Some([d, q]);
+        (self.i, self.current_filter) = (Some([d, q]), Some(tau));
         let found = Finding {
             finding: format!(
                 "the logged currents are low-pass filtered at {:.0} Hz, as their noise and the voltages show",
