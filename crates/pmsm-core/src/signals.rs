@@ -187,7 +187,7 @@ impl Signals {
         }
         findings.extend(held.finding.filter(|_| in_time));
         let mut angle_error = Vec::new();
-        if let (Some((step, _)), Some(angle)) = (&steps, &logged_angle) {
+        if let (Some(limits::AngleSteps { step, .. }), Some(angle)) = (&steps, &logged_angle) {
             let half = derived::derive(&t, angle, &segments).half;
             let (of_angle, of_speed) = derived::rounded_anew(&t, angle, &segments, half, *step);
             if !speed_known {
@@ -198,9 +198,10 @@ impl Signals {
                 limits::through_steps(&t, angle, &segments, half);
             }
         }
-        findings.extend(steps.as_ref().map(|(_, finding)| finding.clone()));
         // So far all of them are of what the log cannot hold.
         let mut limited = findings.clone();
+        limited.extend(steps.iter().filter(|s| s.loud || lasting).map(|s| s.finding.clone()));
+        findings.extend(steps.iter().map(|s| s.finding.clone()));
         let mut theta_e = logged_angle.unwrap_or_else(|| integrate(&t, &omega_e));
 
         if angle_known && mechanical.is_none() && !operating_points {
@@ -301,7 +302,7 @@ impl Signals {
                 speed: speed_error,
                 lasting,
                 angle: angle_error,
-                angle_step: steps.as_ref().map_or(0.0, |(step, _)| *step),
+                angle_step: steps.as_ref().map_or(0.0, |s| s.step),
                 current: limits::current_rounding(recording, currents.three),
                 found: limited,
                 ..Limits::default()

@@ -142,7 +142,7 @@ impl Signals {
 mod tests {
     use crate::diagnose::answer::{Answer, Verdict};
     use crate::diagnose::diagnose;
-    use crate::diagnose::testing::{choice, setup, speeds};
+    use crate::diagnose::testing::{choice, setup, speeds, telemetry};
     use crate::drive::{Choice, Schedule, Shape, simulate};
     use crate::machine::Machine;
     use crate::monitor::Silent;
@@ -184,6 +184,38 @@ mod tests {
         for effect in [choice("coulomb_friction", "tau_c", 0.5), choice("dead_time", "v_err", 8.0)] {
             let answer = picked(16, vec![effect.clone()]);
             assert_ne!(answer.verdict, Verdict::NoMismatch, "{effect:?}");
+        }
+    }
+
+    /// The diagnosis of means over so many periods of the drive each, with another run to check it.
+    fn of_means(count: usize, effects: &[Choice]) -> Answer {
+        let run = |levels: [f64; 3]| {
+            let (columns, setup) = telemetry(levels, effects.to_vec());
+            let of = |name: &str, rows: &[f64]| {
+                // An angle goes on beyond a whole turn.
+                let ahead =
+                    |x: &f64| if name == "theta_e" { (x - rows[0]).sin().asin() } else { x - rows[0] };
+                let mean = rows.iter().map(ahead).sum::<f64>() / rows.len() as f64;
+                if name == "t" { rows[0] } else { rows[0] + mean }
+            };
+            let means = columns.into_iter().map(|(name, x)| {
+                let x = x.chunks_exact(count).map(|rows| of(&name, rows)).collect();
+                (name, x)
+            });
+            (Recording::new(means.collect(), None).unwrap(), setup.nameplate)
+        };
+        let ((recording, machine), (validation, _)) = (run([90.0, -70.0, 40.0]), run([-60.0, 80.0, -30.0]));
+        diagnose(&[&recording], &machine, Some(&validation), &Default::default(), &Silent).unwrap()
+    }
+
+    #[test]
+    fn means_over_rows_accuse_nobody_and_show_friction() {
+        for count in [2, 4, 8] {
+            let healthy = of_means(count, &[]);
+            let innocent = [Verdict::NoMismatch, Verdict::Undetermined];
+            assert!(innocent.contains(&healthy.verdict), "{count}: {:?}", healthy.remaining);
+            let rubbing = of_means(count, &[choice("coulomb_friction", "tau_c", 0.5)]);
+            assert_eq!(rubbing.model.effects, ["coulomb_friction"], "{count}: {:?}", rubbing.verdict);
         }
     }
 }

@@ -93,46 +93,20 @@ impl Data {
 mod tests {
     use crate::diagnose::answer::{Answer, Verdict};
     use crate::diagnose::diagnose;
-    use crate::diagnose::testing::{choice, setup, speeds};
-    use crate::drive::{Choice, Schedule, Shape, simulate};
+    use crate::diagnose::testing::{choice, telemetry};
+    use crate::drive::Choice;
     use crate::monitor::Silent;
     use crate::recording::Recording;
 
     /// Of a machine whose axis currents were logged behind a low pass with this time constant, s.
-    fn told(effects: Vec<Choice>, tau: f64) -> Answer {
+    fn told(effects: &[Choice], tau: f64) -> Answer {
         let run = |levels: [f64; 3]| {
-            let path: Vec<(f64, f64)> =
-                (0..8).map(|k| (0.05 + 0.15 * f64::from(k), levels[k as usize % 3])).collect();
-            let mut manoeuvre = speeds(1.3, &path);
-            let steps = (0..13).map(|k| (0.1 * f64::from(k), [-4.0, 2.0, 0.0][k as usize % 3])).collect();
-            manoeuvre.i_d = Some(Schedule::new(steps, Shape::Steps).unwrap());
-            let setup = setup(manoeuvre, effects.clone());
-            let whole = simulate(&setup, &Silent).unwrap().recording;
-            let column = |name: &str| whole.column(name).unwrap().to_vec();
-            let phases = ["i_a", "i_b", "i_c"].map(column);
-            let axes = phases[0].iter().zip(&phases[1]).zip(&phases[2]).zip(column("theta_e")).map(
-                |(((a, b), c), theta)| {
-                    let [alpha, beta] = [(2.0 * a - b - c) / 3.0, (b - c) / 3f64.sqrt()];
-                    let (s, cos) = theta.sin_cos();
-                    [cos * alpha + s * beta, cos * beta - s * alpha]
-                },
-            );
-            let a = if tau > 0.0 { (-whole.period() / tau).exp() } else { 0.0 };
-            let mut shown: Option<[f64; 2]> = None;
-            let filtered: Vec<[f64; 2]> = axes
-                .map(|x| {
-                    let next = shown.map_or(x, |y| [0, 1].map(|k| a * y[k] + (1.0 - a) * x[k]));
-                    shown = Some(next);
-                    next
-                })
-                .collect();
-            let mut columns: Vec<(String, Vec<f64>)> = ["t", "theta_e", "omega_e", "v_d", "v_q"]
-                .map(|name| (name.to_string(), column(name)))
-                .to_vec();
-            columns.extend(
-                (0..2).map(|k| (["i_d", "i_q"][k].to_string(), filtered.iter().map(|x| x[k]).collect())),
-            );
-            (Recording::new(columns, Some(whole.load())).unwrap(), setup.nameplate)
+            let (mut columns, setup) = telemetry(levels, effects.to_vec());
+            let a = if tau > 0.0 { (-(columns[0].1[1] - columns[0].1[0]) / tau).exp() } else { 0.0 };
+            for (_, x) in columns.iter_mut().filter(|(name, _)| name.starts_with("i_")) {
+                (1..x.len()).for_each(|k| x[k] = a * x[k - 1] + (1.0 - a) * x[k]);
+            }
+            (Recording::new(columns, None).unwrap(), setup.nameplate)
         };
         let ((recording, machine), (validation, _)) = (run([90.0, -70.0, 40.0]), run([-60.0, 80.0, -30.0]));
         diagnose(&[&recording], &machine, Some(&validation), &Default::default(), &Silent).unwrap()
@@ -143,7 +117,7 @@ mod tests {
         for (effects, named) in
             [(Vec::new(), vec![]), (vec![choice("coulomb_friction", "tau_c", 0.3)], vec!["coulomb_friction"])]
         {
-            let answer = told(effects, 6e-4);
+            let answer = told(&effects, 6e-4);
             let filter = |answer: &Answer| {
                 answer.data_quality.iter().any(|f| f.finding.contains("currents are low-pass filtered at 2"))
             };
@@ -152,7 +126,7 @@ mod tests {
             let expected = if named.is_empty() { Verdict::NoMismatch } else { Verdict::Named };
             assert_eq!(answer.verdict, expected, "{:?}", answer.remaining);
         }
-        let without = told(Vec::new(), 0.0);
+        let without = told(&[], 0.0);
         assert!(
             without.verdict == Verdict::NoMismatch
                 && without.data_quality.iter().all(|f| !f.finding.contains("filtered"))

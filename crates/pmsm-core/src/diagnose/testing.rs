@@ -11,6 +11,7 @@ use crate::experiment::Channel;
 use crate::machine::Machine;
 use crate::model::Model;
 use crate::monitor::Silent;
+use crate::numerics::transforms::park;
 use crate::recording::Recording;
 use crate::signals::Signals;
 
@@ -40,6 +41,35 @@ pub fn speeds(duration: f64, points: &[(f64, f64)]) -> Manoeuvre {
 /// One direction, hardly any change of speed: Coulomb friction and drag look alike.
 pub fn narrow() -> Manoeuvre {
     speeds(1.0, &[(0.2, 95.0), (0.4, 105.0), (0.6, 105.0), (0.8, 95.0)])
+}
+
+/// A run of several reversals between these levels (mechanical rad/s) with steps of i_d, as telemetry logs it: with the currents in the
+/// rotor's axes. The columns t, theta_e, omega_e, v_d, v_q, i_d, i_q.
+pub fn telemetry(levels: [f64; 3], effects: Vec<Choice>) -> (Vec<(String, Vec<f64>)>, Setup) {
+    let path: Vec<(f64, f64)> =
+        (0..8).map(|k| (0.05 + 0.15 * f64::from(k), levels[k as usize % 3])).collect();
+    let mut manoeuvre = speeds(1.3, &path);
+    let steps = (0..13).map(|k| (0.1 * f64::from(k), [-4.0, 2.0, 0.0][k as usize % 3])).collect();
+    manoeuvre.i_d = Some(Schedule::new(steps, Shape::Steps).unwrap());
+    let setup = setup(manoeuvre, effects);
+    let whole = simulate(&setup, &Silent).unwrap().recording;
+    let column = |name: &str| whole.column(name).unwrap();
+    let phases = ["i_a", "i_b", "i_c"].map(column);
+    let axes = (0..whole.len()).map(|k| {
+        let (sin, cos) = column("theta_e")[k].sin_cos();
+        park(phases.map(|x| x[k]), cos, sin)
+    });
+    let axes: Vec<[f64; 2]> = axes.collect();
+    let mut columns: Vec<(String, Vec<f64>)> = ["t", "theta_e", "omega_e", "v_d", "v_q"]
+        .map(|name| (name.to_string(), column(name).to_vec()))
+        .into();
+    columns.extend(
+        ["i_d", "i_q"]
+            .iter()
+            .enumerate()
+            .map(|(k, name)| (name.to_string(), axes.iter().map(|x| x[k]).collect())),
+    );
+    (columns, setup)
 }
 
 /// The simulated recording made ready, with its floors settled on the dq-model.

@@ -180,9 +180,19 @@ pub(super) fn held_together(rows: usize) -> Finding {
     }
 }
 
-/// The step of a logged angle, rad (electrical), where it shows in the currents seen from the rotor, and what to say of it: `angle` as it was logged, `turns` the
-/// electrical radians of one of its units.
-pub(super) fn angle_steps(recording: &Recording, angle: &[f64], turns: f64) -> Option<(f64, Finding)> {
+/// An angle in steps.
+pub(super) struct AngleSteps {
+    /// The step, rad (electrical).
+    pub step: f64,
+    /// What to say of it.
+    pub finding: Finding,
+    /// Whether it adds as much to the largest current as the sensors' noise.
+    pub loud: bool,
+}
+
+/// The steps of a logged angle where they show in the currents seen from the rotor: `angle` as it was logged, `turns` the electrical radians of
+/// one of its units.
+pub(super) fn angle_steps(recording: &Recording, angle: &[f64], turns: f64) -> Option<AngleSteps> {
     let step = quantum(angle)?;
     let currents =
         ["i_a", "i_b", "i_c", "i_d", "i_q", "tau_e"].iter().filter_map(|name| recording.column(name));
@@ -194,7 +204,8 @@ pub(super) fn angle_steps(recording: &Recording, angle: &[f64], turns: f64) -> O
         consequence: "angle and speed are drawn through the steps, and their error counts as noise".into(),
         fix: "log the angle with more digits, or the speed along with it".into(),
     };
-    (rounding(step * turns) > SEEN * seen).then(|| (step * turns, told()))
+    let error = rounding(step * turns);
+    (error > SEEN * seen).then(|| AngleSteps { step: step * turns, finding: told(), loud: error > seen })
 }
 
 /// Standard deviation of the rounding of rotor-frame currents, A, where `three` phases were measured, or two.
