@@ -164,4 +164,4 @@ def share_off(answer: dict[str, Any]) -> float | None:
         when: sum(max((fit[when][c] / noise[c]) ** 2 - 1.0, 0.0) for c in noise)
         for when in ("before", "after")
     }
-    return abs(float(stated) - (1.0 - above["after"] / above["before"]))
+    return abs(float(stated) - (1.0 - float(above["after"] / above["before"])))
