@@ -53,8 +53,8 @@ pub fn find(signals: &mut Signals) {
     let (currents, speed) = (of_currents(signals), of_speed(signals));
     let told = |what: &str, noise: &SensorNoise, unit: &str| Finding {
         finding: format!(
-            "the noise of the {what} lasts: {:.2e} {unit} in all, {:.1} times what changes from row to row",
-            noise.rms,
+            "the noise of the {what} lasts: {} {unit} in all, {:.1} times what changes from row to row",
+            digits(noise.rms),
             noise.rms / white_noise(&noise.series)
         ),
         consequence: "all of it counts as noise".into(),
@@ -70,6 +70,12 @@ pub fn find(signals: &mut Signals) {
     signals.limits.found.extend(found.iter().cloned());
     signals.findings.extend(found);
     (signals.limits.current_noise, signals.limits.speed_noise) = (currents, speed);
+}
+
+/// A positive number with three digits.
+fn digits(x: f64) -> String {
+    let decimals = (2.0 - x.log10().floor()).clamp(0.0, 9.0) as usize;
+    format!("{x:.decimals$}")
 }
 
 /// Noise of the currents as one axis of the rotor sees it, A, from the sum of three.
@@ -221,6 +227,7 @@ mod tests {
         assert!((mean_square(&current.series).sqrt() / current.rms - 1.0).abs() < 0.1);
         assert!((speed.rms / (0.3 * whole) - 1.0).abs() < 0.1, "{}", speed.rms);
         assert_eq!(signals.limits.found.len(), 2);
+        assert_eq!(digits(0.06839), "0.0684");
         let white = logged(0.0, |_, _| 0.0, 0.0).limits;
         assert!(white.current_noise.is_none() && white.speed_noise.is_none() && white.found.is_empty());
     }
