@@ -5,8 +5,8 @@ use super::baseline;
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
+use super::verdict::mismatched_currents;
 use crate::error::Result;
-use crate::experiment::Channel;
 use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
 use crate::signals::{Finding, Signals};
@@ -33,8 +33,8 @@ pub enum Voltages {
     Unknown(Finding),
 }
 
-/// What the voltage did between the rows: it is unknown where these lie too far apart for the machine that was fitted, or where a voltage drawn
-/// straight from row to row explains the currents far better than one held over each, and yet not down to the noise.
+/// What the voltage did between the rows. It is unknown where these lie too far apart for the machine that was fitted. It is unknown, too, if a
+/// voltage drawn straight from row to row explains the currents far better than a held one, but not down to the noise.
 ///
 /// # Errors
 /// Those of the least-squares fits.
@@ -50,12 +50,7 @@ pub fn select(data: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result<V
     if let Some(run) = data.runs().iter().find(|run| sampled(run) && run.signals.is_coarse(rate)) {
         return Ok(Voltages::Unknown(run.signals.too_coarse(rate, "")));
     }
-    let mismatched = |base: &Hypothesis| {
-        let over = |(channel, square): &(Channel, f64)| {
-            channel.is_electrical() && *square > 1.0 + data.options.mismatch
-        };
-        base.squares.iter().any(over)
-    };
+    let mismatched = |base: &Hypothesis| mismatched_currents(base, &data.options);
     let open = |run: &Data| sampled(run) && !run.signals.holds_every_period();
     if !mismatched(base) || !data.runs().iter().any(open) {
         return Ok(Voltages::Held);
@@ -127,14 +122,12 @@ impl Signals {
     }
 
     fn say_drawn(&mut self) {
-        let found = Finding {
+        self.limited_by(Finding {
             finding: "the voltages act as if they went straight from row to row, as means over rows do"
                 .into(),
             consequence: "they are drawn so".into(),
             fix: "log every period of the drive, with f_sample under [drive], to see what is quicker".into(),
-        };
-        self.limits.found.push(found.clone());
-        self.findings.push(found);
+        });
     }
 }
 

@@ -5,7 +5,7 @@ use super::baseline;
 use super::data::Data;
 use super::fitting;
 use super::hypothesis::Hypothesis;
-use super::verdict::beyond_chance;
+use super::verdict::mismatched_currents;
 use crate::error::Result;
 use crate::experiment::Block;
 use crate::monitor::Monitor;
@@ -21,11 +21,7 @@ const TRIED: (usize, usize) = (8, 8);
 /// Those of the least-squares fits.
 pub fn take_out(data: &mut Data, base: &mut Hypothesis, monitor: &dyn Monitor) -> Result<()> {
     let electrical = |run: &&Data| run.has_electrical();
-    let mismatched = |base: &Hypothesis| {
-        let excess =
-            beyond_chance(base).zip(&base.squares).filter(|(_, (channel, _))| channel.is_electrical());
-        excess.map(|(x, _)| x).any(|x| x > data.options.mismatch)
-    };
+    let mismatched = |base: &Hypothesis| mismatched_currents(base, &data.options);
     let may = data.runs().iter().filter(electrical).all(|run| run.signals.currents_may_be_filtered());
     // What lags behind may pass for noise of the voltages.
     let noisy = data.runs().iter().any(|run| run.input.voltage > 0.0);
@@ -33,9 +29,10 @@ pub fn take_out(data: &mut Data, base: &mut Hypothesis, monitor: &dyn Monitor) -
         return Ok(());
     }
     let period = data.leading().signals.period;
+    let white = data.with_white_currents();
     let worth = |rows: f64| -> Result<f64> {
         monitor.go_on()?;
-        likelihood(&data.without_filter(rows * period), base, (rows, Noise::White), monitor)
+        likelihood(&white.without_filter(rows * period), base, (rows, Noise::White), monitor)
     };
     let (low, high) = (ROWS.0.ln(), ROWS.1.ln());
     let step = (high - low) / (TRIED.0 - 1) as f64;
@@ -47,7 +44,7 @@ pub fn take_out(data: &mut Data, base: &mut Hypothesis, monitor: &dyn Monitor) -
     // One more parameter, and as rare as any effect.
     let pays =
         |gain: f64| gain / data.options.rows_per_sample >= data.options.effect_cost + data.options.decisive;
-    if !pays(best.0 - likelihood(data, base, (0.0, Noise::White), monitor)?) {
+    if !pays(best.0 - likelihood(&white, base, (0.0, Noise::White), monitor)?) {
         return Ok(());
     }
     let mut reach = step;
@@ -57,14 +54,12 @@ pub fn take_out(data: &mut Data, base: &mut Hypothesis, monitor: &dyn Monitor) -
             best = larger(best, (worth(rows)?, rows));
         }
     }
-    let mut tried = data.without_filter(best.1 * period);
     // Noise of the voltages, which is not white in the currents, would gain by any filter.
-    let coloured = [(&tried, best.1), (data, 0.0)]
-        .map(|(data, rows)| likelihood(data, base, (rows, Noise::Coloured), monitor));
-    let [with, without] = coloured;
-    if !pays(with? - without?) {
+    let coloured = |data: &Data, rows: f64| likelihood(data, base, (rows, Noise::Coloured), monitor);
+    if !pays(coloured(&white.without_filter(best.1 * period), best.1)? - coloured(&white, 0.0)?) {
         return Ok(());
     }
+    let mut tried = data.without_filter(best.1 * period);
     let fitted = baseline::fit(&mut tried, monitor)?;
     // Beside something else that is missing its time constant is not known.
     if mismatched(&fitted) {
@@ -86,15 +81,14 @@ fn larger(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
     if b.0 > a.0 { b } else { a }
 }
 
-/// Logarithm of the likelihood of the logged currents, nats, if they passed a low pass with a time constant of so many `rows`, which was taken
-/// out of `data`, and nothing else is left of them but noise. Of a new value the share 1 − e^(−1/rows) enters the log.
+/// Logarithm of the likelihood of the logged currents, nats, if nothing but noise is left of them and they passed a low pass. Its time constant
+/// is so many `rows`, and it was taken out of `data`. Of a new value the share 1 − e^(−1/rows) enters the log.
 fn likelihood(
     data: &Data,
     base: &Hypothesis,
     (rows, noise): (f64, Noise),
     monitor: &dyn Monitor,
 ) -> Result<f64> {
-    let data = &data.with_white_currents();
     let fitted = fitting::currents_alone(data, base, monitor)?;
     let experiment = data.experiment(&fitted.model, &fitted.nuisances, data.channels(true, false)).plain();
     let mut residual = experiment.residual(&fitted.parameters);

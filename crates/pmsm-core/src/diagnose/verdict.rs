@@ -48,6 +48,12 @@ pub fn refutes(model: &Hypothesis, bare: &Hypothesis, options: &DiagnosisOptions
     !model.squares.iter().zip(&bare.squares).all(|((_, s), (_, bare))| *s <= times * bare + more)
 }
 
+/// Whether a channel of the voltage equations is mismatched.
+pub fn mismatched_currents(hypothesis: &Hypothesis, options: &DiagnosisOptions) -> bool {
+    let each = beyond_chance(hypothesis).zip(&hypothesis.squares);
+    each.filter(|(_, (channel, _))| channel.is_electrical()).any(|(excess, _)| excess > options.mismatch)
+}
+
 /// Excess mean square of each channel, beyond chance.
 pub fn beyond_chance(hypothesis: &Hypothesis) -> impl Iterator<Item = f64> {
     hypothesis.squares.iter().zip(&hypothesis.chance).map(|((_, s), chance)| s - 1.0 - chance)

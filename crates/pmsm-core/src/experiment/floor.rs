@@ -285,9 +285,9 @@ fn disturbed(
     let mut noisy = signals.clone();
     // Noise that has a colour of its own is taken as it was seen, from elsewhere in the log.
     let n = signals.len();
-    let shift = |draw: usize| (draw + 1) * n / (DRAWS + 1);
+    let shift = (draw + 1) * n / (DRAWS + 1);
     if let Some(noise) = &signals.limits.speed_noise {
-        let elsewhere = noise.series.iter().cycle().skip(shift(draw));
+        let elsewhere = noise.series.iter().cycle().skip(shift);
         noisy.omega_e.iter_mut().zip(elsewhere).for_each(|(w, error)| *w += error);
     } else if noisy.speed_known {
         for w in &mut noisy.omega_e {
@@ -295,7 +295,7 @@ fn disturbed(
         }
     } else if !signals.limits.speed.is_empty() {
         // The error of a derived speed comes where the rotor moves so.
-        let elsewhere = signals.limits.speed.iter().cycle().skip(shift(draw));
+        let elsewhere = signals.limits.speed.iter().cycle().skip(shift);
         noisy.omega_e.iter_mut().zip(elsewhere).for_each(|(w, error)| *w += error);
     }
     if let (Some(phases), Some(i), Some(clean)) = (&mut noisy.phases, &mut noisy.i, &signals.i) {
@@ -306,9 +306,9 @@ fn disturbed(
                 let inner = apart && k > 0 && k + 1 < x.len();
                 if inner { (x[k + 1] - 2.0 * x[k] + x[k - 1]) / 12.0 } else { 0.0 }
             };
-            let apart = |axis: usize| (k + shift(draw) + axis * n / (2 * DRAWS + 2)) % n;
+            let elsewhere = |axis: usize| (k + shift + axis * n / (2 * DRAWS + 2)) % n;
             let dq = [0, 1].map(|axis| match &signals.limits.current_noise {
-                Some(noise) => noise.series[apart(axis)],
+                Some(noise) => noise.series[elsewhere(axis)],
                 None => sigma_i[axis].hypot(unseen(&clean[axis])) * random.next(),
             });
             let (s, c) = Real::sin_cos(noisy.theta_e[k]);

@@ -24,8 +24,8 @@ const PARTS: usize = 4;
 /// Share of what two readings differ by that must be noise of the sensor, and no error of the other reading.
 const OWN: f64 = 0.5;
 
-/// The part of a `series` that is noise of the sensor, where its mean square exceeds that of `white` noise and is the same in all parts of the
-/// log, by the size of each of `keys`. Of the series the other reading has the error `other`.
+/// The part of a `series` that is noise of the sensor, if it lasts: its mean square then exceeds that of `white` noise. It must be as large in
+/// all parts of the log, by the size of each of `keys`. The error of the other reading, `other`, is no part of it.
 fn lasting(mut series: Vec<f64>, white: f64, other: f64, keys: &[Vec<f64>]) -> Option<SensorNoise> {
     let (square, count) = (mean_square(&series), series.len() as f64);
     let error = (2.0 / effective_samples(&series)).sqrt();
@@ -60,15 +60,13 @@ pub fn find(signals: &mut Signals) {
         consequence: "all of it counts as noise".into(),
         fix: "look for interference, or for a filter in the sensor".into(),
     };
-    let found: Vec<Finding> = [
+    let found = [
         currents.as_ref().map(|noise| told("current sensors", noise, "A per axis")),
         speed.as_ref().map(|noise| told("logged speed", noise, "rad/s (electrical)")),
     ]
     .into_iter()
-    .flatten()
-    .collect();
-    signals.limits.found.extend(found.iter().cloned());
-    signals.findings.extend(found);
+    .flatten();
+    found.for_each(|finding| signals.limited_by(finding));
     (signals.limits.current_noise, signals.limits.speed_noise) = (currents, speed);
 }
 
@@ -188,8 +186,8 @@ mod tests {
 
     const COUNT: u32 = 30_000;
 
-    /// A machine that reverses, whose three current sensors and speed have noise of 0.05 A and 0.3 rad/s that is white, and as much again
-    /// times `more` that lasts for eight rows; the angle is ahead by this function of itself and the speed.
+    /// A machine that reverses. Its current sensors have white noise of 0.05 A, its speed of 0.3 rad/s. Noise that lasts for eight rows is
+    /// `more` times as large. The angle is ahead by a function of itself and the speed.
     fn logged(more: f64, ahead: fn(f64, f64) -> f64, curved: f64) -> Signals {
         let mut lasting = [0.0; 4];
         let keep = (-1.0f64 / 8.0).exp();

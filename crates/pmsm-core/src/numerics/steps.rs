@@ -45,8 +45,8 @@ pub fn rounding(quantum: f64) -> f64 {
     quantum / 12f64.sqrt()
 }
 
-/// Rows for which the values of columns of one length are held together before any of them may change again, one where every row has its own,
-/// and the first row with a new value.
+/// Rows for which the values of columns of one length are held together, and the first row with a new value. It is one where every row has
+/// its own. Time grows with the number of rows alone: a longer hold has as many fewer changes.
 pub fn held_rows(columns: &[&[f64]]) -> (usize, usize) {
     let count = columns.first().map_or(0, |x| x.len());
     let changes: Vec<usize> = (1..count).filter(|k| columns.iter().any(|x| x[*k] != x[*k - 1])).collect();
@@ -59,7 +59,8 @@ pub fn held_rows(columns: &[&[f64]]) -> (usize, usize) {
         let (first, most) = counts.into_iter().enumerate().max_by_key(|(_, count)| *count)?;
         (most as f64 >= REGULAR * changes.len() as f64).then_some((rows, first))
     };
-    (2..=LONGEST).rev().find_map(first).unwrap_or((1, 0))
+    let longest = (count as f64 / (REGULAR * changes.len() as f64)) as usize + 1;
+    (2..=longest.min(LONGEST)).rev().find_map(first).unwrap_or((1, 0))
 }
 
 #[cfg(test)]

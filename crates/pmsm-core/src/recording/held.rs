@@ -2,6 +2,7 @@
 
 use super::{GAP, GAP_MECHANICAL, Recording, check_time, has_voltages, kind};
 use crate::numerics::steps::held_rows;
+use std::collections::BTreeMap;
 
 impl Recording {
     /// The rows in which the values are new, where every column is held together with the others for several rows; `None` where they are not,
@@ -14,12 +15,13 @@ impl Recording {
             return None;
         }
         let picked = |x: &Vec<f64>| x.iter().skip(first).step_by(rows).copied().collect();
-        let columns = self.columns.iter().map(|(name, x)| (*name, picked(x))).collect();
+        let columns: BTreeMap<&'static str, Vec<f64>> =
+            self.columns.iter().map(|(name, x)| (*name, picked(x))).collect();
         let gap = if has_voltages(&self.columns) { GAP } else { GAP_MECHANICAL };
-        let new = Self { columns, held: rows, ..self.clone() };
-        let (period, segments) = check_time(new.t(), gap).ok()?;
-        let same = kind::of(&new.columns, period, self.load).is_ok_and(|kind| kind == self.kind);
-        same.then_some(Self { period, segments, ..new })
+        let (period, segments) = check_time(&columns["t"], gap).ok()?;
+        let same = kind::of(&columns, period, self.load).is_ok_and(|kind| kind == self.kind);
+        let Self { load, kind, angle_error, .. } = *self;
+        same.then_some(Self { columns, load, period, segments, kind, angle_error, held: rows })
     }
 }
 

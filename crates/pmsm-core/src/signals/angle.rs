@@ -113,10 +113,11 @@ pub fn check_sense(
         return Ok(());
     }
     let (ratio, over_rows, n_p) = (stretches[0] / stretches[1], rows[0] / rows[1], f64::from(n_p));
-    let near = |x: f64| (ratio / x - 1.0).abs() < 0.2;
+    let same = |ratio: f64, x: f64| (ratio / x - 1.0).abs() < 0.2;
+    let near = |x: f64| same(ratio, x);
     let refuse = |problem: String, fix: String| Err(Error::Column { column: "theta_e".into(), problem, fix });
     // A speed that swings to and fro within a stretch shows from row to row.
-    if near(1.0) || (over_rows - 1.0).abs() < 0.2 {
+    if near(1.0) || same(over_rows, 1.0) {
         Ok(())
     } else if near(1.0 / n_p) {
         refuse(

@@ -221,6 +221,12 @@ pub(super) fn current_rounding(recording: &Recording, three: bool) -> f64 {
 }
 
 impl Signals {
+    /// Says what the log cannot hold.
+    pub fn limited_by(&mut self, found: Finding) {
+        self.limits.found.push(found.clone());
+        self.findings.push(found);
+    }
+
     /// Takes an angle that comes in steps for the lower end of its step, as a counter tells it, and goes to the middle.
     pub fn to_middle_of_steps(&mut self) {
         let by = 0.5 * self.limits.angle_step;

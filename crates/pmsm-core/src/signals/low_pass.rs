@@ -88,22 +88,20 @@ impl Signals {
         i.iter().all(coloured)
     }
 
-    /// Takes a first-order low pass with the time constant `tau` (s) out of the currents, and says so.
+    /// Takes a first-order low pass with the time constant `tau` (s) out of currents in the rotor's axes, and says so.
     pub fn take_filter_out(&mut self, tau: f64) {
-        let Some([d, q]) = &self.i else { return };
+        let Some([d, q]) = self.i.as_ref().filter(|_| !self.phase_currents) else { return };
         let [d, q] = [d, q].map(|x| sharpen(&self.t, x, &self.segments, tau));
         self.phases = Some(turned::to_phases([&d, &q], &self.theta_e));
         (self.i, self.current_filter) = (Some([d, q]), Some(tau));
-        let found = Finding {
+        self.limited_by(Finding {
             finding: format!(
                 "the logged currents are low-pass filtered at {:.0} Hz, as their noise and the voltages show",
                 1.0 / (TAU * tau)
             ),
             consequence: "the filter is taken out of them, which raises their noise".into(),
             fix: "log the currents before their filter".into(),
-        };
-        self.limits.found.push(found.clone());
-        self.findings.push(found);
+        });
     }
 }
 
