@@ -205,7 +205,15 @@ mod tests {
 
     #[test]
     fn a_product_of_two_factors_adds_to_each_equation_its_own_sum() {
-        let line = Spline { variable: Variable::IQ, low: -4.0, high: 4.0, degree: 1, pieces: 1, warp: 0.0 };
+        let line = Spline {
+            variable: Variable::IQ,
+            low: -4.0,
+            high: 4.0,
+            degree: 1,
+            pieces: 1,
+            warp: 0.0,
+            odd: false,
+        };
         let part = Part {
             equations: vec![Equation::D, Equation::Q],
             first: harmonics(Variable::ThetaE),

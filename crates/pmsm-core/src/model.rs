@@ -210,7 +210,15 @@ mod tests {
     use crate::map::{Equation, Factor, Part, Spline, Variable};
 
     fn map() -> Map {
-        let line = Spline { variable: Variable::IQ, low: -8.0, high: 8.0, degree: 3, pieces: 4, warp: 0.0 };
+        let line = Spline {
+            variable: Variable::IQ,
+            low: -8.0,
+            high: 8.0,
+            degree: 3,
+            pieces: 4,
+            warp: 0.0,
+            odd: false,
+        };
         let wave = Factor::Harmonics { angle: Variable::ThetaM, order: 1, count: 3 };
         let both = vec![Equation::D, Equation::Q];
         let voltage = Part { equations: both, first: wave, second: Some(Factor::Spline(line)) };

@@ -266,10 +266,11 @@ fn check(part: &Part) -> Result<()> {
             }
             Factor::Swing { frequency } => finite(*frequency),
             Factor::Direction { width } => finite(*width),
-            Factor::Spline(Spline { low, high, degree, pieces, warp, .. }) => {
-                let ends = low.is_finite() && high.is_finite() && low < high;
+            Factor::Spline(Spline { low, high, degree, pieces, warp, odd, .. }) => {
+                let ends = low.is_finite() && high.is_finite() && low < high && (!odd || *low == -high);
+                let most = if *odd { 2 * MOST } else { MOST };
                 let count =
-                    (1..=3).contains(degree) && *pieces >= 1 && pieces.saturating_add(*degree) <= MOST;
+                    (1..=3).contains(degree) && *pieces >= 1 && pieces.saturating_add(*degree) <= most;
                 ends && count && warp.is_finite() && *warp >= 0.0
             }
         };
@@ -288,7 +289,15 @@ mod tests {
 
     fn example() -> (Model, Vec<f64>) {
         let effects = [EffectId::DeadTime, EffectId::CoulombFriction];
-        let line = Spline { variable: Variable::IQ, low: -8.0, high: 8.0, degree: 3, pieces: 4, warp: 0.3 };
+        let line = Spline {
+            variable: Variable::IQ,
+            low: -8.0,
+            high: 8.0,
+            degree: 3,
+            pieces: 4,
+            warp: 0.3,
+            odd: false,
+        };
         let wave = Factor::Harmonics { angle: Variable::ThetaE, order: 6, count: 2 };
         let part = Part {
             equations: vec![Equation::D, Equation::Q],

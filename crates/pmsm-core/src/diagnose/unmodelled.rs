@@ -38,7 +38,7 @@ pub use rival::rival;
 pub use supported::{Alternative, Supported, supported, without_motion};
 
 /// Most parts of a map on one side, chosen one after the other.
-const PARTS: usize = 2;
+const PARTS: usize = 3;
 
 /// Voltage equations or equation of motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

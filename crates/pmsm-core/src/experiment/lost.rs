@@ -260,13 +260,21 @@ mod tests {
 
     fn parts() -> [Part; 3] {
         let line = |variable, low, high| {
-            Factor::Spline(Spline { variable, low, high, degree: 1, pieces: 1, warp: 0.0 })
+            Factor::Spline(Spline { variable, low, high, degree: 1, pieces: 1, warp: 0.0, odd: false })
         };
         let wave = |order, count| Factor::Harmonics { angle: Variable::ThetaE, order, count };
         let part =
             |equations: &[Equation], first, second| Part { equations: equations.to_vec(), first, second };
         let both = [Equation::D, Equation::Q];
-        let curve = Spline { variable: Variable::IQ, low: -4.0, high: 4.0, degree: 3, pieces: 4, warp: 0.0 };
+        let curve = Spline {
+            variable: Variable::IQ,
+            low: -4.0,
+            high: 4.0,
+            degree: 3,
+            pieces: 4,
+            warp: 0.0,
+            odd: false,
+        };
         [
             part(&both, wave(1, 5), None),
             part(&[Equation::Q], Factor::Spline(curve), None),

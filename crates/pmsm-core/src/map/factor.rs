@@ -93,6 +93,9 @@ pub struct Spline {
     /// Half-width w about zero within which the pieces are narrow, in the variable's unit: they are uniform in x/(w + |x|). Zero for
     /// pieces that are uniform in x.
     pub warp: f64,
+    /// Whether there are odd functions alone, each a spline less its mirror image: of a range that is symmetric about zero.
+    #[serde(default)]
+    pub odd: bool,
 }
 
 impl Spline {
@@ -110,20 +113,35 @@ impl Spline {
         let x = positive(x);
         let rest = T::constant(pieces) - x;
         let x = rest.if_positive(x, T::constant(pieces));
-        for (k, value) in out.iter_mut().enumerate().take(self.pieces + self.degree) {
-            // Function k lies symmetrically about its centre; truncated powers of the distance from there.
-            let a = (x - T::constant(k as f64 + 0.5 * (1.0 - self.degree as f64))).abs();
-            *value = match self.degree {
-                1 => positive(T::one() - a),
-                2 => {
-                    let (outer, inner) = (positive(T::constant(1.5) - a), positive(T::constant(0.5) - a));
-                    (outer.squared() - inner.squared() * 3.0) * 0.5
-                }
-                _ => {
-                    let (outer, inner) = (positive(T::constant(2.0) - a), positive(T::one() - a));
-                    (outer.squared() * outer - inner.squared() * inner * 4.0) * (1.0 / 6.0)
-                }
-            };
+        for (k, value) in out.iter_mut().enumerate().take(self.count()) {
+            *value = self.function(k, x);
+            if self.odd {
+                *value -= self.function(self.pieces + self.degree - 1 - k, x);
+            }
+        }
+    }
+
+    /// Number of functions.
+    pub fn count(&self) -> usize {
+        let all = self.pieces + self.degree;
+        if self.odd { all / 2 } else { all }
+    }
+
+    /// Spline `k` at `x`, in pieces from the lower end.
+    #[inline(always)]
+    fn function<T: Real>(&self, k: usize, x: T) -> T {
+        // It lies symmetrically about its centre; truncated powers of the distance from there.
+        let a = (x - T::constant(k as f64 + 0.5 * (1.0 - self.degree as f64))).abs();
+        match self.degree {
+            1 => positive(T::one() - a),
+            2 => {
+                let (outer, inner) = (positive(T::constant(1.5) - a), positive(T::constant(0.5) - a));
+                (outer.squared() - inner.squared() * 3.0) * 0.5
+            }
+            _ => {
+                let (outer, inner) = (positive(T::constant(2.0) - a), positive(T::one() - a));
+                (outer.squared() * outer - inner.squared() * inner * 4.0) * (1.0 / 6.0)
+            }
         }
     }
 }
@@ -167,7 +185,7 @@ impl Factor {
         match self {
             Self::Harmonics { count, .. } => 2 * count,
             Self::Swing { .. } | Self::Direction { .. } => 2,
-            Self::Spline(spline) => spline.pieces + spline.degree,
+            Self::Spline(spline) => spline.count(),
         }
     }
 
@@ -224,8 +242,15 @@ mod tests {
     #[test]
     fn splines_are_a_partition_of_unity_and_hold_their_ends() {
         for degree in 1..=3 {
-            let spline =
-                Spline { variable: Variable::OmegaE, low: -50.0, high: 150.0, degree, pieces: 4, warp: 0.0 };
+            let spline = Spline {
+                variable: Variable::OmegaE,
+                low: -50.0,
+                high: 150.0,
+                degree,
+                pieces: 4,
+                warp: 0.0,
+                odd: false,
+            };
             let at = |omega| values(Factor::Spline(spline), &at_speed(omega));
             for k in 0..=100 {
                 let b = at(-50.0 + 2.0 * f64::from(k));
@@ -239,9 +264,36 @@ mod tests {
     }
 
     #[test]
+    fn odd_functions_change_sign_with_the_variable_and_are_half_as_many() {
+        for (pieces, warp) in [(4, 0.0), (6, 3.0), (7, 0.0)] {
+            let variable = Variable::OmegaE;
+            let spline = Spline { variable, low: -50.0, high: 50.0, degree: 3, pieces, warp, odd: true };
+            let at = |omega| values(Factor::Spline(spline), &at_speed(omega));
+            let whole = |omega| values(Factor::Spline(Spline { odd: false, ..spline }), &at_speed(omega));
+            for k in 0..=60 {
+                let omega = f64::from(k);
+                let (forward, back, all) = (at(omega), at(-omega), whole(omega));
+                assert_eq!(forward.len(), (pieces + 3) / 2);
+                assert!(
+                    forward.iter().zip(&back).all(|(a, b)| (a + b).abs() < 1e-12),
+                    "{forward:?} {back:?}"
+                );
+                assert!((0..forward.len()).all(|k| forward[k] == all[k] - all[all.len() - 1 - k]));
+            }
+        }
+    }
+
+    #[test]
     fn a_spline_of_its_nodes_is_the_variable_itself() {
-        let spline =
-            Spline { variable: Variable::OmegaE, low: 0.0, high: 4.0, degree: 3, pieces: 4, warp: 0.0 };
+        let spline = Spline {
+            variable: Variable::OmegaE,
+            low: 0.0,
+            high: 4.0,
+            degree: 3,
+            pieces: 4,
+            warp: 0.0,
+            odd: false,
+        };
         for omega in [0.0, 0.7, 1.9, 3.3, 4.0] {
             let b = values(Factor::Spline(spline), &at_speed(omega));
             let sum: f64 = b.iter().enumerate().map(|(k, b)| b * (k as f64 - 1.0)).sum();

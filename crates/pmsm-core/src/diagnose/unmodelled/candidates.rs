@@ -6,7 +6,7 @@ use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::locate::{Located, equation_of};
 use crate::experiment::Channel;
-use crate::map::{Equation, Factor, MOST, Part, Spline, Variable};
+use crate::map::{Equation, Factor, Part, Spline, Variable};
 use crate::numerics::real::Real;
 use crate::recording::{Kind, Load};
 use std::f64::consts::{PI, TAU};
@@ -21,6 +21,9 @@ const SMOOTHNESS: [(usize, f64); 6] = [(3, 0.0), (3, DENSE), (9, 0.0), (9, DENSE
 /// Speeds at which a torque may level off, shares of the largest speed: brakes and fluids do so. Two neighbours and the smoothest curve come
 /// within 0.2 % of any such torque, with two coefficients. The narrowest is far from a jump: 9 % of one would remain.
 const LEVELS_OFF: [f64; 5] = [1.0, 0.5, 0.25, 0.125, 0.0625];
+/// Pieces of a torque over the speed that is the same in both directions but for its sign, as that of what rubs or brakes, and the half-width
+/// about standstill within which they are narrow, share of the largest speed.
+const ODD: [(usize, f64); 5] = [(6, 0.0), (12, 0.0), (12, DENSE), (36, DENSE), (56, 0.2 * DENSE)];
 /// Half-width about standstill within which the pieces of a curve over the speed are narrow, share of the largest speed: forms of friction
 /// differ there.
 const DENSE: f64 = 0.1;
@@ -28,8 +31,10 @@ const DENSE: f64 = 0.1;
 const SURFACE: (usize, usize) = (2, 2);
 /// Splines with which a harmonic changes along a variable.
 const LINE: (usize, usize) = (1, 1);
-/// Harmonics of one angle, and those that change along a variable.
+/// Harmonics of one angle: of a voltage, and of a torque, which may sit at one place of a turn.
 const HARMONICS: usize = 8;
+const OF_A_PLACE: usize = 16;
+/// Harmonics that change along a variable.
 const CHANGING: usize = 2;
 /// Share of a variable's samples that its range leaves out at either end.
 const TAIL: f64 = 0.002;
@@ -53,7 +58,7 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
     let dense = |v: &(Variable, f64, f64)| {
         let (degree, pieces) = FINE[1];
         let warp = DENSE * v.1.abs().max(v.2.abs());
-        Factor::Spline(Spline { variable: v.0, low: v.1, high: v.2, degree, pieces, warp })
+        Factor::Spline(Spline { variable: v.0, low: v.1, high: v.2, degree, pieces, warp, odd: false })
     };
     let mut pairs: Vec<(Factor, Option<Factor>)> = waves.iter().map(|wave| (*wave, None)).collect();
     for (k, x) in variables.iter().enumerate() {
@@ -62,6 +67,7 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
             pairs.extend(FINE.map(|size| (spline(x, size), None)));
             if x.0 == Variable::OmegaE && x.1 < 0.0 && x.2 > 0.0 {
                 pairs.push((dense(x), None));
+                pairs.extend(ODD.map(|(pieces, share)| (odd_curve(x, pieces, share), None)));
             }
         }
         for y in &variables[k + 1..] {
@@ -95,7 +101,14 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
 
 /// A spline of this degree and number of uniform pieces over a variable, given with its range.
 fn spline(v: &(Variable, f64, f64), (degree, pieces): (usize, usize)) -> Factor {
-    Factor::Spline(Spline { variable: v.0, low: v.1, high: v.2, degree, pieces, warp: 0.0 })
+    Factor::Spline(Spline { variable: v.0, low: v.1, high: v.2, degree, pieces, warp: 0.0, odd: false })
+}
+
+/// Odd splines of so many pieces over a variable, given with its range, narrow within this share of its largest value.
+fn odd_curve(v: &(Variable, f64, f64), pieces: usize, share: f64) -> Factor {
+    let largest = v.1.abs().max(v.2.abs());
+    let (variable, warp) = (v.0, share * largest);
+    Factor::Spline(Spline { variable, low: -largest, high: largest, degree: 3, pieces, warp, odd: true })
 }
 
 /// Smooth voltages over speed and currents, of which one may be there, the simplest first; and the voltages over the turn, which may be there
@@ -126,9 +139,9 @@ pub fn lost_voltages(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Par
 /// Smooth torques over the speed, of which one may act, and torques over the turn, which may act together. Those over the speed are curves,
 /// the smoothest first, and torques that level off.
 ///
-/// Each direction of rotation has its own curve. A torque that changes sign at standstill within its shortest piece is dry friction. None is
+/// Each direction of rotation has its own curve, or both have one. A torque that changes sign at standstill within its shortest piece is dry friction. None is
 /// over the motor's torque, which in steady motion equals any torque that it balances. Of a rotor [without
-/// load](turns_one_way_without_load) the curves span both directions, so that their odd halves are the torques that vanish at standstill.
+/// load](turns_one_way_without_load) the curves are odd ones: the torques that vanish at standstill.
 pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part>) {
     let part = |first| Part { equations: vec![Equation::Mechanical], first, second: None };
     let speed = variables(data, best, Side::Mechanical).into_iter().find(|x| x.0 == Variable::OmegaE);
@@ -146,8 +159,8 @@ pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part
         let over = |(low, high): &(f64, f64)| {
             let (variable, low, high) = (Variable::OmegaE, *low, *high);
             let warp = dense * data.signals.context.omega_e_max;
-            let pieces = if odd { (2 * pieces).min(MOST - 3) / 2 * 2 } else { pieces };
-            part(Factor::Spline(Spline { variable, low, high, degree: 3, pieces, warp }))
+            let pieces = if odd { 2 * pieces } else { pieces };
+            part(Factor::Spline(Spline { variable, low, high, degree: 3, pieces, warp, odd }))
         };
         ranges.iter().map(over).collect()
     };
@@ -157,8 +170,15 @@ pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part
     } else {
         // A rotor that does not turn round is held by springs, or by friction that has not broken loose yet.
         let (pieces, _) = SMOOTHNESS[2];
-        let place =
-            Factor::Spline(Spline { variable: Variable::ThetaM, low, high, degree: 3, pieces, warp: 0.0 });
+        let place = Factor::Spline(Spline {
+            variable: Variable::ThetaM,
+            low,
+            high,
+            degree: 3,
+            pieces,
+            warp: 0.0,
+            odd: false,
+        });
         let direction = Factor::Direction { width: DIRECTION * data.signals.context.omega_e_max };
         let second = reverses(data).then_some(direction);
         vec![Part { equations: vec![Equation::Mechanical], first: place, second }]
@@ -171,6 +191,10 @@ pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part
     let mut smooth: Vec<Vec<Part>> = SMOOTHNESS.map(curve).to_vec();
     if !ranges.is_empty() {
         smooth.extend(LEVELS_OFF.map(levelling));
+    }
+    if let [(low, _), (_, high)] = ranges[..] {
+        let both = (Variable::OmegaE, low, high);
+        smooth.extend(ODD.map(|(pieces, share)| vec![part(odd_curve(&both, pieces, share))]));
     }
     (smooth, over_turn)
 }
@@ -192,7 +216,8 @@ fn waves(data: &Data, side: Side, located: &[Located]) -> Vec<Factor> {
     let mut add = |angle: Variable, order: u32| {
         // Angle by which the lowest harmonic turns between two samples at full speed.
         let step = s.context.omega_e_max / turn(angle) * f64::from(order) * s.period;
-        let count = ((SAMPLED * PI / step.max(f64::MIN_POSITIVE)) as usize).min(HARMONICS);
+        let count = ((SAMPLED * PI / step.max(f64::MIN_POSITIVE)) as usize)
+            .min(if side == Side::Mechanical { OF_A_PLACE } else { HARMONICS });
         let wave = Factor::Harmonics { angle, order, count };
         if count > 0 && !waves.contains(&wave) {
             waves.push(wave);
@@ -322,6 +347,7 @@ mod tests {
     use super::*;
     use crate::diagnose::testing::{data, setup, speeds};
     use crate::drive::Schedule;
+    use crate::map::MOST;
 
     /// A recording through these speeds, rad/s, under this kind of load.
     fn driven(levels: &[f64], load: &str) -> Data {
@@ -343,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn the_curves_of_such_a_rotor_span_both_directions_alike() {
+    fn the_curves_of_such_a_rotor_are_odd() {
         let data = driven(&[80.0, 40.0, 90.0], "none");
         let base =
             Hypothesis::unfitted(crate::model::Model::new(data.signals.context, &[]), data.start.to_vec());

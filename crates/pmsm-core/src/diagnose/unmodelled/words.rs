@@ -65,10 +65,36 @@ fn term(part: &Part, equation: Equation, coefficients: &[f64], peak: f64) -> Ter
         sentence: format!("unmodelled {what} over {}, up to {peak:.decimals$} {unit}", over.join(" and ")),
         formula,
         variables: part.factors().map(basis).collect(),
-        coefficients: coefficients.to_vec(),
+        coefficients: of_basis(part, coefficients),
         unit,
         peak,
     }
+}
+
+/// Coefficients of the products of the bases: those of odd functions are those of all splines, mirrored.
+fn of_basis(part: &Part, coefficients: &[f64]) -> Vec<f64> {
+    let whole = |factor: &Factor| match factor {
+        Factor::Spline(s) if s.odd => s.pieces + s.degree,
+        other => other.count(),
+    };
+    // Number of the odd function that holds spline `k`, and its sign there.
+    let place = |factor: &Factor, k: usize| {
+        let count = factor.count();
+        match whole(factor).checked_sub(count) {
+            Some(0) | None => Some((k, 1.0)),
+            _ if k < count => Some((k, 1.0)),
+            _ => Some((whole(factor) - 1 - k, -1.0)).filter(|(k, _)| *k < count),
+        }
+    };
+    let second = part.second.as_ref();
+    let (m, own) = (second.map_or(1, whole), second.map_or(1, Factor::count));
+    let value = |(a, b): (usize, usize)| {
+        let (first, x) = place(&part.first, a)?;
+        let (second, y) = second.map_or(Some((0, 1.0)), |factor| place(factor, b))?;
+        Some(x * y * coefficients[first * own + second])
+    };
+    let all = (0..whole(&part.first)).flat_map(|a| (0..m).map(move |b| (a, b)));
+    all.map(|at| value(at).unwrap_or(0.0)).collect()
 }
 
 fn over(factor: &Factor) -> String {
@@ -131,4 +157,36 @@ fn peaks(data: &Data, fitted: &Hypothesis, map: &Map, coefficients: &[f64]) -> V
         }
     }
     peaks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing::env;
+    use crate::map::Spline;
+
+    #[test]
+    fn coefficients_of_odd_functions_are_told_for_all_splines() {
+        let variable = Variable::OmegaE;
+        let odd = Spline { variable, low: -80.0, high: 80.0, degree: 3, pieces: 6, warp: 5.0, odd: true };
+        let part = |spline| Part {
+            equations: vec![Equation::Mechanical],
+            first: Factor::Spline(spline),
+            second: Some(Factor::Direction { width: 2.0 }),
+        };
+        let own: Vec<f64> = (0..8).map(|k| 0.3 * f64::from(k) - 1.0).collect();
+        let told = of_basis(&part(odd), &own);
+        assert_eq!(told.len(), 9 * 2);
+        for omega in [-75.0, -20.0, -0.5, 0.0, 3.0, 41.0] {
+            let at = Point { env: env(0.4, omega), i: [0.0; 2], v: [0.0; 2], tau_e: 0.0 };
+            let value = |part: &Part, p: &[f64]| {
+                let mut out = [0.0; 2];
+                part.add(p, &at, &mut out);
+                out[0]
+            };
+            let (wanted, whole) =
+                (value(&part(odd), &own), value(&part(Spline { odd: false, ..odd }), &told));
+            assert!((wanted - whole).abs() < 1e-12, "{omega}: {wanted} {whole}");
+        }
+    }
 }
