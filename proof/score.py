@@ -12,8 +12,9 @@ pair     right if both are in `model.effects`; one of two is counted apart.
 whole    three to seven effects. Right: every strong part (2 times the noise by itself) is found, no name is
          wrong, and the verdict is "named" or "partial".
 foreign  a form outside the catalogue, 5 to 500 times the noise, alone or beside known effects. Right alone:
-         "unknown", or names that the truth accepts. Right beside: "partial" with every strong known effect
-         and no wrong name.
+         "unknown", or names that the truth accepts. Right beside: every strong known effect and no wrong
+         name under "partial", or under "named" where a name that the truth accepts for the form is among
+         them.
 unknown  a form outside the catalogue of the strength of singles. Right: "unknown", or a name the truth
          accepts.
 clean    nothing was put in. Right: "no_mismatch" without a false alarm, which is any verdict but
@@ -186,7 +187,8 @@ def judge(case: str, truth: dict[str, Any], answer: dict[str, Any], cost: dict[s
     elif row.kind == "foreign" and not there:
         row.right = not wrong and (verdict == "unknown" or (said_name and bool(names) and none_wrong))
     elif row.kind == "foreign":
-        row.right = verdict == "partial" and all_found and none_wrong and not wrong
+        form_named = verdict == "named" and any(among(name, set(truth["also_accept"])) for name in names)
+        row.right = (verdict == "partial" or form_named) and all_found and none_wrong and not wrong
     elif row.kind == "whole":
         row.right = verdict in ("named", "partial") and all_found and none_wrong and not wrong
     elif row.kind == "limited":

@@ -6,10 +6,12 @@ use pmsm_core::effect::{Context, Need, Role};
 use pmsm_core::effects::{ALL, EffectId};
 
 /// Every identifier of the file contract with the results whose names are binding.
-const CONTRACT: [(&str, &[&str]); 30] = [
+const CONTRACT: [(&str, &[&str]); 32] = [
     ("coulomb_friction", &["tau_c"]),
     ("stribeck_friction", &["tau_c", "tau_s", "w_s"]),
     ("asymmetric_friction", &[]),
+    ("concave_friction", &["k", "alpha"]),
+    ("presliding_friction", &["tau_c", "theta_0"]),
     ("load_dependent_friction", &[]),
     ("quadratic_drag", &["k"]),
     ("cogging_torque", &["tau_cog", "order_mech"]),

@@ -325,6 +325,9 @@ pub trait Effect {
     const GENERAL: bool = false;
     /// Whether its torque jumps where the speed changes its sign, as an unknown load that changes in steps may do, too.
     const JUMPS: bool = false;
+    /// Whether it is a curve over the speed that a smooth term describes as well but for standstill: beside an unexplained torque it is named
+    /// only for what no such term fits.
+    const SMOOTH: bool = false;
     /// Whether its electrical states are temperatures: they begin at zero with the recording, go on over its gaps, and change too
     /// slowly for a sample to matter.
     const THERMAL: bool = false;

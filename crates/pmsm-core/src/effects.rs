@@ -75,6 +75,10 @@ macro_rules! catalogue {
             pub fn jumps(self) -> bool {
                 match self { $(Self::$name => <$module::$name as Effect>::JUMPS,)+ Self::Text(text) => text.jumps() }
             }
+            /// Whether a smooth term over the speed describes it as well but for standstill.
+            pub fn is_smooth(self) -> bool {
+                match self { $(Self::$name => <$module::$name as Effect>::SMOOTH,)+ Self::Text(_) => false }
+            }
             /// Whether its electrical states are temperatures.
             pub fn is_thermal(self) -> bool {
                 match self { $(Self::$name => <$module::$name as Effect>::THERMAL,)+ Self::Text(_) => false }
@@ -157,6 +161,8 @@ catalogue! {
     coulomb_friction::CoulombFriction,
     stribeck_friction::StribeckFriction,
     asymmetric_friction::AsymmetricFriction,
+    concave_friction::ConcaveFriction,
+    presliding_friction::PreslidingFriction,
     load_dependent_friction::LoadDependentFriction,
     quadratic_drag::QuadraticDrag,
     cogging_torque::CoggingTorque,

@@ -1,7 +1,7 @@
 //! The verdict of a selected set, with rivals and posterior probabilities, and that of the effects named beside a discrepancy.
 
 use super::answer::Verdict;
-use super::select::Outcome;
+use super::select::{Outcome, Swap};
 use super::unmodelled::{Alternative, Supported};
 use super::verdict::Validated;
 use crate::effects::EffectId;
@@ -38,17 +38,23 @@ pub fn decide(outcome: &Outcome, poor: bool) -> (Verdict, Vec<Ranked>) {
     let least = outcome.evidence.cost(&outcome.best);
     let weight =
         |validated: &Validated| (least - outcome.evidence.cost(validated)).min(LARGEST_LOG_WEIGHT).exp();
-    let total = 1.0 + outcome.swaps.iter().map(|s| weight(&s.validated)).sum::<f64>();
+    // What holds an effect as a special case and explains no more says the same of it.
+    let says_the_same = |s: &&Swap| {
+        let holds = s.by.is_some_and(|by| by.contains(s.replaced));
+        holds && outcome.evidence.cost(&s.validated) >= least
+    };
+    let rivals: Vec<&Swap> = outcome.swaps.iter().filter(|s| !says_the_same(s)).collect();
+    let total = 1.0 + rivals.iter().map(|s| weight(&s.validated)).sum::<f64>();
     let mut ranked: Vec<Ranked> = Vec::new();
     for &effect in &effects {
-        let others = || outcome.swaps.iter().filter(|s| s.replaced == effect);
+        let others = || rivals.iter().copied().filter(|s| s.replaced == effect);
         let without: f64 = others().map(|s| weight(&s.validated)).sum();
-        let close = |s: &&super::select::Swap| outcome.evidence.cost(&s.validated) < least + options.decisive;
+        let close = |s: &&Swap| outcome.evidence.cost(&s.validated) < least + options.decisive;
         let equivalent = others().filter(close).filter_map(|s| s.by).collect();
         let probability = known * (1.0 - without / total);
         ranked.push(Ranked { effect, probability, equivalent, validated: outcome.best.clone() });
     }
-    for swap in &outcome.swaps {
+    for swap in &rivals {
         let Some(rival) = swap.by.filter(|by| !effects.contains(by)) else { continue };
         let probability = known * weight(&swap.validated) / total;
         match ranked.iter_mut().find(|r| r.effect == rival) {
@@ -245,6 +251,25 @@ mod tests {
         let (.., dry_is, drag_is) = told(3.0, 1.4);
         let without = 1.0 - DiagnosisOptions::default().unknown - dry_is - drag_is;
         assert!(without > 0.001 && without < dry_is, "{dry_is} {drag_is}");
+    }
+
+    #[test]
+    fn a_wider_effect_that_explains_no_more_is_no_rivalry() {
+        let (dry, wide) = (EffectId::CoulombFriction, EffectId::PreslidingFriction);
+        let told = |rival: f64| {
+            let swap = |by, validated| Swap { replaced: dry, by, validated };
+            let swaps = vec![swap(None, validated(&[], 9.0)), swap(Some(wide), validated(&[wide], rival))];
+            let outcome = outcome(validated(&[], 9.0), validated(&[dry], 1.2), swaps);
+            let (verdict, ranked) = decide(&outcome, false);
+            (verdict, ranked.len(), ranked[0].probability)
+        };
+        let (verdict, listed, probability) = told(1.2);
+        assert_eq!((verdict, listed), (Verdict::Named, 1));
+        assert!((probability - (1.0 - DiagnosisOptions::default().unknown)).abs() < 1e-3);
+        // One that explains more is one.
+        let (verdict, listed, probability) = told(1.17);
+        assert_eq!((verdict, listed), (Verdict::Ambiguous, 2));
+        assert!(probability < 0.5);
     }
 
     #[test]

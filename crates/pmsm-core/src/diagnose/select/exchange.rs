@@ -127,9 +127,13 @@ impl Search<'_> {
         shown: &[Shown],
         seen: &mut Vec<Validated>,
     ) -> Result<Vec<Swap>> {
+        let unexplained = best.excess() > self.data.options.mismatch;
         let loses = |s: &Shown, found: EffectId, nats: f64| nats * (1.0 - s.cosine(found).powi(2));
+        // Beside a remainder another curve of friction may be the right one, whatever it gains to first order.
+        let other_curve = |s: &Shown, found: EffectId| unexplained && found.jumps() && s.effect.jumps();
         let open = |found: EffectId, nats: f64| {
-            nats < SURE || shown.iter().any(|s| loses(s, found, nats) < FIRST_ORDER)
+            let rival = |s: &Shown| loses(s, found, nats) < FIRST_ORDER || other_curve(s, found);
+            nats < SURE || shown.iter().any(rival)
         };
         let explained = best.excess() <= self.data.options.form_error();
         let least = self.data.options.beside_remainder;
@@ -146,7 +150,11 @@ impl Search<'_> {
             let loses = |s: &Shown| loses(s, *replaced, *nats);
             let mut rivals: Vec<&Shown> = shown.iter().filter(|s| loses(s) < FIRST_ORDER).collect();
             rivals.sort_by(|a, b| loses(a).total_cmp(&loses(b)));
-            tasks.extend(rivals.into_iter().take(RIVALS).map(|s| (*replaced, s.effect, fewer)));
+            rivals.truncate(RIVALS);
+            let curves = shown.iter().filter(|s| other_curve(s, *replaced));
+            let curves: Vec<&Shown> =
+                curves.filter(|s| rivals.iter().all(|rival| rival.effect != s.effect)).collect();
+            tasks.extend(rivals.into_iter().chain(curves).map(|s| (*replaced, s.effect, fewer)));
         }
         let refit = |(replaced, by, fewer): &(EffectId, EffectId, &Validated)| -> Result<Option<Swap>> {
             let mut wanted = fewer.fitted.effects();

@@ -69,6 +69,7 @@ pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f6
         };
         let back: Vec<(usize, f64)> = own.iter().map(|k| (*k, back(k))).collect();
         let without: Vec<Normal> = normals.iter().map(|normal| normal.moved(&back)).collect();
+        let beside_it = choices.beside(&normals, machine.len(), *beside);
         let (fewer, _) = choices.least(&without, machine.len() - own.len(), samples)?;
         let lost = choices.excess(&without, machine.len() - own.len(), NONE)?;
         let explained = choices.excess(&without, machine.len() - own.len(), *beside)? - remains;
@@ -88,7 +89,16 @@ pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f6
         let by_sensors = choices.of_sensors(*beside)
             && outside(&normals, &back, &[&others[..], &choices.places(machine.len(), *beside)].concat())?
                 < SENSORS_KNOWN_TO.powi(2) * outside(&normals, &back, &others)?;
-        let nats = if by_sensors { -cost } else { fewer - whole - cost };
+        let nats = match slot.effect.is_smooth() {
+            _ if by_sensors => -cost,
+            // A curve that spares a smooth term some coefficients is not the cause that the term describes.
+            true => {
+                choices.best_fit(&without, machine.len() - own.len(), samples)?
+                    - left(&beside_it, samples)?
+                    - cost
+            }
+            false => fewer - whole - cost,
+        };
         // Not named either way; the gain orders those that are dropped.
         Some(if of_form || of_remainder { nats.min(NOT_NAMED) } else { nats })
     };
@@ -146,8 +156,6 @@ fn samples(normals: &[Normal]) -> Option<Vec<f64>> {
 /// angle that is late, or is flawed over the turn, or neither.
 struct Choices {
     parts: Vec<Part>,
-    /// Number of the parts, the first ones, that are there with their odd halves alone.
-    odd: usize,
     /// Whether sensors may err: their columns follow those of the parts.
     sensors: bool,
     /// Columns of each choice, counted from the first one of the parts.
@@ -166,10 +174,8 @@ impl Choices {
             at += count;
             (at - count..at).collect::<Vec<usize>>()
         };
-        let odd = side == Side::Mechanical && candidates::turns_one_way_without_load(data);
         let count = |parts: &Vec<Part>| parts.iter().map(Part::count).sum::<usize>();
-        let halved = |parts: &Vec<Part>| parts.iter().map(|part| size(part, odd)).sum::<usize>();
-        let each: Vec<Vec<usize>> = smooth.iter().map(|parts| place(halved(parts))).collect();
+        let each: Vec<Vec<usize>> = smooth.iter().map(|parts| place(count(parts))).collect();
         let mut columns: Vec<Vec<usize>> = std::iter::once(Vec::new()).chain(each).collect();
         let sensors = side == Side::Electrical && data.has_electrical() && !data.is_steady();
         let mut with = |any_of: &[Vec<usize>]| {
@@ -185,20 +191,12 @@ impl Choices {
             let squared = [&late[..], &place(LATE_SQUARED)].concat();
             with(&[late, squared, place(TURNED - LATE - LATE_SQUARED)]);
         }
-        let smooth = smooth.concat();
-        let odd = if odd { smooth.len() } else { 0 };
-        Self { parts: [smooth, turn].concat(), odd, sensors, columns, options: data.options }
-    }
-
-    /// Each part, and whether it is there with its odd half alone.
-    fn parts(&self) -> impl Iterator<Item = (&Part, bool)> {
-        self.parts.iter().enumerate().map(|(k, part)| (part, k < self.odd))
+        Self { parts: [smooth.concat(), turn].concat(), sensors, columns, options: data.options }
     }
 
     /// Columns of all terms together.
     fn count(&self) -> usize {
-        self.parts().map(|(part, odd)| size(part, odd)).sum::<usize>()
-            + if self.sensors { LAGS + TURNED } else { 0 }
+        self.parts.iter().map(Part::count).sum::<usize>() + if self.sensors { LAGS + TURNED } else { 0 }
     }
 
     /// Cost of a set of so many parameters beside its best term, the term included, nats; and which term that is.
@@ -211,6 +209,12 @@ impl Choices {
             Some((left + prior + price, choice))
         };
         (0..self.columns.len()).filter_map(cost).min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// The same of its residual alone, whatever the term takes to describe.
+    fn best_fit(&self, normals: &[Normal], parameters: usize, samples: &[f64]) -> Option<f64> {
+        let cost = |choice: usize| left(&self.beside(normals, parameters, choice), samples);
+        (0..self.columns.len()).filter_map(cost).min_by(f64::total_cmp)
     }
 
     /// Excess mean square of such a set beside one of the terms, summed over the runs.
@@ -234,11 +238,6 @@ impl Choices {
         let kept: Vec<usize> = (0..parameters).chain(self.places(parameters, choice)).collect();
         normals.iter().map(|normal| normal.only(&kept)).collect()
     }
-}
-
-/// Columns of a part, or of its odd half.
-fn size(part: &Part, odd: bool) -> usize {
-    if odd { part.count() / 2 } else { part.count() }
 }
 
 /// Cost of the residual of a set with the discrepancy on all runs, nats.
@@ -307,16 +306,9 @@ impl Normal {
         let mut all = DMatrix::zeros(kept, count);
         all.columns_mut(0, machine.len()).copy_from(&sparse(&known).columns(0, machine.len()));
         let mut at = machine.len();
-        for (part, odd) in choices.parts() {
-            let (whole, size) = (sparse(&view.columns(part)), size(part, odd));
-            let mut own = all.columns_mut(at, size);
-            own.copy_from(&whole.columns(0, size));
-            if odd {
-                // Mirrored functions lie at the same distance from either end.
-                (0..size)
-                    .for_each(|k| own.column_mut(k).axpy(-1.0, &whole.column(part.count() - 1 - k), 1.0));
-            }
-            at += size;
+        for part in &choices.parts {
+            all.columns_mut(at, part.count()).copy_from(&sparse(&view.columns(part)));
+            at += part.count();
         }
         if let Some(errs) = view.sensor_columns().filter(|_| choices.sensors) {
             all.columns_mut(at, LAGS + TURNED).copy_from(&sparse(&errs));

@@ -108,7 +108,9 @@ fn narrowed<'a>(
     monitor: &dyn Monitor,
 ) -> Result<(Hypothesis, Vec<Alternative>)> {
     let mut alternatives = Vec::new();
-    for wide in set.effects().into_iter().filter(|e| e.info().site == Site::Mechanical) {
+    // A smooth curve is no friction that jumps: a smooth term takes its place.
+    let wider = |e: &EffectId| e.info().site == Site::Mechanical && !e.is_smooth();
+    for wide in set.effects().into_iter().filter(wider) {
         for narrow in special_cases(wide) {
             if set.effects().contains(&narrow)
                 || !sides(data, &set).contains(&Side::Mechanical)
