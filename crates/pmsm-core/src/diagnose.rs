@@ -82,6 +82,9 @@ use voltage_frame::Frame;
 /// The manoeuvre that shows nearly every effect.
 const RICH: &str = "Record a rich manoeuvre: reversals, two levels of i_q, steps of i_d.";
 
+/// Most effects looked for in a log that a mistake in it explains.
+const IN_DOUBT: usize = 2;
+
 /// Diagnoses a machine from `recordings`, all of which are fitted together, and an optional `validation` run on which nothing is
 /// estimated but initial values and an unknown load. `options` are the constants on which the verdict rests.
 ///
@@ -211,7 +214,11 @@ fn in_stages(
     }
     monitor.report("dq-model", 0.1);
     let watch = (monitor, incumbent);
-    let mut outcome = search::search(whole, &others, &base, None, watch)?;
+    // One effect, or two, may look like a mistake of the log and then explain it down to the noise. More are not looked for.
+    let mistaken = wiring::suspected(recordings, machine, &base, options, monitor)?.is_some();
+    let most_effects = if mistaken { IN_DOUBT.min(options.most_effects) } else { options.most_effects };
+    let asked = Data { options: DiagnosisOptions { most_effects, ..*options }, ..whole.clone() };
+    let mut outcome = search::search(&asked, &others, &base, None, watch)?;
     let (bare, best) = outcome.ends();
     let Validated { fitted: found, held_out, .. } = best;
     let known = if held_out.len() == others.len() { &held_out[..] } else { &[] };
