@@ -87,7 +87,7 @@ demo: $(VENV)/.installed
 	@echo 'Open it in a browser: file://$(CURDIR)/$(REPORT)'
 
 # What takes the compiler longest, for `make -j2`; `test` then finds it done.
-built: $(VENV)/.test unit
+built: $(VENV)/.test $(VENV)/.docs unit
 
 unit: | need
 	cargo test --locked --no-run -p pmsm-core --lib
