@@ -172,7 +172,8 @@ impl<'a> Ruling<'a> {
             }
         }
         let best = &self.outcome.best.fitted;
-        if matches!(self.verdict, Verdict::Named | Verdict::Partial)
+        let doubtful = self.verdict == Verdict::Ambiguous && found && open;
+        if (doubtful || matches!(self.verdict, Verdict::Named | Verdict::Partial))
             && unmodelled::rival(data, validation, best, monitor)?.is_some()
         {
             // Of the motion nothing is named; what acts in the voltage equations stays.

@@ -139,7 +139,7 @@ pub fn lost_voltages(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Par
 /// Smooth torques over the speed, of which one may act, and torques over the turn, which may act together. Those over the speed are curves,
 /// the smoothest first, and torques that level off.
 ///
-/// Each direction of rotation has its own curve, or both have one. A torque that changes sign at standstill within its shortest piece is dry friction. None is
+/// Each direction of rotation has its own curve. A torque that changes sign at standstill within its shortest piece is dry friction. None is
 /// over the motor's torque, which in steady motion equals any torque that it balances. Of a rotor [without
 /// load](turns_one_way_without_load) the curves are odd ones: the torques that vanish at standstill.
 pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part>) {
@@ -191,10 +191,6 @@ pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part
     let mut smooth: Vec<Vec<Part>> = SMOOTHNESS.map(curve).to_vec();
     if !ranges.is_empty() {
         smooth.extend(LEVELS_OFF.map(levelling));
-    }
-    if let [(low, _), (_, high)] = ranges[..] {
-        let both = (Variable::OmegaE, low, high);
-        smooth.extend(ODD.map(|(pieces, share)| vec![part(odd_curve(&both, pieces, share))]));
     }
     (smooth, over_turn)
 }
