@@ -216,9 +216,12 @@ fn in_stages(
     let watch = (monitor, incumbent);
     // One effect, or two, may look like a mistake of the log and then explain it down to the noise. More are not looked for.
     let mistaken = wiring::suspected(recordings, machine, &base, options, monitor)?.is_some();
-    let most_effects = if mistaken { IN_DOUBT.min(options.most_effects) } else { options.most_effects };
-    let asked = Data { options: DiagnosisOptions { most_effects, ..*options }, ..whole.clone() };
-    let mut outcome = search::search(&asked, &others, &base, None, watch)?;
+    let mut outcome = if mistaken {
+        let few = DiagnosisOptions { most_effects: IN_DOUBT.min(options.most_effects), ..*options };
+        search::search(&Data { options: few, ..whole.clone() }, &others, &base, None, watch)?
+    } else {
+        search::search(whole, &others, &base, None, watch)?
+    };
     let (bare, best) = outcome.ends();
     let Validated { fitted: found, held_out, .. } = best;
     let known = if held_out.len() == others.len() { &held_out[..] } else { &[] };

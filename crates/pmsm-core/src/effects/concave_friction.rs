@@ -38,6 +38,7 @@ impl Effect for ConcaveFriction {
                 unit: "1",
                 meaning: "exponent of the speed: 0 is Coulomb friction, 1 viscous friction",
                 role: Role::Shape,
+                // Nearer to either end it cannot be told from Coulomb or viscous friction.
                 low: &|_| 0.15,
                 high: &|_| 0.85,
                 typical: &|_| 0.5,

@@ -21,8 +21,8 @@ const SMOOTHNESS: [(usize, f64); 6] = [(3, 0.0), (3, DENSE), (9, 0.0), (9, DENSE
 /// Speeds at which a torque may level off, shares of the largest speed: brakes and fluids do so. Two neighbours and the smoothest curve come
 /// within 0.2 % of any such torque, with two coefficients. The narrowest is far from a jump: 9 % of one would remain.
 const LEVELS_OFF: [f64; 5] = [1.0, 0.5, 0.25, 0.125, 0.0625];
-/// Pieces of a torque over the speed that is the same in both directions but for its sign, as that of what rubs or brakes, and the half-width
-/// about standstill within which they are narrow, share of the largest speed.
+/// Pieces of an odd torque over the speed, as of friction and brakes: it is the same in both directions but for its sign. With each, the
+/// half-width about standstill within which they are narrow, share of the largest speed.
 const ODD: [(usize, f64); 5] = [(6, 0.0), (12, 0.0), (12, DENSE), (36, DENSE), (56, 0.2 * DENSE)];
 /// Half-width about standstill within which the pieces of a curve over the speed are narrow, share of the largest speed: forms of friction
 /// differ there.

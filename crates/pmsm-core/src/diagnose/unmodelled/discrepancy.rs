@@ -69,7 +69,6 @@ pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f6
         };
         let back: Vec<(usize, f64)> = own.iter().map(|k| (*k, back(k))).collect();
         let without: Vec<Normal> = normals.iter().map(|normal| normal.moved(&back)).collect();
-        let beside_it = choices.beside(&normals, machine.len(), *beside);
         let (fewer, _) = choices.least(&without, machine.len() - own.len(), samples)?;
         let lost = choices.excess(&without, machine.len() - own.len(), NONE)?;
         let explained = choices.excess(&without, machine.len() - own.len(), *beside)? - remains;
@@ -93,9 +92,8 @@ pub(super) fn beside_discrepancy(runs: &[Seen], side: Side) -> Vec<(EffectId, f6
             _ if by_sensors => -cost,
             // A curve that spares a smooth term some coefficients is not the cause that the term describes.
             true => {
-                choices.best_fit(&without, machine.len() - own.len(), samples)?
-                    - left(&beside_it, samples)?
-                    - cost
+                let best = choices.best_fit(&without, machine.len() - own.len(), samples)?;
+                best - left(&choices.beside(&normals, machine.len(), *beside), samples)? - cost
             }
             false => fewer - whole - cost,
         };

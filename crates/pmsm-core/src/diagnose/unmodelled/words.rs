@@ -77,14 +77,13 @@ fn of_basis(part: &Part, coefficients: &[f64]) -> Vec<f64> {
         Factor::Spline(s) if s.odd => s.pieces + s.degree,
         other => other.count(),
     };
-    // Number of the odd function that holds spline `k`, and its sign there.
-    let place = |factor: &Factor, k: usize| {
-        let count = factor.count();
-        match whole(factor).checked_sub(count) {
-            Some(0) | None => Some((k, 1.0)),
-            _ if k < count => Some((k, 1.0)),
-            _ => Some((whole(factor) - 1 - k, -1.0)).filter(|(k, _)| *k < count),
+    // Number of the function that holds spline `k`, and its sign there; the middle one of an odd number is in none.
+    let place = |factor: &Factor, k: usize| match factor {
+        Factor::Spline(s) if s.odd => {
+            let mirrored = s.pieces + s.degree - 1 - k;
+            (k != mirrored).then(|| (k.min(mirrored), if k < mirrored { 1.0 } else { -1.0 }))
         }
+        _ => Some((k, 1.0)),
     };
     let second = part.second.as_ref();
     let (m, own) = (second.map_or(1, whole), second.map_or(1, Factor::count));
