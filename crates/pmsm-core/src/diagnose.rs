@@ -248,9 +248,7 @@ fn in_stages(
     if mistake.is_some() {
         outcome.names_nothing();
     }
-    let mut answer = conclude::conclude(whole, validation, outcome, &weak, monitor)?;
-    answer.data_quality.splice(0..0, mistake);
-    Ok(answer)
+    conclude::conclude(whole, validation, outcome, (&weak, mistake), monitor)
 }
 
 #[cfg(test)]

@@ -172,7 +172,8 @@ impl<'a> Experiment<'a> {
         }
         let mapped = self.model.map_parameters();
         if mapped.contains(&index) {
-            return self.model.map().is_some_and(|map| map.is_electrical(index - mapped.start));
+            let site = self.model.map().and_then(|map| map.site(index - mapped.start));
+            return site.is_some_and(|site| site != Site::Mechanical);
         }
         let slot = self.model.slots().iter().find(|s| s.parameters.contains(&index));
         slot.is_some_and(|s| s.effect.info().site != Site::Mechanical)

@@ -1,10 +1,10 @@
-//! Missing voltage or torque as a map over operating variables: what no effect of the catalogue explains, modelled without
-//! a name.
+//! Missing voltage or torque, or the error of the logged angle, as a map over operating variables: what no effect of the catalogue explains,
+//! modelled without a name.
 //!
-//! A map is a sum of parts. Each part acts on the voltage equations or on the equation of motion, and is a tensor product of one
-//! or two [`Factor`]s with one coefficient per product and equation:
+//! A map is a sum of parts. Each part acts on the voltage equations, on the equation of motion, or on the angle that is measured, and is a
+//! tensor product of one or two [`Factor`]s with one coefficient per product and equation:
 //!
-//! > v_lost,d += Σ_ab c_ab f_a(x) g_b(y)  (q alike),  τ_loss += Σ_ab c_ab f_a(x) g_b(y).
+//! > v_lost,d += Σ_ab c_ab f_a(x) g_b(y)  (q alike),  τ_loss += Σ_ab c_ab f_a(x) g_b(y),  θ_measured = θ_e + Σ_ab c_ab f_a(x) g_b(y).
 //!
 //! It is linear in its coefficients, and with all of them at zero the model is the same bit for bit.
 
@@ -12,6 +12,7 @@ mod factor;
 
 pub use factor::{Factor, MOST, Point, Spline, Variable};
 
+use crate::effect::{Env, Site};
 use crate::numerics::real::Real;
 use serde::{Deserialize, Serialize};
 
@@ -25,24 +26,34 @@ pub enum Equation {
     Q,
     /// Equation of motion, N·m against positive rotation.
     Mechanical,
+    /// Rotor angle that is measured, electrical rad ahead of the true one.
+    Sensor,
 }
 
 impl Equation {
-    /// Whether it is a voltage equation.
-    pub fn is_electrical(self) -> bool {
-        self != Self::Mechanical
+    /// Where it acts.
+    pub fn site(self) -> Site {
+        match self {
+            Self::D | Self::Q => Site::Electrical,
+            Self::Mechanical => Site::Mechanical,
+            Self::Sensor => Site::Sensor,
+        }
     }
 
     /// SI unit of what the map adds.
     pub fn unit(self) -> &'static str {
-        if self.is_electrical() { "V" } else { "N m" }
+        match self.site() {
+            Site::Electrical => "V",
+            Site::Mechanical => "N m",
+            Site::Sensor => "rad",
+        }
     }
 }
 
 /// One tensor product with its coefficients' equations.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Part {
-    /// Equations it adds to, with coefficients of their own: voltage equations, or that of motion.
+    /// Equations it adds to, with coefficients of their own: voltage equations, or that of motion, or the angle.
     pub equations: Vec<Equation>,
     /// The first factor; its functions count slowest among the coefficients.
     pub first: Factor,
@@ -62,9 +73,9 @@ impl Part {
         self.equations.len() * self.size()
     }
 
-    /// Whether it adds to the voltage equations.
-    pub fn is_electrical(&self) -> bool {
-        self.equations.iter().all(|e| e.is_electrical())
+    /// Where it acts: the equations of a part are all of one kind.
+    pub fn site(&self) -> Site {
+        self.equations.first().map_or(Site::Electrical, |equation| equation.site())
     }
 
     /// Its factors.
@@ -72,7 +83,7 @@ impl Part {
         std::iter::once(&self.first).chain(&self.second)
     }
 
-    /// Adds its values at a point: d and q voltage, V, or torque in the first place, N·m.
+    /// Adds its values at a point: d and q voltage, V, or in the first place torque, N·m, or angle, rad.
     #[inline(always)]
     pub fn add<T: Real>(&self, p: &[T], at: &Point<T>, out: &mut [T; 2]) {
         let (mut first, mut second) = ([T::zero(); MOST], [T::zero(); MOST]);
@@ -95,6 +106,27 @@ impl Part {
         }
     }
 
+    /// Its value (rad) as one of the measured angle, and how that changes with the electrical angle of a rotor with `n_p` pole pairs.
+    #[inline(always)]
+    fn angle<T: Real>(&self, p: &[T], at: &Point<T>, n_p: f64) -> [T; 2] {
+        let (mut first, mut slope) = ([T::zero(); MOST], [T::zero(); MOST]);
+        let n = self.first.fill(at, &mut first);
+        self.first.slope(&first, n_p, &mut slope);
+        let mut second = [T::zero(); MOST];
+        second[0] = T::one();
+        let m = self.second.as_ref().map_or(1, |factor| factor.fill(at, &mut second));
+        let mut out = [T::zero(); 2];
+        for (row, (f, df)) in p.chunks_exact(m).zip(first.iter().zip(&slope)).take(n) {
+            let mut inner = T::zero();
+            for (c, g) in row.iter().zip(&second) {
+                inner += *c * *g;
+            }
+            out[0] += inner * *f;
+            out[1] += inner * *df;
+        }
+        out
+    }
+
     /// Writes what each coefficient multiplies at a point, in the order of the coefficients.
     pub fn functions(&self, at: &Point<f64>, out: &mut [f64]) {
         let (mut first, mut second) = ([0.0; MOST], [0.0; MOST]);
@@ -111,12 +143,17 @@ impl Part {
     /// Turns its coefficients to a mechanical zero that lies `shift` (rad) further; says whether that changes them.
     fn turned(&self, p: &mut [f64], shift: f64) -> bool {
         let m = self.second.as_ref().map_or(1, Factor::count);
-        let Factor::Harmonics { angle: Variable::ThetaM, order, count } = self.first else { return false };
+        let (order, count, first) = match self.first {
+            Factor::Harmonics { angle: Variable::ThetaM, order, count } => (f64::from(order), count, 0),
+            Factor::Fourier { angle: Variable::ThetaM, count } => (1.0, count, 1),
+            _ => return false,
+        };
         for own in p.chunks_exact_mut(self.size()) {
             for k in 0..count {
-                let (s, c) = Real::sin_cos(f64::from(order) * (k + 1) as f64 * shift);
+                let (s, c) = Real::sin_cos(order * (k + 1) as f64 * shift);
                 for b in 0..m {
-                    let (x, y) = (2 * k * m + b, (2 * k + 1) * m + b);
+                    let x = (first + 2 * k) * m + b;
+                    let y = x + m;
                     (own[x], own[y]) = (own[x] * c - own[y] * s, own[x] * s + own[y] * c);
                 }
             }
@@ -147,9 +184,14 @@ impl Map {
         })
     }
 
-    /// Whether coefficient `index` belongs to a voltage equation.
-    pub fn is_electrical(&self, index: usize) -> bool {
-        self.places().any(|(part, place)| part.is_electrical() && place.contains(&index))
+    /// Where coefficient `index` acts.
+    pub fn site(&self, index: usize) -> Option<Site> {
+        self.places().find(|(_, place)| place.contains(&index)).map(|(part, _)| part.site())
+    }
+
+    /// Whether it holds an error of the measured angle.
+    pub fn has_angle(&self) -> bool {
+        self.parts.iter().any(|part| part.site() == Site::Sensor)
     }
 
     /// Adds the voltage (d, q) that is lost between command and winding, V.
@@ -158,11 +200,25 @@ impl Map {
         let mut from = 0;
         for part in &self.parts {
             let to = from + part.count();
-            if part.is_electrical() {
+            if part.site() == Site::Electrical {
                 part.add(&p[from..to], at, lost);
             }
             from = to;
         }
+    }
+
+    /// By how much (electrical rad) the measured angle is ahead of the true one, and how that changes with the electrical angle of a rotor with
+    /// `n_p` pole pairs.
+    #[inline(always)]
+    pub fn angle<T: Real>(&self, p: &[T], env: &Env<T>, n_p: f64) -> [T; 2] {
+        let at = Point { env: *env, i: [T::zero(); 2], v: [T::zero(); 2], tau_e: T::zero() };
+        let mut sum = [T::zero(); 2];
+        for (part, place) in self.places().filter(|(part, _)| part.site() == Site::Sensor) {
+            let [angle, slope] = part.angle(&p[place], &at, n_p);
+            sum[0] += angle;
+            sum[1] += slope;
+        }
+        sum
     }
 
     /// The torque that is lost against positive rotation, N·m.
@@ -172,7 +228,7 @@ impl Map {
         let mut from = 0;
         for part in &self.parts {
             let to = from + part.count();
-            if !part.is_electrical() {
+            if part.site() == Site::Mechanical {
                 part.add(&p[from..to], at, &mut loss);
             }
             from = to;
@@ -240,12 +296,31 @@ mod tests {
             ],
         };
         let p = [1.0, 0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0];
-        assert!(map.is_electrical(3) && !map.is_electrical(4));
+        assert_eq!([3, 4, 8].map(|k| map.site(k)), [Some(Site::Electrical), Some(Site::Mechanical), None]);
         let at = point(0.6, 10.0, 0.0);
         let mut lost = [0.0; 2];
         map.voltage(&p, &at, &mut lost);
         assert_eq!(lost, [0.0, 1.2f64.cos()]);
         assert!((map.torque(&p, &at) - 2.0 * (2.0 * at.env.theta_m).sin()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn an_angle_error_comes_with_its_slope_over_the_electrical_angle() {
+        let first = Factor::Fourier { angle: Variable::ThetaM, count: 2 };
+        let part = Part { equations: vec![Equation::Sensor], first, second: None };
+        let map = Map { parts: vec![part] };
+        let (p, n_p, h) = ([0.1, 0.03, -0.02, 0.01, 0.04], 3.0, 1e-6);
+        let at = |theta_e: f64| {
+            let mut here = env(theta_e, 100.0);
+            here.theta_m = theta_e / n_p;
+            map.angle(&p, &here, n_p)
+        };
+        let difference = (at(1.7 + h)[0] - at(1.7 - h)[0]) / (2.0 * h);
+        assert!((at(1.7)[1] - difference).abs() < 1e-9);
+        assert!(map.has_angle() && map.site(0) == Some(Site::Sensor));
+        let mut lost = [0.0; 2];
+        map.voltage(&p, &point(1.7, 100.0, 0.0), &mut lost);
+        assert_eq!((lost, map.torque(&p, &point(1.7, 100.0, 0.0))), ([0.0; 2], 0.0));
     }
 
     #[test]
@@ -258,6 +333,13 @@ mod tests {
         let mut behind = point(3.0, 0.0, 0.0);
         behind.env.theta_m -= 0.7;
         assert!((map.torque(&q, &point(3.0, 0.0, 0.0)) - map.torque(&p, &behind)).abs() < 1e-12);
+        let first = Factor::Fourier { angle: Variable::ThetaM, count: 2 };
+        let angle = Map { parts: vec![Part { equations: vec![Equation::Sensor], first, second: None }] };
+        let (p, mut q) = ([0.1, 0.3, -0.2, 0.1, 0.4], [0.1, 0.3, -0.2, 0.1, 0.4]);
+        assert!(angle.turned(&mut q, 0.7));
+        let error = |p: &[f64], at: &Point<f64>| angle.angle(p, &at.env, 1.0)[0];
+        assert!((error(&q, &point(3.0, 0.0, 0.0)) - error(&p, &behind)).abs() < 1e-12);
+        let mut q = [0.3, -0.2, 0.1, 0.4];
         let electrical =
             Part { equations: vec![Equation::Q], first: harmonics(Variable::ThetaE), second: None };
         assert!(!Map { parts: vec![electrical] }.turned(&mut q, 0.7));

@@ -84,10 +84,11 @@ impl Model {
         }
     }
 
-    /// The same with a map of missing voltage or torque, whose coefficients follow the effects' parameters.
+    /// The same with a map of missing voltage or torque, or of the angle's error, whose coefficients follow the effects' parameters.
     pub fn with_map(self, map: Map) -> Self {
         let start = self.mapped.start;
-        Self { mapped: start..start + map.count(), map: Some(map), ..self }
+        let has_sensor = self.has_sensor || map.has_angle();
+        Self { mapped: start..start + map.count(), has_sensor, map: Some(map), ..self }
     }
 
     /// Its map, if it has one.
@@ -159,7 +160,7 @@ impl Model {
         steepest * base.inverse_l_d.size().max(base.inverse_l_q.size())
     }
 
-    /// True if an effect changes what the sensors show.
+    /// True if an effect or the map changes what the sensors show.
     pub fn has_sensor(&self) -> bool {
         self.has_sensor
     }

@@ -253,16 +253,18 @@ fn wrong(what: String) -> Error {
 }
 
 fn check(part: &Part) -> Result<()> {
-    let electrical = part.equations.iter().filter(|e| e.is_electrical()).count();
-    let pure = electrical == 0 || electrical == part.equations.len();
+    let pure = part.equations.iter().all(|equation| equation.site() == part.site());
     if part.equations.is_empty() || part.equations.len() > 2 || !pure {
-        return Err(wrong("a part of its map acts in no equation, or in both kinds".into()));
+        return Err(wrong("a part of its map acts in no equation, or in several kinds".into()));
     }
     for factor in part.factors() {
         let finite = |x: f64| x.is_finite() && x > 0.0;
         let sound = match factor {
             Factor::Harmonics { angle, count, .. } => {
                 matches!(angle, Variable::ThetaE | Variable::ThetaM) && (1..=MOST / 2).contains(count)
+            }
+            Factor::Fourier { angle, count } => {
+                matches!(angle, Variable::ThetaE | Variable::ThetaM) && (1..MOST.div_ceil(2)).contains(count)
             }
             Factor::Swing { frequency } => finite(*frequency),
             Factor::Direction { width } => finite(*width),

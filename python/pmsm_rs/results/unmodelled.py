@@ -1,4 +1,4 @@
-"""What a diagnosis could not name but still models: maps of missing voltage or torque."""
+"""What a diagnosis could not name but still models: missing voltage or torque, or the error of the angle."""
 
 from __future__ import annotations
 
@@ -14,6 +14,14 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 
+_QUANTITIES = {
+    "d": "missing v_d",
+    "q": "missing v_q",
+    "mechanical": "missing torque",
+    "sensor": "angle error",
+}
+
+
 @dataclass(frozen=True)
 class Term:
     """What a map adds to one equation.
@@ -21,7 +29,7 @@ class Term:
     Attributes
     ----------
     equation : str
-        d, q or mechanical.
+        d, q, mechanical or sensor.
     sentence : str
         The same in words.
     formula : str
@@ -43,6 +51,11 @@ class Term:
     coefficients: NDArray[np.float64]
     unit: str
     peak: float
+
+    @property
+    def quantity(self) -> str:
+        """What it is, as an axis of a plot has it."""
+        return _QUANTITIES[self.equation]
 
     @classmethod
     def of(cls, entry: Mapping[str, Any]) -> Self:

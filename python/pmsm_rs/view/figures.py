@@ -171,7 +171,7 @@ def unmodelled(term: Term) -> Picture:
     """
     first, *rest = term.variables
     names = [variable["variable"] for variable in term.variables]
-    kind = {"d": "missing v_d", "q": "missing v_q"}.get(term.equation, "missing torque")
+    kind = term.quantity
     unit = unit_of(term.unit)
     axes = [Axis.over(*reach(v), channel(v["variable"])[0], unit_of(v["unit"])) for v in (first, *rest[:1])]
     if rest and rest[0]["basis"] != "direction":

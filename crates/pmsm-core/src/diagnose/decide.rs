@@ -110,6 +110,11 @@ pub fn beside_discrepancy(outcome: &mut Outcome, ranked: &mut Vec<Ranked>, suppo
             None => candidate.probability = candidate.probability.min(options.ceiling_unknown),
         }
     }
+    // What a smooth curve adds to its special case, a smooth term describes as well.
+    for candidate in ranked.iter_mut().filter(|candidate| kept.contains(&candidate.effect)) {
+        let effect = candidate.effect;
+        candidate.equivalent.retain(|by| !(by.is_smooth() && by.contains(effect)));
+    }
     for Alternative { present, absent, share } in supported.alternatives {
         let of_both = ranked.iter().find(|c| c.effect == present).map_or(0.0, |c| c.probability);
         // A decisively less probable alternative is not equivalent.
@@ -297,6 +302,24 @@ mod tests {
         let (verdict, [dry_is, wide_is, other_is], equivalent) = told(0.4);
         assert_eq!((verdict, equivalent), (Verdict::Ambiguous, vec![wide]));
         assert!(dry_is <= 0.5 && wide_is > 0.3 && wide_is < dry_is && other_is > 0.9);
+    }
+
+    #[test]
+    fn beside_a_discrepancy_a_smooth_curve_is_no_rival_of_its_special_case() {
+        let dry = EffectId::CoulombFriction;
+        let told = |wide: EffectId| {
+            let swap = Swap { replaced: dry, by: Some(wide), validated: validated(&[wide], 2.99) };
+            let mut outcome = outcome(validated(&[], 9.0), validated(&[dry], 3.0), vec![swap]);
+            let mut ranked = decide(&outcome, false).1;
+            assert_eq!(ranked[0].equivalent, [wide]);
+            let set = validated(&[dry], 3.0).fitted;
+            let probabilities = vec![(dry, 0.99)];
+            let supported = Supported { set, probabilities, alternatives: Vec::new(), nearest: None };
+            beside_discrepancy(&mut outcome, &mut ranked, supported)
+        };
+        assert_eq!(told(EffectId::ConcaveFriction), Verdict::Partial);
+        // A curve with a jump or a hump at standstill is one.
+        assert_eq!(told(EffectId::PreslidingFriction), Verdict::Ambiguous);
     }
 
     #[test]

@@ -321,7 +321,11 @@ pub fn free_parameters(data: &Data, model: &Model) -> (Vec<usize>, Vec<usize>, V
     if let Some(map) = model.map() {
         let start = model.map_parameters().start;
         for (part, place) in map.places() {
-            let side = if part.is_electrical() { &mut electrical } else { &mut rotor };
+            let side = match part.site() {
+                Site::Electrical => &mut electrical,
+                Site::Mechanical => &mut rotor,
+                Site::Sensor => &mut sensors,
+            };
             side.extend(place.map(|k| start + k));
         }
     }

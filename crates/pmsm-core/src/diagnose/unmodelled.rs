@@ -1,5 +1,5 @@
-//! What no candidate explains, modelled without a name: a map of the missing voltage or torque over the variables on which
-//! it depends, added to the equations and fitted by simulation like any effect, if it predicts what it was not fitted to.
+//! What no candidate explains, modelled without a name: a map of the missing voltage or torque, or of the angle's error, over the variables
+//! on which it depends, added to the equations and fitted by simulation like any effect, if it predicts what it was not fitted to.
 //!
 //! The map and its stiffness are chosen on blocks of the recording that are left out (`choice`); then the whole model is
 //! fitted with it, and it is kept only if it has more evidence than the model without it, as holds for effects. It has no place in the
@@ -10,6 +10,7 @@ mod choice;
 mod discrepancy;
 mod integral;
 mod linear;
+mod mapped;
 mod rival;
 mod share;
 mod supported;
@@ -17,20 +18,17 @@ mod view;
 mod words;
 
 use super::data::Data;
-use super::evidence::Evidence;
 use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::locate::{self, Located};
-use super::transfer::transfer;
-use super::verdict::{Validated, excess};
 use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
-use crate::experiment::{Channel, Prior};
-use crate::map::{Equation, Map};
+use crate::experiment::Channel;
+use crate::map::Equation;
 use crate::monitor::Monitor;
 use crate::recording::Load;
-use choice::Choice;
+use mapped::{Mapped, Recordings};
 use serde::Serialize;
 
 pub use choice::MOST_WORTH;
@@ -91,7 +89,7 @@ pub enum Basis {
 /// What a map adds to one equation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Term {
-    /// `d`, `q` or `mechanical`.
+    /// `d`, `q`, `mechanical` or `sensor`.
     pub equation: Equation,
     /// In plain words.
     pub sentence: String,
@@ -133,7 +131,7 @@ pub fn explain(
     with_maps(data, validation, best, &sides(data, best), monitor)
 }
 
-/// Maps on these sides, one after the other.
+/// Maps on these sides, one after the other. An error of the angle shows in the motion, too: it is looked for first.
 fn with_maps(
     data: &Data,
     validation: Option<&Data>,
@@ -141,21 +139,37 @@ fn with_maps(
     sides: &[Side],
     monitor: &dyn Monitor,
 ) -> Result<(Hypothesis, Unmodelled)> {
-    let mut ridged = data.clone();
-    let mut current = best.clone();
-    for &side in sides {
+    let mut mapped = Mapped::new(best);
+    let recordings = Recordings { data, validation, monitor };
+    let choose = |set: &Hypothesis, side| {
         monitor.report("map of what is left", 0.98);
-        let places = places(data, best, side);
-        for _ in 0..PARTS {
-            let Some(choice) = choice::choose(data, &current, side, &places, monitor)? else { break };
-            let richer = with_prior(&ridged, &current, &choice);
-            let trial = Trial { data: &richer.roughly(), validation, monitor };
-            let Some(fitted) = trial.improves(&current, &choice, side)? else { break };
-            (current, ridged) = (fitted, richer);
+        choice::choose(data, set, side, &places(data, best, side), monitor)
+    };
+    let (mut order, mut begun) = (sides.to_vec(), None);
+    if sides.contains(&Side::Electrical) {
+        let choices = choose(best, Side::Electrical)?;
+        let of_angle = choices.iter().any(|choice| choice.part.site() == Site::Sensor);
+        if of_angle || sides[0] == Side::Electrical {
+            let first = mapped.with(&choices, Side::Electrical, &recordings)?;
+            if first.as_ref().and_then(Mapped::last_site) == Some(Site::Sensor) {
+                order.sort_by_key(|side| *side != Side::Electrical);
+            }
+            begun = (order[0] == Side::Electrical).then_some(first);
         }
     }
+    for side in order {
+        for _ in 0..PARTS {
+            let more = match begun.take() {
+                Some(first) => first,
+                None => mapped.with(&choose(&mapped.fitted, side)?, side, &recordings)?,
+            };
+            let Some(more) = more else { break };
+            mapped = more;
+        }
+    }
+    let mut current = mapped.fitted.clone();
     if current.model.map().is_some() {
-        current = fitting::on_from(&ridged, &current, monitor)?;
+        current = fitting::on_from(&mapped.recording(data, &current.model), &current, monitor)?;
     }
     let taken = share::taken_away(data, validation, (best, &current), sides, monitor)?;
     // Before a loud residual that a torque takes away, a voltage that makes the currents worse would pass.
@@ -170,6 +184,34 @@ fn with_maps(
     }
     let unmodelled = words::unmodelled(data, &current, sides, (taken.whole, validation.is_some()));
     Ok((current, unmodelled))
+}
+
+/// A set with errors of the angle, where one explains the currents better than any missing voltage does.
+///
+/// # Errors
+/// Those of the least-squares fits.
+fn with_angle_error(
+    data: &Data,
+    validation: Option<&Data>,
+    set: &Hypothesis,
+    monitor: &dyn Monitor,
+) -> Result<Mapped> {
+    let mut mapped = Mapped::new(set);
+    let side = Side::Electrical;
+    if !sides(data, set).contains(&side) {
+        return Ok(mapped);
+    }
+    let recordings = Recordings { data, validation, monitor };
+    for _ in 0..PARTS {
+        let choices = choice::choose(data, &mapped.fitted, side, &places(data, set, side), monitor)?;
+        if choices.iter().all(|choice| choice.part.site() != Site::Sensor) {
+            break;
+        }
+        let more = mapped.with(&choices, side, &recordings)?;
+        let Some(more) = more.filter(|more| more.last_site() == Some(Site::Sensor)) else { break };
+        mapped = more;
+    }
+    Ok(mapped)
 }
 
 /// Where `best` leaves something in the equations of one side.
@@ -226,72 +268,6 @@ impl Side {
     }
 }
 
-/// The recording with what is believed of a further part's coefficients beforehand.
-fn with_prior(data: &Data, current: &Hypothesis, choice: &Choice) -> Data {
-    let start = current.own().len();
-    let coefficients = start..start + choice.part.count();
-    let more: Vec<Prior> = coefficients.map(|k| Prior::normal(k, 0.0, choice.spread)).collect();
-    data.clone().with_prior(&more)
-}
-
-/// Fits with and without a map, and what they are compared on.
-struct Trial<'a> {
-    data: &'a Data,
-    validation: Option<&'a Data>,
-    monitor: &'a dyn Monitor,
-}
-
-impl Trial<'_> {
-    /// The model with the chosen part, fitted to the whole recording, if it beats the model without. Its residuals are not whitened: a
-    /// prior holds the coefficients, and what a filter takes out of them it would pull to zero.
-    fn improves(&self, current: &Hypothesis, choice: &Choice, side: Side) -> Result<Option<Hypothesis>> {
-        let mut map: Map = current.model.map().cloned().unwrap_or_default();
-        map.parts.push(choice.part.clone());
-        let model = current.model.clone().with_map(map);
-        let from = |coefficients: &[f64]| [current.own(), coefficients].concat();
-        let none = from(&vec![0.0; choice.start.len()]);
-        let along = |start: &[f64], data: &Data| {
-            fitting::fit(data, &model, start, side == Side::Mechanical, self.monitor)
-        };
-        // First-order coefficients may start a fit in a wrong minimum where load and friction change much; a second one starts from zero.
-        let fit = |data: &Data| -> Result<Hypothesis> {
-            let fitted = along(&from(&choice.start), data)?;
-            let held = current.clone().seen_again(data);
-            if excess(&fitted) < excess(&held) { Ok(fitted) } else { along(&none, data) }
-        };
-        let halves = if self.validation.is_none() { self.data.halves() } else { None };
-        let (before, after) = match &halves {
-            Some((fitted, held_out)) => {
-                let bare = fitting::refit(fitted, current, self.monitor)?;
-                (self.validated(bare, Some(held_out))?, self.validated(fit(fitted)?, Some(held_out))?)
-            }
-            None => (
-                self.validated(current.clone(), self.validation)?,
-                self.validated(fit(self.data)?, self.validation)?,
-            ),
-        };
-        let (data, held_out) = match &halves {
-            Some((fitted, held_out)) => (fitted, vec![held_out]),
-            None => (self.data, self.validation.into_iter().collect()),
-        };
-        let evidence = Evidence::new(data, &held_out);
-        if !evidence.prefers(&after, &before) {
-            return Ok(None);
-        }
-        // What the fit gains and the prediction loses is no model of what is missing.
-        if !before.held_out.is_empty() && after.held_out_squares() >= before.held_out_squares() {
-            return Ok(None);
-        }
-        let whole = if halves.is_some() { fit(self.data)? } else { after.fitted };
-        Ok(Some(whole))
-    }
-
-    fn validated(&self, fitted: Hypothesis, held_out: Option<&Data>) -> Result<Validated> {
-        let transferred = held_out.map(|data| transfer(data, &fitted, self.monitor)).transpose()?;
-        Ok(Validated { fitted, held_out: transferred.into_iter().collect(), refuted: false })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -334,7 +310,7 @@ mod tests {
     fn where_only_noise_is_left_no_map_is_laid() {
         let (data, base) = data(&setup(manoeuvre(), Vec::new()));
         for side in [Side::Electrical, Side::Mechanical] {
-            assert!(choice::choose(&data, &base, side, &[], &Silent).unwrap().is_none(), "{side:?}");
+            assert!(choice::choose(&data, &base, side, &[], &Silent).unwrap().is_empty(), "{side:?}");
         }
         let (fitted, unmodelled) = explain(&data, None, &base, &Silent).unwrap();
         assert!(unmodelled.terms.is_empty() && unmodelled.gain_held_out.is_none());

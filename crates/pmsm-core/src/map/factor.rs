@@ -146,6 +146,17 @@ impl Spline {
     }
 }
 
+/// cos and sin of an angle and of its multiples.
+#[inline(always)]
+fn multiples<T: Real>(angle: T, out: &mut [T]) {
+    let (s, c) = angle.sin_cos();
+    let (mut sine, mut cosine) = (s, c);
+    for pair in out.chunks_exact_mut(2) {
+        (pair[0], pair[1]) = (cosine, sine);
+        (cosine, sine) = (cosine * c - sine * s, sine * c + cosine * s);
+    }
+}
+
 /// The number where it is positive, else zero.
 #[inline(always)]
 fn positive<T: Real>(x: T) -> T {
@@ -163,6 +174,13 @@ pub enum Factor {
         /// Lowest order, periods per revolution.
         order: u32,
         /// Number of orders, at most half of [`MOST`].
+        count: usize,
+    },
+    /// The Fourier series of an angle: 1, then cos and sin of it once to `count` times.
+    Fourier {
+        /// `ThetaE` or `ThetaM`.
+        angle: Variable,
+        /// Highest order, less than half of [`MOST`].
         count: usize,
     },
     /// cos and sin of time at one frequency, Hz.
@@ -184,6 +202,7 @@ impl Factor {
     pub fn count(&self) -> usize {
         match self {
             Self::Harmonics { count, .. } => 2 * count,
+            Self::Fourier { count, .. } => 2 * count + 1,
             Self::Swing { .. } | Self::Direction { .. } => 2,
             Self::Spline(spline) => spline.count(),
         }
@@ -192,10 +211,27 @@ impl Factor {
     /// The variable on which they depend.
     pub fn variable(&self) -> Variable {
         match self {
-            Self::Harmonics { angle, .. } => *angle,
+            Self::Harmonics { angle, .. } | Self::Fourier { angle, .. } => *angle,
             Self::Swing { .. } => Variable::T,
             Self::Direction { .. } => Variable::OmegaE,
             Self::Spline(spline) => spline.variable,
+        }
+    }
+
+    /// Writes how the functions change with the electrical angle of a rotor with `n_p` pole pairs, given their values; zero for those of
+    /// anything but an angle.
+    #[inline(always)]
+    pub fn slope<T: Real>(&self, values: &[T; MOST], n_p: f64, out: &mut [T; MOST]) {
+        let (angle, order, count, first) = match self {
+            Self::Harmonics { angle, order, count } => (angle, f64::from(*order), count, 0),
+            Self::Fourier { angle, count } => (angle, 1.0, count, 1),
+            _ => return,
+        };
+        let turns = order / if *angle == Variable::ThetaM { n_p } else { 1.0 };
+        let pairs = out[first..].chunks_exact_mut(2).zip(values[first..].chunks_exact(2)).take(*count);
+        for (k, (slope, value)) in pairs.enumerate() {
+            let rate = turns * (k + 1) as f64;
+            (slope[0], slope[1]) = (-value[1] * rate, value[0] * rate);
         }
     }
 
@@ -204,12 +240,11 @@ impl Factor {
     pub fn fill<T: Real>(&self, at: &Point<T>, out: &mut [T; MOST]) -> usize {
         match self {
             Self::Harmonics { angle, order, count } => {
-                let (s, c) = (at.value(*angle) * f64::from(*order)).sin_cos();
-                let (mut sine, mut cosine) = (s, c);
-                for pair in out.chunks_exact_mut(2).take(*count) {
-                    (pair[0], pair[1]) = (cosine, sine);
-                    (cosine, sine) = (cosine * c - sine * s, sine * c + cosine * s);
-                }
+                multiples(at.value(*angle) * f64::from(*order), &mut out[..2 * count]);
+            }
+            Self::Fourier { angle, count } => {
+                out[0] = T::one();
+                multiples(at.value(*angle), &mut out[1..=2 * count]);
             }
             Self::Swing { frequency } => {
                 (out[1], out[0]) = (at.env.t * (TAU * frequency)).sin_cos();

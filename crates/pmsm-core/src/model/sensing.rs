@@ -14,6 +14,11 @@ impl Model {
         for s in &self.slots {
             s.effect.sensor(&p[s.parameters.clone()], env, &self.context, &mut sensor);
         }
+        if let Some(map) = self.map.as_ref().filter(|_| self.has_sensor) {
+            let [angle, slope] = map.angle(&p[self.mapped.clone()], env, self.context.n_p);
+            sensor.angle += angle;
+            sensor.angle_slope += slope;
+        }
         sensor
     }
 

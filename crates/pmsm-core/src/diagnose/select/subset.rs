@@ -17,7 +17,17 @@ pub fn reduced(hypothesis: &Hypothesis, drop: EffectId) -> (Model, Vec<f64>) {
     for slot in hypothesis.model.slots().iter().filter(|s| s.effect != drop) {
         start.extend(&hypothesis.parameters[slot.parameters.clone()]);
     }
-    (Model::new(*hypothesis.model.context(), &kept), start)
+    (keeping_the_map(hypothesis, &kept, &mut start), start)
+}
+
+/// A model with these effects and the map of a set, whose coefficients are put behind the effects' parameters.
+fn keeping_the_map(hypothesis: &Hypothesis, effects: &[EffectId], start: &mut Vec<f64>) -> Model {
+    let model = Model::new(*hypothesis.model.context(), effects);
+    start.extend(&hypothesis.parameters[hypothesis.model.map_parameters()]);
+    match hypothesis.model.map() {
+        Some(map) => model.with_map(map.clone()),
+        None => model,
+    }
 }
 
 /// Model, all parameters and which of them are fitted without one of the effects, everything else being as it is: nothing where the
@@ -35,6 +45,7 @@ pub(super) fn left_out(hypothesis: &Hypothesis, drop: EffectId) -> Option<(Model
 /// Model and parameters with the special case `narrow` in place of the effect `wide`; parameters of the same name keep their values.
 pub fn in_place(hypothesis: &Hypothesis, wide: EffectId, narrow: EffectId) -> (Model, Vec<f64>) {
     let (rest, mut start) = reduced(hypothesis, wide);
+    start.truncate(rest.map_parameters().start);
     let slot = hypothesis.model.slots().iter().find(|s| s.effect == wide).expect("it is in the set");
     let own = &hypothesis.parameters[slot.parameters.clone()];
     let mut shared = narrow.probes(rest.context()).into_iter().next().unwrap_or_default();
@@ -46,7 +57,7 @@ pub fn in_place(hypothesis: &Hypothesis, wide: EffectId, narrow: EffectId) -> (M
     start.extend(shared);
     let mut effects = rest.effects();
     effects.push(narrow);
-    (Model::new(*rest.context(), &effects), start)
+    (keeping_the_map(hypothesis, &effects, &mut start), start)
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::locate::{Located, equation_of};
 use crate::experiment::Channel;
-use crate::map::{Equation, Factor, Part, Spline, Variable};
+use crate::map::{Equation, Factor, MOST, Part, Spline, Variable};
 use crate::numerics::real::Real;
 use crate::recording::{Kind, Load};
 use std::f64::consts::{PI, TAU};
@@ -96,7 +96,29 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
         pairs.push((spline(&t, CURVE), None));
     }
     let equations = side.equations(data);
-    pairs.into_iter().map(|(first, second)| Part { equations: equations.clone(), first, second }).collect()
+    let of_side =
+        pairs.into_iter().map(|(first, second)| Part { equations: equations.clone(), first, second });
+    let of_angle = if side == Side::Electrical { angle_errors(data, &variables) } else { Vec::new() };
+    of_side.chain(of_angle).collect()
+}
+
+/// Errors of the measured angle: over the turn, and over the speed, where a late angle has an odd one.
+fn angle_errors(data: &Data, variables: &[(Variable, f64, f64)]) -> Vec<Part> {
+    let part = |first| Part { equations: vec![Equation::Sensor], first, second: None };
+    if data.is_steady() {
+        return Vec::new();
+    }
+    let speed = variables.iter().filter(|x| x.0 == Variable::OmegaE);
+    let over_speed =
+        speed.flat_map(|x| [spline(x, LINE), spline(x, CURVE), odd_curve(x, ODD[0].0, ODD[0].1)]);
+    // A flaw may sit at one place of the turn, as a torque does. It has a mean, which is no wrong zero of the encoder.
+    let over_turn = waves(data, Side::Mechanical, &[]).into_iter().filter_map(|wave| match wave {
+        Factor::Harmonics { angle, count, .. } => {
+            Some(Factor::Fourier { angle, count: count.min(MOST.div_ceil(2) - 1) })
+        }
+        _ => None,
+    });
+    over_turn.chain(over_speed).map(part).collect()
 }
 
 /// A spline of this degree and number of uniform pieces over a variable, given with its range.
@@ -343,7 +365,6 @@ mod tests {
     use super::*;
     use crate::diagnose::testing::{data, setup, speeds};
     use crate::drive::Schedule;
-    use crate::map::MOST;
 
     /// A recording through these speeds, rad/s, under this kind of load.
     fn driven(levels: &[f64], load: &str) -> Data {

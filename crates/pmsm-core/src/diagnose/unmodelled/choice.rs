@@ -57,7 +57,8 @@ struct Trial {
     left: f64,
 }
 
-/// The map of one side that predicts left-out blocks best, its coefficients paid, if any does.
+/// The maps of one side that predict left-out blocks best, their coefficients paid: of each site the best one, if any is worth a fit, the
+/// better one first.
 ///
 /// # Errors
 /// [`Error::Interrupted`](crate::error::Error::Interrupted).
@@ -67,9 +68,9 @@ pub fn choose(
     side: Side,
     located: &[Located],
     monitor: &dyn Monitor,
-) -> Result<Option<Choice>> {
+) -> Result<Vec<Choice>> {
     monitor.go_on()?;
-    let Some(folds) = folds(data, side) else { return Ok(None) };
+    let Some(folds) = folds(data, side) else { return Ok(Vec::new()) };
     let torque = candidates::torque(data, best);
     let view = View::new(data, best, side, &torque, &folds);
     let rows = view.known.nrows();
@@ -82,9 +83,15 @@ pub fn choose(
     let trials: Result<Vec<Vec<Trial>>> =
         candidates.par_iter().map(|part| trials(&view, part, monitor)).collect();
     let loss = |trial: &Trial| scale.loss(trial.left, trial.part.count());
-    let chosen = trials?.into_iter().flatten().min_by(|a, b| loss(a).total_cmp(&loss(b)));
-    let worth = chosen.filter(|chosen| loss(chosen) < scale.loss(bare, 0) - LEAST_GAIN);
-    Ok(worth.map(|chosen| settled(&view, chosen)))
+    let mut trials: Vec<Trial> = trials?.into_iter().flatten().collect();
+    trials.sort_by(|a, b| loss(a).total_cmp(&loss(b)));
+    let mut chosen: Vec<Trial> = Vec::new();
+    for trial in trials.into_iter().take_while(|trial| loss(trial) < scale.loss(bare, 0) - LEAST_GAIN) {
+        if chosen.iter().all(|other| other.part.site() != trial.part.site()) {
+            chosen.push(trial);
+        }
+    }
+    Ok(chosen.into_iter().map(|trial| settled(&view, trial)).collect())
 }
 
 /// What a sum of squares over some channels is worth, by the rule by which effects are compared.
@@ -154,11 +161,13 @@ fn sizes(part: &Part) -> Vec<(Part, Vec<usize>)> {
         wanted.push((0..part.equations.len()).collect());
     }
     let second = part.second.as_ref().map_or(1, Factor::count);
+    let fewer = |most: usize| HARMONICS.into_iter().filter(move |h| *h < most).chain([most]);
     let firsts: Vec<Factor> = match part.first {
         Factor::Harmonics { angle, order, count } => {
-            let mut counts: Vec<usize> = HARMONICS.into_iter().filter(|h| *h < count).collect();
-            counts.push(count);
-            counts.into_iter().map(|count| Factor::Harmonics { angle, order, count }).collect()
+            fewer(count).map(|count| Factor::Harmonics { angle, order, count }).collect()
+        }
+        Factor::Fourier { angle, count } => {
+            fewer(count).map(|count| Factor::Fourier { angle, count }).collect()
         }
         other => vec![other],
     };

@@ -9,7 +9,8 @@ use crate::experiment::Channel;
 use crate::machine::BaseParameter;
 use crate::map::{Part, Point};
 use crate::recording::Kind;
-use crate::simulate::environment::measured_env;
+use crate::signals::Signals;
+use crate::simulate::environment::{measured_env, true_env};
 use crate::simulate::mechanical::{Rotor, Torque};
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
@@ -36,8 +37,18 @@ impl<'a> Integral<'a> {
     /// What the model leaves, in units of the noise.
     pub(super) fn residual(&self) -> DVector<f64> {
         let predicted = self.predicted(&self.best.parameters);
-        let measured = self.data.runs().iter().flat_map(|run| run.signals.omega_e.iter().copied());
+        let measured = self.data.runs().iter().flat_map(|run| self.speed(&run.signals));
         self.weighted(predicted.into_iter().zip(measured).map(|(p, m)| p - m).collect())
+    }
+
+    /// The true electrical speed behind the measured one, rad/s.
+    fn speed(&self, signals: &Signals) -> Vec<f64> {
+        let model = &self.best.model;
+        let behind = |k: usize| {
+            let measured = measured_env(signals, k);
+            true_env(&model.sensor(self.best.own(), &measured), &measured, signals.n_p).omega_e
+        };
+        if model.has_sensor() { (0..signals.len()).map(behind).collect() } else { signals.omega_e.clone() }
     }
 
     /// Its derivatives by the parameters `free`.

@@ -4,6 +4,7 @@ use super::Side;
 use super::integral::Integral;
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::effect::Site;
 use crate::experiment::{Answering, Joint, LAGS, TURNED};
 use crate::map::Part;
 use crate::model::Model;
@@ -86,7 +87,8 @@ impl FreeRun<'_> {
     }
 
     fn columns(&self, part: &Part) -> DMatrix<f64> {
-        if let Some(answering) = &self.answering {
+        // An error of the angle turns voltages and currents: that is no voltage that is lost.
+        if let Some(answering) = self.answering.as_ref().filter(|_| part.site() == Site::Electrical) {
             let experiment = self.experiment(&self.best.model);
             return experiment.lost_columns(&self.best.parameters, answering, part);
         }

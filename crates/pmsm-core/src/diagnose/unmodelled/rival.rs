@@ -32,7 +32,7 @@ pub fn rival(
     }
     // To first order already; the fits cost more.
     let first = choice::choose(data, best, Side::Mechanical, &places(data, best, Side::Mechanical), monitor)?;
-    let Some(first) = first else { return Ok(None) };
+    let Some(first) = first.into_iter().next() else { return Ok(None) };
     let model = best.model.clone().with_map(Map { parts: vec![first.part] });
     let promised = Hypothesis::unfitted(model, [best.own(), &first.start].concat());
     if share(data, &promised) < COMPARABLE {

@@ -6,7 +6,8 @@
 //! interval of its strength holds zero.
 
 use super::discrepancy::{Seen, beside_discrepancy, cost_beside_discrepancy, likely};
-use super::{Side, sides};
+use super::mapped::Mapped;
+use super::{Side, sides, with_angle_error};
 use crate::diagnose::data::Data;
 use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
@@ -56,12 +57,19 @@ pub fn supported(
         validation.map(|run| Ok((run, transfer(run, set, monitor)?))).transpose()
     };
     let rough = data.roughly();
-    let (set, mut alternatives) = narrowed(&rough, best.clone(), &elsewhere, monitor)?;
-    let (set, of_motion) = beside_a_smooth_term(&rough, set, Side::Mechanical, &elsewhere, monitor)?;
-    let nearest = nearest(&rough, best, &set, monitor)?;
-    let (set, of_currents) = beside_a_smooth_term(&rough, set, Side::Electrical, &elsewhere, monitor)?;
-    let mut set = beyond_error(&rough, set, monitor)?;
-    if set.effects() != best.effects() {
+    // An error of the angle shows in both equations, and looks like many effects: what it explains is taken out first.
+    let mapped = with_angle_error(&rough, validation, best, monitor)?;
+    let fits = Fits { data: &rough, mapped: &mapped, monitor };
+    let (set, mut alternatives) = narrowed(&fits, mapped.fitted.clone(), &elsewhere)?;
+    let (set, of_motion) = beside_a_smooth_term(&fits, set, Side::Mechanical, &elsewhere)?;
+    let nearest = nearest(&fits, best, &set)?;
+    let (set, of_currents) = beside_a_smooth_term(&fits, set, Side::Electrical, &elsewhere)?;
+    let mut set = beyond_error(&fits, set)?;
+    if set.model.map().is_some() {
+        let model = Model::new(*set.model.context(), &set.effects());
+        let start = set.own()[..model.parameter_count()].to_vec();
+        set = fitting::fit(data, &model, &start, false, monitor)?;
+    } else if set.effects() != best.effects() {
         set = fitting::on_from(data, &set, monitor)?;
     }
     let of_effect = |effect: EffectId| {
@@ -91,6 +99,19 @@ pub fn without_motion(data: &Data, best: &Hypothesis, monitor: &dyn Monitor) -> 
     fitting::refit(data, &set, monitor)
 }
 
+/// How the sets are fitted: roughly, beside a map whose coefficients have a prior.
+struct Fits<'a> {
+    data: &'a Data,
+    mapped: &'a Mapped,
+    monitor: &'a dyn Monitor,
+}
+
+impl Fits<'_> {
+    fn fit(&self, model: &Model, start: &[f64]) -> Result<Hypothesis> {
+        fitting::fit(&self.mapped.recording(self.data, model), model, start, false, self.monitor)
+    }
+}
+
 /// A set transferred to the validation run, if there is one.
 type Transferred<'a> = dyn Fn(&Hypothesis) -> Result<Option<(&'a Data, Hypothesis)>> + 'a;
 
@@ -102,12 +123,12 @@ fn seen<'a>(data: &'a Data, set: &'a Hypothesis, other: Option<&'a (&Data, Hypot
 /// The set with the special case of a mechanical effect in place of it, where that has more evidence beside a smooth torque. What was not
 /// chosen comes back with its probability.
 fn narrowed<'a>(
-    data: &Data,
+    fits: &'a Fits,
     mut set: Hypothesis,
     elsewhere: &Transferred<'a>,
-    monitor: &dyn Monitor,
 ) -> Result<(Hypothesis, Vec<Alternative>)> {
     let mut alternatives = Vec::new();
+    let data = fits.data;
     // A smooth curve is no friction that jumps: a smooth term takes its place.
     let wider = |e: &EffectId| e.info().site == Site::Mechanical && !e.is_smooth();
     for wide in set.effects().into_iter().filter(wider) {
@@ -119,7 +140,7 @@ fn narrowed<'a>(
                 continue;
             }
             let (model, start) = in_place(&set, wide, narrow);
-            let simpler = fitting::fit(data, &model, &start, false, monitor)?;
+            let simpler = fits.fit(&model, &start)?;
             let (of_set, of_simpler) = (elsewhere(&set)?, elsewhere(&simpler)?);
             let (runs, fewer) =
                 (seen(data, &set, of_set.as_ref()), seen(data, &simpler, of_simpler.as_ref()));
@@ -138,16 +159,19 @@ fn narrowed<'a>(
 
 /// The set without the effects on one side that a smooth term replaces, and what each of the others is worth beside one, nats.
 fn beside_a_smooth_term<'a>(
-    data: &Data,
+    fits: &'a Fits,
     mut set: Hypothesis,
     side: Side,
     elsewhere: &Transferred<'a>,
-    monitor: &dyn Monitor,
 ) -> Result<(Hypothesis, Vec<(EffectId, f64)>)> {
-    let asks =
-        |set: &Hypothesis| sides(data, set).contains(&side) && set.effects().iter().any(|e| side.has(*e));
+    let data = fits.data;
+    // Beside an error of the angle all effects in the currents are asked: it explains many of them.
+    let left = |set: &Hypothesis| {
+        side == Side::Electrical && set.model.map().is_some() || sides(data, set).contains(&side)
+    };
+    let asks = |set: &Hypothesis| left(set) && set.effects().iter().any(|e| side.has(*e));
     while asks(&set) {
-        monitor.go_on()?;
+        fits.monitor.go_on()?;
         let other = elsewhere(&set)?;
         let runs = seen(data, &set, other.as_ref());
         let worth = beside_discrepancy(&runs, side);
@@ -155,36 +179,32 @@ fn beside_a_smooth_term<'a>(
         let least = worth.iter().min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, nats)| !likely(*nats));
         let Some((effect, _)) = least else { return Ok((set, worth)) };
         let (model, start) = reduced(&set, *effect);
-        set = fitting::fit(data, &model, &start, false, monitor)?;
+        set = fits.fit(&model, &start)?;
     }
     Ok((set, Vec::new()))
 }
 
 /// The set without the effects whose strength may be zero, one after the other.
-fn beyond_error(data: &Data, mut set: Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
+fn beyond_error(fits: &Fits, mut set: Hypothesis) -> Result<Hypothesis> {
     loop {
-        monitor.go_on()?;
-        let outputs = Outputs::new(data, &set);
+        fits.monitor.go_on()?;
+        let outputs = Outputs::new(fits.data, &set);
         let absent = |e: &EffectId| outputs.moves_nothing(*e) || outputs.may_be_absent(*e);
         let Some(effect) = set.effects().into_iter().find(absent) else { break };
         let (model, start) = reduced(&set, effect);
-        set = fitting::fit(data, &model, &start, false, monitor)?;
+        set = fits.fit(&model, &start)?;
     }
     Ok(set)
 }
 
 /// The `kept` set with that one of the mechanical effects of `best` that explains most beside it, of those which a smooth torque replaces.
-fn nearest(
-    data: &Data,
-    best: &Hypothesis,
-    kept: &Hypothesis,
-    monitor: &dyn Monitor,
-) -> Result<Option<Hypothesis>> {
+fn nearest(fits: &Fits, best: &Hypothesis, kept: &Hypothesis) -> Result<Option<Hypothesis>> {
     let replaced = best.model.slots().iter().filter(|slot| !kept.effects().contains(&slot.effect));
     let with = |slot: &Slot| {
         let effects = [&kept.effects()[..], &[slot.effect]].concat();
-        let start = [kept.own(), &best.parameters[slot.parameters.clone()]].concat();
-        fitting::fit(data, &Model::new(*kept.model.context(), &effects), &start, false, monitor)
+        let own = &kept.own()[..kept.model.map_parameters().start];
+        let start = [own, &best.parameters[slot.parameters.clone()]].concat();
+        fitting::fit(fits.data, &Model::new(*kept.model.context(), &effects), &start, false, fits.monitor)
     };
     let tried: Result<Vec<Hypothesis>> =
         replaced.filter(|slot| slot.effect.info().site == Site::Mechanical).map(with).collect();
@@ -194,9 +214,12 @@ fn nearest(
 
 #[cfg(test)]
 mod tests {
+    use super::super::explain;
     use super::*;
+    use crate::base::BASE;
     use crate::diagnose::testing::{choice, data, fitted, settled, setup, speeds};
     use crate::drive::{Choice, Schedule, Setup, Shape, simulate};
+    use crate::map::Equation;
     use crate::monitor::Silent;
     use crate::recording::Recording;
     use crate::signals::Signals;
@@ -262,7 +285,12 @@ mod tests {
     /// The same where the angle is behind the rotor by a share of its largest error, a function of the speed over the largest.
     fn kept_of_late(largest: f64, share: fn(f64) -> f64, named: EffectId) -> Vec<(EffectId, f64)> {
         let setup = lively(Vec::new());
-        let whole = simulate(&setup, &Silent).unwrap().recording;
+        kept_of(&setup, late(&setup, largest, share), named)
+    }
+
+    /// The log of such a run.
+    fn late(setup: &Setup, largest: f64, share: fn(f64) -> f64) -> Vec<(String, Vec<f64>)> {
+        let whole = simulate(setup, &Silent).unwrap().recording;
         let column = |name: &str| whole.column(name).unwrap().to_vec();
         let (omega, mut theta) = (column("omega_e"), column("theta_e"));
         let fastest = omega.iter().fold(0.0f64, |m, x| m.max(x.abs()));
@@ -279,7 +307,30 @@ mod tests {
         for (name, x) in [("theta_e", theta), ("omega_e", omega), ("v_d", v_d), ("v_q", v_q)] {
             logged.push((name.to_string(), x));
         }
-        kept_of(&setup, logged, named)
+        logged
+    }
+
+    #[test]
+    fn an_angle_that_is_late_in_no_known_way_is_modelled_as_such_and_friction_and_dead_time_are_named_beside_it()
+     {
+        let present = vec![choice("coulomb_friction", "tau_c", 0.3), choice("dead_time", "v_err", 8.0)];
+        let setup = lively(present);
+        let logged = late(&setup, 0.1, |x| (2.0 * x).tanh());
+        let signals = Signals::new(&Recording::new(logged, None).unwrap(), &setup.nameplate).unwrap();
+        let (data, base) = settled(Data::new(signals, &setup.nameplate, &Default::default()).unwrap());
+        let effects = [EffectId::CoulombFriction, EffectId::DeadTime, EffectId::EncoderDelay];
+        let context = data.signals.context;
+        let typical = effects.iter().flat_map(|e| e.info().parameters).map(|p| (p.typical)(&context));
+        let start = [&base.parameters[..BASE], &typical.collect::<Vec<f64>>()].concat();
+        let set = fitting::fit(&data, &Model::new(context, &effects), &start, false, &Silent).unwrap();
+        let supported = supported(&data, None, &set, &Silent).unwrap();
+        assert_eq!(supported.set.effects(), effects[..2]);
+        let (fitted, unmodelled) = explain(&data, None, &supported.set, &Silent).unwrap();
+        let [term] = &unmodelled.terms[..] else { panic!("{}", unmodelled.sentence) };
+        assert_eq!((term.equation, term.unit), (Equation::Sensor, "rad"));
+        // The zero of the angle is that of the log, of which a constant part is not known.
+        assert!((term.peak - 0.1).abs() < 0.01, "{}", term.peak);
+        assert!(fitted.squares.iter().all(|(_, square)| *square < 1.2), "{:?}", fitted.squares);
     }
 
     #[test]
@@ -311,7 +362,9 @@ mod tests {
         let typical = effects.iter().flat_map(|e| e.info().parameters).map(|p| (p.typical)(&context));
         let start: Vec<f64> = base.own().iter().copied().chain(typical).collect();
         let both = fitting::fit(&data, &Model::new(context, &effects), &start, false, &Silent).unwrap();
-        let set = beyond_error(&data, both, &Silent).unwrap();
+        let mapped = Mapped::new(&both);
+        let fits = Fits { data: &data, mapped: &mapped, monitor: &Silent };
+        let set = beyond_error(&fits, both).unwrap();
         assert_eq!(set.effects(), [EffectId::CoulombFriction]);
     }
 

@@ -38,7 +38,9 @@ fn something(terms: &[Term], (gain, held_out): (f64, bool)) -> String {
 
 fn nothing(tried: &[Side]) -> String {
     let over = |side: &Side| match side {
-        Side::Electrical => "of the missing voltage over angle, speed and currents",
+        Side::Electrical => {
+            "of the missing voltage over angle, speed and currents, nor of the angle's error,"
+        }
         Side::Mechanical => "of the missing torque over angle, speed and motor torque",
     };
     if tried.is_empty() {
@@ -56,6 +58,7 @@ fn term(part: &Part, equation: Equation, coefficients: &[f64], peak: f64) -> Ter
         Equation::D => ("d-axis voltage", "v_d = r_s·i_d + dλ_d/dt − ω·λ_q + term"),
         Equation::Q => ("q-axis voltage", "v_q = r_s·i_q + dλ_q/dt + ω·λ_d + term"),
         Equation::Mechanical => ("torque", "j·dω_m/dt = τ_e − τ_load − b·ω_m − term"),
+        Equation::Sensor => ("error of the logged angle", "θ_measured = θ_e + term"),
     };
     let over: Vec<String> = part.factors().map(over).collect();
     let unit = equation.unit();
@@ -71,18 +74,22 @@ fn term(part: &Part, equation: Equation, coefficients: &[f64], peak: f64) -> Ter
     }
 }
 
-/// Coefficients of the products of the bases: those of odd functions are those of all splines, mirrored.
+/// Coefficients of the products of the bases: those of odd functions are those of all splines, mirrored, and a mean is a cosine of order zero.
 fn of_basis(part: &Part, coefficients: &[f64]) -> Vec<f64> {
     let whole = |factor: &Factor| match factor {
         Factor::Spline(s) if s.odd => s.pieces + s.degree,
+        Factor::Fourier { count, .. } => 2 * (count + 1),
         other => other.count(),
     };
-    // Number of the function that holds spline `k`, and its sign there; the middle one of an odd number is in none.
+    // Number of the function that holds that of the basis, and its sign there; a sine of order zero is in none, nor is the middle one of an
+    // odd number of splines.
     let place = |factor: &Factor, k: usize| match factor {
         Factor::Spline(s) if s.odd => {
             let mirrored = s.pieces + s.degree - 1 - k;
             (k != mirrored).then(|| (k.min(mirrored), if k < mirrored { 1.0 } else { -1.0 }))
         }
+        Factor::Fourier { .. } if k < 2 => (k == 0).then_some((0, 1.0)),
+        Factor::Fourier { .. } => Some((k - 1, 1.0)),
         _ => Some((k, 1.0)),
     };
     let second = part.second.as_ref();
@@ -108,6 +115,7 @@ fn over(factor: &Factor) -> String {
             };
             format!("{} ({orders})", angle.name())
         }
+        Factor::Fourier { angle, count } => format!("{} (mean and orders 1 to {count})", angle.name()),
         Factor::Swing { frequency } => format!("time ({frequency:.2} Hz)"),
         Factor::Direction { .. } => "the direction of rotation".into(),
         Factor::Spline(spline) if spline.variable == Variable::T => "time".into(),
@@ -121,6 +129,9 @@ fn basis(factor: &Factor) -> Basis {
         Factor::Harmonics { order, count, .. } => {
             let orders = (1..=count).map(|k| f64::from(order) * k as f64).collect();
             Basis::Harmonic { variable, unit, orders }
+        }
+        Factor::Fourier { count, .. } => {
+            Basis::Harmonic { variable, unit, orders: (0..=count).map(|k| k as f64).collect() }
         }
         Factor::Swing { frequency } => Basis::Harmonic { variable, unit, orders: vec![TAU * frequency] },
         Factor::Direction { width } => Basis::Direction { variable, unit, width },
