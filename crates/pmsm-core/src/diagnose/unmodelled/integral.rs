@@ -18,9 +18,6 @@ use std::ops::Range;
 /// Step of the difference quotients, share of the parameter and at least, in its unit. The prediction is linear or smooth in all of them.
 const STEP: (f64, f64) = (1e-4, 1e-7);
 
-/// The parameters of the winding that make the torque of given currents: of l_d − l_q one of the two suffices.
-pub(super) const TORQUE_CONSTANTS: [BaseParameter; 2] = [BaseParameter::LQ, BaseParameter::PsiM];
-
 /// The motion of recordings whose rotor has no states of its own.
 pub(super) struct Integral<'a> {
     data: &'a Data,
@@ -29,21 +26,17 @@ pub(super) struct Integral<'a> {
 }
 
 impl<'a> Integral<'a> {
-    /// Whether the recordings and the model have this form: each shows the speed as it runs, and nothing but it moves.
-    pub(super) fn applies(data: &Data, best: &Hypothesis) -> bool {
+    /// Where the recordings and the model have this form: each shows the speed as it runs, and nothing but it moves.
+    pub(super) fn new(data: &'a Data, best: &'a Hypothesis, torque: &'a [f64]) -> Option<Self> {
         let runs =
             |run: &Data| run.has_mechanical() && matches!(run.signals.kind, Kind::Full | Kind::Mechanical);
-        best.model.mechanical_states() == 0 && data.runs().iter().all(runs)
-    }
-
-    /// Where they have it.
-    pub(super) fn new(data: &'a Data, best: &'a Hypothesis, torque: &'a [f64]) -> Option<Self> {
-        Self::applies(data, best).then_some(Self { data, best, torque })
+        let whole = best.model.mechanical_states() == 0 && data.runs().iter().all(runs);
+        whole.then_some(Self { data, best, torque })
     }
 
     /// What the model leaves, in units of the noise.
     pub(super) fn residual(&self) -> DVector<f64> {
-        let predicted = self.predicted(&self.best.parameters, self.torque);
+        let predicted = self.predicted(&self.best.parameters);
         let measured = self.data.runs().iter().flat_map(|run| self.speed(&run.signals));
         self.weighted(predicted.into_iter().zip(measured).map(|(p, m)| p - m).collect())
     }
@@ -93,25 +86,19 @@ impl<'a> Integral<'a> {
     fn derivative(&self, index: usize) -> DVector<f64> {
         let value = self.best.parameters[index];
         let step = (STEP.0 * value.abs()).max(STEP.1);
-        let turns = TORQUE_CONSTANTS.iter().any(|p| p.index() == index);
         let at = |x: f64| {
             let mut parameters = self.best.parameters.clone();
             parameters[index] = x;
-            if turns {
-                let own = &parameters[..self.best.model.parameter_count()];
-                self.predicted(&parameters, &self.data.torque(&self.best.model, own))
-            } else {
-                self.predicted(&parameters, self.torque)
-            }
+            self.predicted(&parameters)
         };
         let (up, down) = (at(value + step), at(value - step));
         self.weighted(up.into_iter().zip(down).map(|(u, d)| (u - d) / (2.0 * step)).collect())
     }
 
     /// Electrical speed by which each window has gone on from its beginning, rad/s.
-    fn predicted(&self, parameters: &[f64], torque: &[f64]) -> Vec<f64> {
+    fn predicted(&self, parameters: &[f64]) -> Vec<f64> {
         let data = self.data;
-        let experiment = data.motion(&self.best.model, &self.best.nuisances, torque);
+        let experiment = data.motion(&self.best.model, &self.best.nuisances, self.torque);
         let mut rates = vec![0.0; data.signals.len()];
         for (run, part) in data.runs().iter().enumerate() {
             let own = experiment.of_run(parameters, run);
@@ -121,7 +108,7 @@ impl<'a> Integral<'a> {
                 model: &self.best.model,
                 signals: &part.signals,
                 p: machine,
-                tau_e: Torque::Fixed(&torque[samples.clone()]),
+                tau_e: Torque::Fixed(&self.torque[samples.clone()]),
                 load: (self.best.nuisances[run], load),
                 windows: &part.windows,
                 shown: &part.signals.omega_e,
