@@ -119,7 +119,7 @@ rust: | need
 
 # `--installed` refuses to test anything but the wheel.
 python: $(VENV)/.test
-	$(BIN)/pytest --installed -n auto --dist loadfile
+	$(BIN)/pytest --installed -n auto --dist loadfile --no-loadscope-reorder
 
 # `make test` draws the same cases in every run; this draws others, and says how to draw a failing one again.
 soak: $(VENV)/.test

@@ -56,6 +56,23 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+# Files whose tests take longest. They come first: else one processor waits for the other at the end.
+LONGEST = (
+    "test_recordings.py",
+    "test_effect_text.py",
+    "test_mistakes.py",
+    "test_bad_files.py",
+    "test_docs.py",
+    "test_docstrings.py",
+    "test_damage.py",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    place = {name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path.name, len(LONGEST)))
+
+
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("--installed") and PACKAGE.is_relative_to(ROOT / "python"):
         raise pytest.UsageError(
