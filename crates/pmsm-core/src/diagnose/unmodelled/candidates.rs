@@ -102,10 +102,10 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
     of_side.chain(of_angle).collect()
 }
 
-/// Errors of the measured angle: over the turn, and over the speed, where a late angle has an odd one.
+/// Errors of the measured angle, where one was logged beside currents: over the turn, and over the speed, where a late angle has an odd one.
 fn angle_errors(data: &Data, variables: &[(Variable, f64, f64)]) -> Vec<Part> {
     let part = |first| Part { equations: vec![Equation::Sensor], first, second: None };
-    if data.is_steady() {
+    if !data.runs().iter().all(|run| run.signals.kind == Kind::Full && run.signals.angle_known) {
         return Vec::new();
     }
     let speed = variables.iter().filter(|x| x.0 == Variable::OmegaE);
