@@ -1,8 +1,8 @@
 //! Missing voltage or torque, or the error of the logged angle, as a map over operating variables: what no effect of the catalogue explains,
 //! modelled without a name.
 //!
-//! A map is a sum of parts. Each part acts on the voltage equations, on the equation of motion, or on the angle that is measured, and is a
-//! tensor product of one or two [`Factor`]s with one coefficient per product and equation:
+//! A map is a sum of parts. A part acts on the voltage equations, on the equation of motion, or on the measured angle. It is a tensor product
+//! of one or two [`Factor`]s with one coefficient per product and equation:
 //!
 //! > v_lost,d += Σ_ab c_ab f_a(x) g_b(y)  (q alike),  τ_loss += Σ_ab c_ab f_a(x) g_b(y),  θ_measured = θ_e + Σ_ab c_ab f_a(x) g_b(y).
 //!

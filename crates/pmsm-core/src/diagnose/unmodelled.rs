@@ -1,5 +1,5 @@
-//! What no candidate explains, modelled without a name: a map of the missing voltage or torque, or of the angle's error, over the variables
-//! on which it depends, added to the equations and fitted by simulation like any effect, if it predicts what it was not fitted to.
+//! What no candidate explains, modelled without a name: a map of the missing voltage or torque, or of the angle's error. It is added to the
+//! equations and fitted by simulation like any effect. It stays if it predicts what it was not fitted to.
 //!
 //! The map and its stiffness are chosen on blocks of the recording that are left out (`choice`); then the whole model is
 //! fitted with it, and it is kept only if it has more evidence than the model without it, as holds for effects. It has no place in the
