@@ -68,6 +68,8 @@ def text(model: Model, *, prefix: str = "motor") -> tuple[str, list[str]]:
     rest = not_expressed(model, known)
     if "unmodelled" in (*friction, *position):
         rest = [name for name in rest if name != "unmodelled map"]
+        if any(part["equations"] != ["mechanical"] for part in model.specification["map"]):
+            rest.append("what the unmodelled map adds to voltages or angle")
     left_out = [f"Not compensated here: {', '.join(rest)}."] if rest else []
     if sensor & set(rest):
         left_out.append("Errors of sensors are corrected where they are read, with the values above.")
