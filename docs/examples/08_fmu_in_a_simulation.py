@@ -3,7 +3,7 @@ An FMU in a simulation
 ======================
 
 The model that was found as a functional mock-up unit, run by FMPy (``pip install fmpy``) as any tool for
-co-simulation runs it.
+co-simulation runs it. ``fmu`` is a unit of FMI 2.0, ``fmu3`` one of FMI 3.0.
 """
 
 import tempfile

@@ -206,8 +206,8 @@ class Diagnosis(DiagnosisValues):
         Parameters
         ----------
         to : str
-            One of `pmsm_rs.export.KINDS`: machine, python, rust, fmu, modelica, motulator, gem, mujoco,
-            c-header.
+            One of `pmsm_rs.export.KINDS`: machine, python, rust, fmu, fmu3, modelica, motulator, gem,
+            mujoco, c-header.
         path : path
             Where it goes.
         **options : object

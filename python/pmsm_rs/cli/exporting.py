@@ -8,7 +8,7 @@ from . import options, terminal
 from .help import Command, codes
 
 # Those of `pmsm_rs.export.KINDS`, which a test compares; the help needs no more of the package.
-_KINDS = ("machine", "python", "rust", "fmu", "modelica", "motulator", "gem", "mujoco", "c-header")
+_KINDS = ("machine", "python", "rust", "fmu", "fmu3", "modelica", "motulator", "gem", "mujoco", "c-header")
 
 
 @click.command(
@@ -36,6 +36,7 @@ def export(answer: str, kind: str, output: str, temperature: float | None) -> in
     - python: Python module that needs numpy alone.
     - rust: Rust program on the crate pmsm-core.
     - fmu: functional mock-up unit for co-simulation, FMI 2.0.
+    - fmu3: functional mock-up unit for co-simulation, FMI 3.0.
     - modelica: Modelica model.
     - motulator: Python module on motulator.
     - gem: parameters for gym-electric-motor.

@@ -25,7 +25,7 @@ def export(model: Model, to: str, path: str | os.PathLike[str], **options: Any) 
     model : Model
         The model of an answer.
     to : str
-        One of `KINDS`: machine, python, rust, fmu, modelica, motulator, gem, mujoco, c-header.
+        One of `KINDS`: machine, python, rust, fmu, fmu3, modelica, motulator, gem, mujoco, c-header.
     path : path
         Where it goes.
     **options : object

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 from .._core import UsageError
 from ..errors import refuse
 from . import drive_header, fmu, machine_file, modelica, python_module, rust_snippet, simulators
+from .fmi2 import FMI2
+from .fmi3 import FMI3
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -52,6 +54,13 @@ def _whole(make: Callable[[Model], str]) -> Maker:
     return lambda model, _path, _options: (make(model), [])
 
 
+def _unit(version: fmu.Version) -> Maker:
+    """Of a functional mock-up unit."""
+    return lambda model, path, options: fmu.content(
+        model, version, _identifier(path), **_temperature(options)
+    )
+
+
 KINDS: dict[str, Kind] = {
     "machine": Kind("corrected machine file", ".toml", (), _whole(machine_file.text)),
     "python": Kind(
@@ -65,7 +74,13 @@ KINDS: dict[str, Kind] = {
         "functional mock-up unit for co-simulation, FMI 2.0",
         ".fmu",
         ("temperature",),
-        lambda model, path, options: fmu.content(model, _identifier(path), **_temperature(options)),
+        _unit(FMI2),
+    ),
+    "fmu3": Kind(
+        "functional mock-up unit for co-simulation, FMI 3.0",
+        ".fmu",
+        ("temperature",),
+        _unit(FMI3),
     ),
     "modelica": Kind(
         "Modelica model",
