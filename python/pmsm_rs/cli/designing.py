@@ -24,7 +24,7 @@ from .help import Command, codes
     type=options.FILE,
     required=True,
     metavar="LIMITS.toml",
-    help="Current, speed and time that the bench bears; also acceleration, position, voltage.",
+    help="Limits of the bench: current, speed and time; also acceleration, position, voltage.",
 )
 @click.option(
     "-o",
@@ -40,7 +40,7 @@ from .help import Command, codes
     type=options.FILE,
     multiple=True,
     metavar="RUN",
-    help="The recording of the answer: its rivals are held by what it shows. May be repeated.",
+    help="The recording of the answer: it constrains the parameters of the rivals. May be repeated.",
 )
 @click.option(
     "--machine", "machine_file", type=options.FILE, metavar="M.toml", help="Machine file of the recording."
@@ -76,8 +76,8 @@ def design(
     """Design the next recording from ANSWER.json: it writes files and moves no motor.
 
     The manoeuvre separates the rivals of the answer best: effects that the recording cannot tell apart, names
-    whose probabilities overlap, formulas of an unknown torque. Without rivals it makes the least certain
-    parameters known. Every rival keeps the limits in simulation.
+    whose probabilities overlap, formulas of an unknown torque. Without rivals it is chosen for the least
+    certain parameters. Every rival keeps the limits in simulation.
 
     LIMITS.toml has a table [limits] with current (A, peak), speed (rad/s, mechanical; one number, or lowest
     and highest) and time (s). It may have acceleration (rad/s^2), position (rad from the start) and voltage

@@ -36,7 +36,7 @@ AHEAD: Final = 4
 )
 @options.computing
 def demo(report_file: str, json_file: str | None, threads: int | None, seed: int) -> int:
-    """Diagnose a recording that ships with the package, then open the seal on what was put into it."""
+    """Diagnose a recording that ships with the package, then compare the answer with what was put into it."""
     from ..atomic import apart
     from ..config.machine_file import read_machine
     from ..io.loader import load
@@ -106,13 +106,13 @@ def demo(report_file: str, json_file: str | None, threads: int | None, seed: int
     "--trajectories",
     type=options.OUTPUT,
     metavar="OUT.parquet",
-    help="Write measured and modelled trajectories.",
+    help="Write measured and modelled trajectories, for the pictures of `pmsm-rs report`.",
 )
 @click.option(
     "--options",
     "constants",
     metavar="NAME=VALUE,...",
-    help="Constants on which the verdict rests, such as named=0.95; the answer lists all of them.",
+    help="Thresholds of the diagnosis, such as named=0.95; the answer lists all of them.",
 )
 @options.THREADS
 @options.SEED
@@ -130,7 +130,8 @@ def diagnose(
 ) -> int:
     """Find out which physics the dq-model of RECORDING leaves out.
 
-    Several recordings of one machine are fitted together.
+    Several recordings of one machine are fitted together. `pmsm-rs inspect RECORDING --write machine.toml`
+    makes a machine file.
     """
     from .. import _core
     from ..atomic import apart
@@ -228,7 +229,7 @@ def _write(
     "--ledger",
     type=options.OUTPUT,
     metavar="FILE",
-    help="Append every finished recording to FILE; run again with it, only the rest is computed.",
+    help="Append each finished recording to FILE; another run with FILE computes only the rest.",
 )
 @click.option(
     "--jobs",

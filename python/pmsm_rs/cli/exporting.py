@@ -43,8 +43,8 @@ def export(answer: str, kind: str, output: str, temperature: float | None) -> in
     - mujoco: MuJoCo joint and actuator.
     - c-header: compensation for a drive, C header in single precision.
 
-    Make ANSWER.json with `pmsm-rs diagnose ... --json ANSWER.json`. What the tool cannot express is said, and
-    stands in the file.
+    Make ANSWER.json with `pmsm-rs diagnose ... --json ANSWER.json`. What the tool cannot express is
+    left out; the command prints it, and the file says so.
     """
     from ..atomic import apart
     from ..errors import unchanged
@@ -76,16 +76,15 @@ def export(answer: str, kind: str, output: str, temperature: float | None) -> in
     "--trajectories",
     type=options.FILE,
     metavar="T.parquet",
-    help="What --trajectories of diagnose wrote: adds the pictures over time.",
+    help="File that `diagnose --trajectories` wrote: adds the pictures over time.",
 )
 @click.option("--title", metavar="TEXT", help="Heading of the page; by default the name of the answer.")
 @options.QUIET
 def report(answer: str, output: str, trajectories: str | None, title: str | None) -> int:
     """Write the report of ANSWER.json as one HTML page, without computing anything.
 
-    Make ANSWER.json with `pmsm-rs diagnose ... --json ANSWER.json`, and the file of --trajectories with the
-    same command. Without it the report has no pictures over time. `diagnose --report` writes the whole report
-    at once.
+    Make ANSWER.json with `pmsm-rs diagnose ... --json ANSWER.json`. With `--trajectories T.parquet` the same
+    command writes what the pictures over time need. `diagnose --report` writes the whole report at once.
     """
     from pathlib import Path
 

@@ -12,7 +12,7 @@ from .help import Command, codes
 
 @click.command(
     cls=Command,
-    short_help="Show what a file is, and start a machine file.",
+    short_help="Show what a file holds, and write a machine file.",
     examples=(
         "pmsm-rs inspect run.csv",
         "pmsm-rs inspect run.csv --write machine.toml",
@@ -50,9 +50,9 @@ def inspect(
     allow_outside: bool,
     json_file: str | None,
 ) -> int:
-    """Show what FILE is: columns, sampling, questions, and a machine file to start from.
+    """Show what FILE holds: columns, sampling and questions. --write makes a machine file to start from.
 
-    A file that cannot be diagnosed yet is shown as far as possible, with all that is to be settled.
+    A file that cannot be diagnosed yet is shown as far as possible, with all that is missing or unclear.
     """
     from ..atomic import apart
     from ..inspection.inspect import expect_new

@@ -49,7 +49,7 @@ MACHINE = click.option(
     type=FILE,
     required=True,
     metavar="M.toml",
-    help="Nameplate, load, column names.",
+    help="Machine file: nameplate, load, column names.",
 )
 ALLOW_OUTSIDE = click.option(
     "--allow-outside",
@@ -83,7 +83,7 @@ QUIET = click.option(
     is_flag=True,
     expose_value=False,
     callback=_quiet,
-    help="Print no text and no progress; files are written, and errors told.",
+    help="Print no text and no progress. Files are still written and errors printed.",
 )
 THREADS = click.option(
     "--threads",

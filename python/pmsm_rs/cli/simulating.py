@@ -67,7 +67,7 @@ def simulate(config: str, output: str, truth: bool, machine_file: str | None, se
 )
 @options.QUIET
 def reproduce(figures: tuple[str, ...], folder: str) -> int:
-    """Simulate and identify what Liu, Liu & Cartes (2008) show, and draw their figures anew.
+    """Simulate and identify what Liu, Liu & Cartes (2008) show, and draw their figures again.
 
     Writes the figures as PNG and SVG, a table of the windows and a page with all results and choices.
     """
@@ -123,7 +123,7 @@ def _names(_context: click.Context, _parameter: click.Parameter, begin: str) -> 
     "machine_file",
     type=options.FILE,
     metavar="M.toml",
-    help="Show the effects of this machine file, too, which are given as text.",
+    help="Also show the effects that this machine file gives as text.",
 )
 def effects(name: str | None, machine_file: str | None) -> int:
     """Show the catalogue of effects, or one of them with equation, parameters and look-alikes."""
