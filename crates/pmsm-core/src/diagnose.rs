@@ -240,15 +240,13 @@ fn in_stages(
     incumbent.note(&outcome.ends().1.fitted);
     monitor.report("answer", 0.97);
     let validation = others.last().filter(|_| validation.is_some());
-    // A log that was wired or written wrong has no names of what the model leaves out.
-    let mistake = match outcome.best.excess() > options.mismatch {
-        true => wiring::suspected(recordings, machine, &outcome.ends().0.fitted, options, monitor)?,
-        false => None,
-    };
-    if mistake.is_some() {
-        outcome.names_nothing();
+    // A log that was wired or written wrong says nothing of what the model leaves out.
+    if outcome.best.excess() > options.mismatch
+        && let Some(mistake) = wiring::suspected(recordings, machine, &outcome.ends().0.fitted, options, monitor)?
+    {
+        return Ok(conclude::undetermined(whole, mistake, None));
     }
-    conclude::conclude(whole, validation, outcome, (&weak, mistake), monitor)
+    conclude::conclude(whole, validation, outcome, &weak, monitor)
 }
 
 #[cfg(test)]

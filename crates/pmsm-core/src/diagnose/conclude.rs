@@ -42,12 +42,12 @@ fn floors(data: &Data) -> BTreeMap<String, f64> {
 }
 
 /// Writes the answer. The search calls for a verdict, which a remaining residual and doubtful strengths may change. What stays unknown is
-/// described by a map, unless the log holds a `mistake`: a map would describe that.
+/// described by a map.
 pub fn conclude(
     data: &Data,
     validation: Option<&Data>,
     outcome: Outcome,
-    (weak, mistake): (&[String], Option<Finding>),
+    weak: &[String],
     monitor: &dyn Monitor,
 ) -> Result<Answer> {
     let mut ruling = Ruling::new(Runs { data, validation, monitor }, outcome)?;
@@ -64,7 +64,7 @@ pub fn conclude(
     let predicted = predicted.map(|(before, after)| (verdict::excess(before), verdict::excess(after)));
     // A map describes what has no name, so that the model predicts.
     let described = match verdict {
-        Verdict::Unknown | Verdict::Partial if mistake.is_none() => {
+        Verdict::Unknown | Verdict::Partial => {
             Some(unmodelled::explain(data, validation, &best.fitted, monitor)?)
         }
         _ => None,
@@ -113,7 +113,7 @@ pub fn conclude(
     data_quality.extend(nameplate::contradicts(data, &outputs.base()));
     data_quality.extend(stated_load::may_be_off(data, &ruling.asymmetric_friction));
     data_quality.extend(ruling.contradiction.map(|c| c.finding));
-    data_quality.splice(0..0, mistake.into_iter().chain(ruling.lack_of_fit));
+    data_quality.splice(0..0, ruling.lack_of_fit);
     data_quality.extend(validation.and_then(|run| coverage::validates_the_motion_alone(data, run)));
     data_quality.extend(unpredicted);
     let step = |set: &Validated| {
