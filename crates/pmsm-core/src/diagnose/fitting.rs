@@ -251,10 +251,11 @@ pub fn refit(data: &Data, from: &Hypothesis, monitor: &dyn Monitor) -> Result<Hy
 }
 
 /// Whether the electrical parameters are fitted to the motion, too. A sensor error shows in both. With a noisy voltage or a poor manoeuvre
-/// the torque determines the flux better than the currents do.
+/// the torque determines the flux better than the currents do, unless a map holds the torque that is missing.
 pub fn together(data: &Data, model: &Model) -> bool {
     let both = data.has_electrical() && data.has_mechanical();
-    both && (model.has_sensor() || data.input.voltage > 0.0 || data.poor)
+    let mapped = model.map().is_some_and(|map| map.parts.iter().any(|part| part.site() == Site::Mechanical));
+    both && (model.has_sensor() || (data.input.voltage > 0.0 || data.poor) && !mapped)
         || !torque_constants(data).is_empty()
 }
 

@@ -7,8 +7,9 @@
 //! In integral form along the measured speed the motion is linear in all of this, so that one least-squares solution per set suffices. With a
 //! shaft, and for the currents, it is linear to first order. The recording and the validation run are solved for together.
 
+use super::integral::{Integral, TORQUE_CONSTANTS};
 use super::linear::Linear;
-use super::{Side, candidates};
+use super::{Side, candidates, sides};
 use crate::diagnose::data::Data;
 use crate::diagnose::evidence::{Evidence, price};
 use crate::diagnose::hypothesis::{Hypothesis, independent_samples};
@@ -114,10 +115,16 @@ fn outside(normals: &[Normal], step: &[(usize, f64)], others: &[usize]) -> Optio
     Some((square + along.dot(&taken)).max(0.0))
 }
 
-/// The fitted parameters of the machine and its effects in the equations of one side.
+/// The fitted parameters of the machine and its effects in the equations of one side. What makes the torque of given currents is among those
+/// of the motion where the voltage equations leave more than noise: whatever is missing there has biased it.
 fn machine_parameters(data: &Data, set: &Hypothesis, side: Side) -> Vec<usize> {
     let fitted = side.parameters(data, set);
-    fitted.into_iter().filter(|k| *k < set.model.parameter_count()).collect()
+    let mut own: Vec<usize> = fitted.into_iter().filter(|k| *k < set.model.parameter_count()).collect();
+    let biased = side == Side::Mechanical && sides(data, set).contains(&Side::Electrical);
+    if biased && Integral::applies(data, set) {
+        own.extend(TORQUE_CONSTANTS.iter().map(|p| p.index()).filter(|k| set.free.contains(k)));
+    }
+    own
 }
 
 /// Cost of a set for the motion beside its best discrepancy, its own parameters included, nats.

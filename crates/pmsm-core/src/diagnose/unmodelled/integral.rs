@@ -5,6 +5,7 @@
 
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::effect::{Role, Site};
 use crate::experiment::Channel;
 use crate::machine::BaseParameter;
 use crate::map::{Part, Point};
@@ -18,6 +19,9 @@ use std::ops::Range;
 /// Step of the difference quotients, share of the parameter and at least, in its unit. The prediction is linear or smooth in all of them.
 const STEP: (f64, f64) = (1e-4, 1e-7);
 
+/// The parameters of the winding that make the torque of given currents: of l_d − l_q one of the two suffices.
+pub(super) const TORQUE_CONSTANTS: [BaseParameter; 2] = [BaseParameter::LQ, BaseParameter::PsiM];
+
 /// The motion of recordings whose rotor has no states of its own.
 pub(super) struct Integral<'a> {
     data: &'a Data,
@@ -26,17 +30,21 @@ pub(super) struct Integral<'a> {
 }
 
 impl<'a> Integral<'a> {
-    /// Where the recordings and the model have this form: each shows the speed as it runs, and nothing but it moves.
-    pub(super) fn new(data: &'a Data, best: &'a Hypothesis, torque: &'a [f64]) -> Option<Self> {
+    /// Whether the recordings and the model have this form: each shows the speed as it runs, and nothing but it moves.
+    pub(super) fn applies(data: &Data, best: &Hypothesis) -> bool {
         let runs =
             |run: &Data| run.has_mechanical() && matches!(run.signals.kind, Kind::Full | Kind::Mechanical);
-        let whole = best.model.mechanical_states() == 0 && data.runs().iter().all(runs);
-        whole.then_some(Self { data, best, torque })
+        best.model.mechanical_states() == 0 && data.runs().iter().all(runs)
+    }
+
+    /// Where they have it.
+    pub(super) fn new(data: &'a Data, best: &'a Hypothesis, torque: &'a [f64]) -> Option<Self> {
+        Self::applies(data, best).then_some(Self { data, best, torque })
     }
 
     /// What the model leaves, in units of the noise.
     pub(super) fn residual(&self) -> DVector<f64> {
-        let predicted = self.predicted(&self.best.parameters);
+        let predicted = self.predicted(&self.best.parameters, self.torque);
         let measured = self.data.runs().iter().flat_map(|run| self.speed(&run.signals));
         self.weighted(predicted.into_iter().zip(measured).map(|(p, m)| p - m).collect())
     }
@@ -83,22 +91,48 @@ impl<'a> Integral<'a> {
         columns
     }
 
+    /// That by the inertia is taken at the same accelerations by load and friction, whose torques follow it: what is taken out of the set
+    /// is then gone whatever the inertia becomes, and inertia, flux and all torques together change nothing.
     fn derivative(&self, index: usize) -> DVector<f64> {
         let value = self.best.parameters[index];
         let step = (STEP.0 * value.abs()).max(STEP.1);
+        let turns = TORQUE_CONSTANTS.iter().any(|p| p.index() == index);
+        let follow = if index == BaseParameter::J.index() { self.strengths() } else { Vec::new() };
         let at = |x: f64| {
             let mut parameters = self.best.parameters.clone();
+            follow.iter().for_each(|k| parameters[*k] *= x / value);
             parameters[index] = x;
-            self.predicted(&parameters)
+            if turns {
+                let own = &parameters[..self.best.model.parameter_count()];
+                self.predicted(&parameters, &self.data.torque(&self.best.model, own))
+            } else {
+                self.predicted(&parameters, self.torque)
+            }
         };
         let (up, down) = (at(value + step), at(value - step));
         self.weighted(up.into_iter().zip(down).map(|(u, d)| (u - d) / (2.0 * step)).collect())
     }
 
+    /// Parameters in proportion to which a torque acts on the rotor: friction, strengths of effects and levels of unknown loads.
+    fn strengths(&self) -> Vec<usize> {
+        let (model, nuisances) = (&self.best.model, &self.best.nuisances);
+        let mut found = vec![BaseParameter::B.index()];
+        for slot in model.slots().iter().filter(|slot| slot.effect.info().site == Site::Mechanical) {
+            let each = slot.effect.info().parameters.iter().zip(slot.parameters.clone());
+            found.extend(each.filter(|(p, _)| p.role == Role::Amplitude).map(|(_, k)| k));
+        }
+        let mut at = model.parameter_count();
+        for nuisance in nuisances {
+            found.extend(at..at + nuisance.levels);
+            at += nuisance.parameter_count();
+        }
+        found
+    }
+
     /// Electrical speed by which each window has gone on from its beginning, rad/s.
-    fn predicted(&self, parameters: &[f64]) -> Vec<f64> {
+    fn predicted(&self, parameters: &[f64], torque: &[f64]) -> Vec<f64> {
         let data = self.data;
-        let experiment = data.motion(&self.best.model, &self.best.nuisances, self.torque);
+        let experiment = data.motion(&self.best.model, &self.best.nuisances, torque);
         let mut rates = vec![0.0; data.signals.len()];
         for (run, part) in data.runs().iter().enumerate() {
             let own = experiment.of_run(parameters, run);
@@ -108,7 +142,7 @@ impl<'a> Integral<'a> {
                 model: &self.best.model,
                 signals: &part.signals,
                 p: machine,
-                tau_e: Torque::Fixed(&self.torque[samples.clone()]),
+                tau_e: Torque::Fixed(&torque[samples.clone()]),
                 load: (self.best.nuisances[run], load),
                 windows: &part.windows,
                 shown: &part.signals.omega_e,

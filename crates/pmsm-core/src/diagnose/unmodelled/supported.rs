@@ -165,9 +165,11 @@ fn beside_a_smooth_term<'a>(
     elsewhere: &Transferred<'a>,
 ) -> Result<(Hypothesis, Vec<(EffectId, f64)>)> {
     let data = fits.data;
-    // Beside an error of the angle all effects in the currents are asked: it explains many of them.
-    let left = |set: &Hypothesis| {
-        side == Side::Electrical && set.model.map().is_some() || sides(data, set).contains(&side)
+    // Beside an error of the angle all effects in the currents are asked: it explains many of them. What is missing in the voltage equations
+    // biases the torque of given currents, for which an effect of the motion may make up.
+    let left = |set: &Hypothesis| match side {
+        Side::Electrical => set.model.map().is_some() || sides(data, set).contains(&side),
+        Side::Mechanical => !sides(data, set).is_empty(),
     };
     let asks = |set: &Hypothesis| left(set) && set.effects().iter().any(|e| side.has(*e));
     while asks(&set) {
