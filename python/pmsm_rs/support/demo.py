@@ -1,4 +1,4 @@
-"""The recording that ships with the package, and the seal on what was put into it."""
+"""The recording that ships with the package, and what was put into it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def compare(answer: DiagnosisValues) -> str:
     truth = sealed()
     effect: str = truth["effect"]
     parameters: dict[str, float] = truth["parameters"]
-    lines = ["The seal, opened now", f"  What had been put in: {lower_first(title(effect))}."]
+    lines = ["Compared with what was put in", f"  Put in: {lower_first(title(effect))}."]
     candidates = {answer.ranking[0].effect, *answer.ranking[0].equivalent_to} if answer.ranking else set()
     if answer.verdict == "named" and answer.effects == (effect,):
         lines.append("  The finding is right.")
