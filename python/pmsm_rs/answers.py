@@ -297,11 +297,14 @@ def read_answer(
     from .io.recording import DEFAULT_MAX_BYTES
 
     source = open_source(trajectories, DEFAULT_MAX_BYTES)
-    if not {"t", *(f"{name}_after" for name in answer.noise_floor)} <= {*source.names}:
+    run = compared(answer)
+    # A validation run need not have every channel of the recording.
+    channels = answer.fit.get(run, {}).get("after", {})
+    if not {"t", *(f"{name}_after" for name in channels)} <= {*source.names}:
         raise refuse(
             UsageError,
             "these are not the trajectories of the answer",
             file=str(trajectories),
             fix="write both at once: pmsm-rs diagnose ... --json ANSWER.json --trajectories OUT.parquet",
         )
-    return Diagnosis.of(answer.data, {compared(answer): source.read(source.names)})
+    return Diagnosis.of(answer.data, {run: source.read(source.names)})

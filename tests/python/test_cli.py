@@ -115,6 +115,7 @@ def test_demo_finds_what_was_put_in(demo: tuple[subprocess.CompletedProcess[str]
     ran, folder = demo
     assert ran.returncode == 0, ran.stderr
     assert ran.stderr == ""
+    assert "\nCompared with what was put in\n" in ran.stdout
     assert "The finding is right." in ran.stdout
     answer = json.loads((folder / "a.json").read_text())
     assert answer["verdict"] == "named"
@@ -161,6 +162,32 @@ def test_diagnose_writes_json_report_and_trajectories(tmp_path: Path, run: Run) 
     refused = run("report", tmp_path / "a.json", "--trajectories", recording, "-o", tmp_path / "c.html")
     assert refused.code == 2
     assert "these are not the trajectories" in refused.err
+
+
+def test_a_report_takes_trajectories_of_a_validation_run_with_fewer_channels(
+    tmp_path: Path, run: Run
+) -> None:
+    recording, validation, machine = recording_files()
+    motion = pyarrow.parquet.read_table(validation).drop_columns(["v_d", "v_q"])
+    pyarrow.parquet.write_table(motion, tmp_path / "motion.parquet")
+    names = ["--json", tmp_path / "a.json", "--trajectories", tmp_path / "a.parquet"]
+    ran = run("diagnose", recording, "--machine", machine, "--validate", tmp_path / "motion.parquet", *names)
+    assert ran.code == 0, ran.err
+    answer = json.loads((tmp_path / "a.json").read_text())
+    assert {*answer["fit"]["validation"]["after"]} < {*answer["noise_floor"]}
+    drawn = run(
+        "report", tmp_path / "a.json", "--trajectories", tmp_path / "a.parquet", "-o", tmp_path / "r.html"
+    )
+    assert drawn.code == 0, drawn.err
+    assert "Before and after" in (tmp_path / "r.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("module", ["pmsm_rs", "pmsm_rs.cli"])
+def test_the_command_runs_as_a_module(module: str) -> None:
+    ran = subprocess.run(
+        [sys.executable, "-m", module, "--version"], capture_output=True, text=True, check=False
+    )
+    assert (ran.returncode, ran.stdout.strip(), ran.stderr) == (0, f"pmsm-rs {pm.__version__}", "")
 
 
 def test_a_report_is_made_of_an_answer_alone(machine_file: Path, tmp_path: Path, run: Run) -> None:
