@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 
 from .._core import Machine, MachineError, PmsmError
 from ..errors import clauses, did_you_mean, message, opened, refuse, shown
+from ..mistaken import HEAD, is_answer, is_recording
 from ..quantities.canonical import CANONICAL
 from ..quantities.units import canonical, suggest
 from .datasheet import Converted, settled
@@ -170,6 +171,8 @@ def read_toml(name: str, role: str = "machine file", kind: type[PmsmError] = Mac
     """
     with opened(name, role) as file:
         if file.stat().st_size > _LARGEST_FILE:
+            with file.open("rb") as handle:
+                _expect_other_than(handle.read(HEAD), name, role, kind)
             raise refuse(kind, f"it is far too large for a {role}", file=name, fix="name the TOML file")
         data = file.read_bytes()
     try:
@@ -179,6 +182,7 @@ def read_toml(name: str, role: str = "machine file", kind: type[PmsmError] = Mac
             _whole_numbers_fit(text, name, kind)
         content = tomllib.loads(text)
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        _expect_other_than(data[:HEAD], name, role, kind)
         what = (
             "it is no UTF-8 text"
             if isinstance(error, UnicodeDecodeError)
@@ -202,6 +206,13 @@ def read_toml(name: str, role: str = "machine file", kind: type[PmsmError] = Mac
                 fix="leave out what does not belong there",
             )
     return content
+
+
+def _expect_other_than(head: bytes, name: str, role: str, kind: type[PmsmError]) -> None:
+    """Raises `kind` where what is no TOML of a `role` begins as a recording or an answer does."""
+    for is_other, what in ((is_answer, "an answer of this package"), (is_recording, "a recording")):
+        if is_other(head):
+            raise refuse(kind, f"this is {what}, not a {role}", file=name, fix=f"name the {role}")
 
 
 def _slip(text: str) -> tuple[int, str, str] | None:
@@ -303,6 +314,14 @@ def _dbc(content: object, name: str, errors: list[str]) -> str | None:
     return None if given is None else str(Path(name).parent / given)
 
 
+def _meant(name: str, entry: object) -> str:
+    """What was meant by an entry of [columns] that is called as no column is."""
+    other = entry.get("from") if isinstance(entry, dict) else entry
+    if isinstance(other, str) and other in CANONICAL:
+        return f'the two sides are interchanged; write {other} = "{shown(name)}"'
+    return did_you_mean(name, CANONICAL)
+
+
 def _columns(content: object, errors: list[str]) -> dict[str, Rule | None]:
     if not isinstance(content, dict):
         errors.append("columns: write it as a table [columns]")
@@ -313,7 +332,7 @@ def _columns(content: object, errors: list[str]) -> dict[str, Rule | None]:
         if name == _DBC:
             continue
         if name not in CANONICAL:
-            errors.append(f"{path}: there is no such column ({did_you_mean(name, CANONICAL)})")
+            errors.append(f"{path}: there is no such column ({_meant(name, entry)})")
         elif entry is False:
             rules[name] = None
         else:

@@ -430,7 +430,10 @@ def _how(draft: _Draft, quantities: tuple[str, ...], wanted: str) -> str:
     if lines:
         told = [f"'{u.column}' was not taken, since {u.why}: {_of_motor(u)} would take it" for u in lines[:4]]
         return f"give {wanted}, or settle it in [columns]: {'; '.join(told)}"
-    return f"give {wanted} (the file has {listed_names(draft.source.names)}; map them in [columns])"
+    names = listed_names(draft.source.names)
+    if any(names in problem.fix for problem in draft.problems):
+        return f"give {wanted} (map them in [columns])"
+    return f"give {wanted} (the file has {names}; map them in [columns])"
 
 
 def _of_motor(entry: Unused) -> str | None:

@@ -12,27 +12,12 @@ from pathlib import Path
 
 from ..._core import DataError
 from ...errors import opened, refuse
+from ...mistaken import MAGIC
 from .canlog import log_kind
 from .gate import checked_limit
 from .source import Source
 from .standard_input import comes_there, kept
 
-_MAGIC = (
-    (b"PAR1", "parquet"),
-    (b"ARROW1", "feather"),
-    (b"PK\x03\x04", "npz"),
-    (b"MATLAB 5.0", "mat"),
-    (b"MATLAB 7.3", "hdf5"),
-    (b"\x89HDF", "hdf5"),
-    (b"MDF ", "mdf"),
-    (b"UnFinMF ", "mdf"),
-    (b"TDSm", "tdms"),
-    (b"\xff\xff\xff\xff", "feather"),
-    (b"ULog\x01\x12\x35", "ulog"),
-    (b"#ROSBAG V2", "rosbag"),
-    (b"SQLite format 3\0", "rosbag"),
-    (b"\x89MCAP", "mcap"),
-)
 _STRANGERS = (
     (b"FEA1", "a Feather file of version 1", "save it again as Feather version 2 or Parquet"),
     (
@@ -97,7 +82,7 @@ def open_source(path: str | os.PathLike[str], max_bytes: int, dbc: str | None = 
     for magic, what, fix in _STRANGERS:
         if head.startswith(magic):
             raise refuse(DataError, f"this is {what}, which is not read here", file=name, fix=fix)
-    kind = next((kind for magic, kind in _MAGIC if head.startswith(magic)), "csv")
+    kind = next((kind for magic, kind in MAGIC if head.startswith(magic)), "csv")
     if kind == "csv" and _BRACKET.match(head):
         kind = "json"
     if kind == "csv" and log_kind(head) is not None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..._core import DataError
 from ...errors import refuse, shown
+from ...mistaken import is_machine_file, no_recording
 from . import scope, twincat
 from .arrow import with_gaps
 from .clock import Clock, Texts, found, seconds
@@ -47,7 +48,13 @@ def open_file(file: Path, max_bytes: int) -> Source:
     if twincat.is_export(content):
         return twincat.open_text(content, name, max_bytes)
     text, axis = scope.uncounted(content)
-    layout = scope.seconds(sniff(_sample(text), name))
+    try:
+        found_layout = sniff(_sample(text), name)
+    except DataError as error:
+        if is_machine_file(text):
+            raise no_recording("a machine file", name) from error
+        raise
+    layout = scope.seconds(found_layout)
     needed = len(layout.columns) * _COLUMN_BYTES
     try:
         few_enough(len(layout.columns))

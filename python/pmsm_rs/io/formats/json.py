@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..._core import DataError
 from ...errors import refuse
+from ...mistaken import expect_no_answer
 from .gate import admit, few_enough, one_by_one
 from .listed import array_of, shape_of
 from .member import UNKNOWN, Member, Refused
@@ -46,6 +47,7 @@ def open_file(file: Path, max_bytes: int) -> Source:
             fix="store it as Parquet, or raise max_bytes",
         )
     content = _parse(file.read_bytes(), name)
+    expect_no_answer(content, name)
     if isinstance(content, dict) and set(content) >= _MOTEUS:
         columns = _moteus(content, name)
     elif pairs_of(content) is None and isinstance(content, list):
