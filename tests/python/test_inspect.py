@@ -489,3 +489,45 @@ def test_each_column_of_text_is_told_by_itself(tmp_path: Path) -> None:
     assert [told[name] for name in words] == [
         f"'off{k}' is no number (line 51); correct the value or cut the line" for k in range(100)
     ]
+
+
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("Output Torque", 'tau_m = { from = "Output Torque", unit = "N·m" }'),
+        ("Input voltage", 'v_dc = { from = "Input voltage", unit = "V" }'),
+        ("battery_voltage", 'v_dc = { from = "battery_voltage", unit = "V" }'),
+    ],
+)
+def test_a_signal_of_the_bench_gets_a_line_and_is_not_taken(
+    name: str, line: str, columns: Columns, tmp_path: Path
+) -> None:
+    found = pm.inspect(written({**columns, name: columns["i_q"] + 40.0}, tmp_path))
+    entry = signal(found, name)
+    assert (entry.names, entry.use) == ((), (line,))
+    assert f"#{line}" in found.machine_file
+
+
+@pytest.mark.parametrize(
+    "name", ["Input voltage ref", "Input voltage ripple", "Input voltage d", "mains voltage"]
+)
+def test_another_voltage_of_the_supply_gets_no_line(name: str, columns: Columns, tmp_path: Path) -> None:
+    assert signal(pm.inspect(written({**columns, name: columns["i_q"]}, tmp_path)), name).use == ()
+
+
+def test_a_supply_beside_a_dc_link_is_not_told(columns: Columns) -> None:
+    log = {**columns, "v_dc": columns["i_q"] + 40.0, "Input voltage": columns["i_q"] + 40.0}
+    assert pm.load(log).account.unused == ()
+
+
+def test_an_array_of_which_a_column_is_used_is_not_told_as_unused(tmp_path: Path) -> None:
+    t = np.arange(400) * 1e-3
+    arrays = {"t": t, "omega_m": np.sin(t), "tau_measured": np.stack([t, np.cos(t)], axis=1)}
+    np.savez(tmp_path / "r.npz", **arrays)
+    (tmp_path / "m.toml").write_text(
+        '[machine]\nn_p = 3\n[columns]\ntau_e = "tau_measured[:,1]"\nomega_m = "omega_m"\n'
+    )
+    account = pm.load(tmp_path / "r.npz", tmp_path / "m.toml").account
+    assert account.columns["tau_e"].source == "tau_measured[:,1]"
+    assert "tau_measured" not in [entry.column for entry in account.unused]
+    assert "tau_measured" not in account.ignored

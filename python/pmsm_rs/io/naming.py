@@ -17,6 +17,7 @@ from ..quantities.vocabulary import (
     BETWEEN,
     COMMANDED,
     DC,
+    DC_SUPPLY,
     DC_WORDS,
     ESTIMATED,
     FILTERED,
@@ -68,8 +69,8 @@ class Meaning:
     `columns` are the canonical ones that it may be. There is one where that is certain, several where
     electrical and mechanical are in doubt, none where no column can be made of it. `sure` is False where some
     of its words are not known. `unit` is the one that the name or the file states. `other` marks a quantity
-    that is none of the motor's, such as a control error, and `shaft_in_rpm` a speed that in rpm is always the
-    shaft's.
+    that is none of the motor's, such as a control error; `columns` say what the supply's voltage may be.
+    `shaft_in_rpm` marks a speed that in rpm is always the shaft's.
     """
 
     quantity: str
@@ -222,7 +223,7 @@ def _detail(quantity: str, own: Sequence[str], axis: list[str], letter: int | No
     """Axis, frame, role and the columns of a quantity that the words `own` hold."""
     electric = quantity in {"voltage", "current"}
     frames: set[str] = set()
-    unknown = other = dc = load = airgap = False
+    unknown = other = foreign = dc = load = airgap = False
     for k, word in enumerate(own):
         if k == letter or word in SYMBOLS or word in VECTORS or QUANTITIES.get(word) is not None:
             continue
@@ -230,6 +231,7 @@ def _detail(quantity: str, own: Sequence[str], axis: list[str], letter: int | No
             dc = True
         elif word in OTHER or (electric and word in BETWEEN):
             other = True
+            foreign = foreign or word not in DC_SUPPLY
         elif electric and word in AXES:
             axis.append(AXES[word])
         elif word in ROLES or word in NEUTRAL or word in NEUTRAL_FOR.get(quantity, ()):
@@ -250,6 +252,8 @@ def _detail(quantity: str, own: Sequence[str], axis: list[str], letter: int | No
         role = FILTERED
     sure = clear and not unknown
     axes = tuple(dict.fromkeys(axis))
+    if quantity == "voltage" and other and sure and not (foreign or axes or dc) and role != COMMANDED:
+        return Meaning(quantity, ("v_dc",), role, sure=False, other=True)
     if electric:
         columns, sure, other = _electric(quantity, axes, dc, sure, other)
     elif quantity == "torque":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 from ..config.rules import Rule
 from ..quantities.canonical import CANONICAL
@@ -11,6 +11,9 @@ from ..quantities.vocabulary import COMMANDED, ESTIMATED
 from .formats.source import Source
 from .naming import Meaning, candidates
 from .reading import Unused
+
+SUPPLY_VOLTAGE: Final = "supply voltage"
+"""The quantity of a note on a voltage of the supply."""
 
 
 def look_alike(source: Source, column: str, found: Meaning) -> Unused:
@@ -35,6 +38,12 @@ def look_alike(source: Source, column: str, found: Meaning) -> Unused:
     could_be = candidates(found)
     use = line_for(source, column, found, could_be[0])
     return Unused(column, _quantity(found), why, use, could_be if len(could_be) > 1 else ())
+
+
+def of_supply(source: Source, column: str, found: Meaning) -> Unused:
+    """A voltage of the supply."""
+    why = "it is the voltage of the supply, which may be that of the DC link"
+    return Unused(column, SUPPLY_VOLTAGE, why, line_for(source, column, found, "v_dc"))
 
 
 def never_taken(source: Source, column: str, found: Meaning) -> Unused:

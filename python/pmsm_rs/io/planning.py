@@ -20,7 +20,7 @@ from ..quantities.wording import unit_and_words
 from .formats.sniff import name_and_unit
 from .formats.source import Source
 from .naming import Meaning, meaning
-from .notes import line_for, look_alike, never_taken, quoted
+from .notes import SUPPLY_VOLTAGE, line_for, look_alike, never_taken, of_supply, quoted
 from .reading import Account, Unused, missed
 from .stated import unit_of
 
@@ -242,6 +242,8 @@ def _take(draft: _Draft, column: str, found: Meaning) -> None:
     """A claim, a doubt, or a note on a column whose name says `found`."""
     ranks = _RANKS["v_dc" if found.columns == ("v_dc",) else found.quantity]
     if found.other:
+        if found.columns:
+            draft.unused[column] = of_supply(draft.source, column, found)
         return
     dimension = found.quantity
     unassumed = dimension in {"angle", "speed", "torque", "time"}
@@ -455,7 +457,12 @@ def _account(draft: _Draft, plan: dict[str, Rule]) -> Account:
         told[name] = replace(rule, unit=rule.unit or CANONICAL[name].unit)
     arrays = {name.partition("[")[0].removesuffix(".real").removesuffix(".imag") for name in used if name}
     ignored = [name for name in dict.fromkeys(source.names) if name not in used and name not in arrays]
-    unused = [replace(u, column=source.header(u.column)) for u in draft.unused.values()]
+    # Of an array with a column that is used, and of a supply beside a DC link, there is nothing to say.
+    unused = [
+        replace(u, column=source.header(u.column))
+        for u in draft.unused.values()
+        if u.column not in used | arrays and not ("v_dc" in told and u.quantity == SUPPLY_VOLTAGE)
+    ]
     return Account(
         {name: told[name] for name in CANONICAL if name in told},
         tuple(source.header(name) for name in ignored),

@@ -106,6 +106,8 @@ SUPPLY: Final = _set(
     "battery batt bat supply source input mains netz versorgung vin vbat vsupply ibus idc iin ibat"
 )
 """The supply of the drive, which is no quantity of the motor."""
+DC_SUPPLY: Final = _set("battery batt bat supply source input versorgung")
+"""The supply beside a voltage, which may be that of the DC link."""
 OTHER: Final = SUPPLY | _set(
     "err error diff dev deviation delta fehler abweichung max min limit lim rated nominal nenn peak "
     "offset gain kp ki kd integral integrator ff feedforward decoupling std variance status flag fault mode "
@@ -126,6 +128,7 @@ NEUTRAL_FOR: Final[dict[str, frozenset[str]]] = {
     # Of the stator, and of the rotor; s of a speed is that of the field, r of a current that of a cage.
     "voltage": frozenset({"s", "out", "output", "terminal", "klemme"}),
     "current": frozenset({"s", "in"}),
+    "torque": frozenset({"out", "output"}),
     "angle": frozenset({"r"}),
     "speed": frozenset({"r"}),
 }
