@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from .._core import DataError, Machine, MachineError
 from ..config.machine_file import MachineFile, read_machine
 from ..errors import NothingToAsk, fact, is_panic, message, opened, refuse, shown
+from .beside import without_lone
 from .captures import completed, is_capture
 from .checks import angle_against_speed, angle_in_radians, rotor_frame_against_phases
 from .columns import Columns, taken
@@ -144,6 +145,7 @@ def recorded(source: Source, described: MachineFile | Machine | None, max_bytes:
     if is_capture(columns, kind):
         columns, first, remarks, angle_error = completed(columns, known, source.file)
         account = replace(account, first=account.first + first, remarks=(*account.remarks, *remarks))
+    columns, account = without_lone(columns, account, known.n_p if known is not None else None)
     try:
         recording = Recording(columns, load=kind, load_value=value, angle_error=angle_error)
     except DataError as error:
