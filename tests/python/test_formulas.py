@@ -14,9 +14,12 @@ from pmsm_rs.export.program import evaluate
 from pmsm_rs.formulas.balance import Balance, Choice
 from pmsm_rs.formulas.reading import torque as read
 from pmsm_rs.formulas.search import search
+from pmsm_rs.formulas.spread import spread
 from pmsm_rs.formulas.terms import Term, reverses, terms
+from pmsm_rs.formulas.unknown_torque import remains
 from pmsm_rs.formulas.weak_form import Motion, windows
 from pmsm_rs.results.registry import effect
+from pmsm_rs.view.formulas import order
 
 J = 0.004
 Torque = Callable[[Any, Any, Any], Any]
@@ -292,6 +295,61 @@ def test_an_answer_without_a_name_holds_formulas() -> None:
     assert again.formulas == answer.formulas
     named = pm.diagnose(recording(1).__class__(t=moved(lambda w, th, te: 0.0, 1).t, **_rest()), machine)
     assert named.formulas is None
+    numbers = [entry for formula in answer.formulas for entry in formula["parameters"].values()]
+    assert all((entry["stderr"] is None) != (entry["why_none"] is None) for entry in numbers)
+    assert any(entry["stderr"] for entry in numbers)
+    text = " ".join(str(answer).split())
+    assert "±" in text[text.index("Formulas for the torque") : text.index("Parameters")]
+
+
+def test_the_numbers_of_a_formula_have_standard_errors() -> None:
+    misses: dict[str, list[float]] = {"k": [], "a": []}
+    for seed in range(4):
+        form = windows(moved(FORMS["root"][0], seed))
+        assert form is not None
+        [power] = [f for f in search(form, None, j=J) if f.text == "k·|ω|^a·sgn(ω)"]
+        for name, truth in (("k", 0.03), ("a", 0.52)):
+            number = power.parameters[name]
+            assert number.stderr is not None
+            assert 0.0 < number.stderr < 0.5 * abs(truth)
+            misses[name].append((number.value - truth) / number.stderr)
+    for values in misses.values():
+        assert np.sqrt(np.mean(np.square(values))) < 3.0
+
+
+def test_numbers_that_a_run_does_not_tell_apart_have_no_standard_error() -> None:
+    run = Balance.of(windows(moved(FORMS["root"][0], 1)), J)  # type: ignore[arg-type]
+    [drag] = [term for term in terms(run.form.motion) if term.text == "{k}·ω·|ω|"]
+    [once, twice] = spread(run, Choice(((drag, ()), (drag, ()))), np.array([0.5, 0.5]))
+    assert once == twice == [None]
+    [[alone]] = spread(run, Choice(((drag, ()),)), np.array([1.0]))
+    assert alone is not None
+
+
+def test_no_formula_is_asked_for_where_a_map_of_the_voltages_leaves_no_torque() -> None:
+    data = {
+        "remaining": [{"equation": "mechanical"}],
+        "model": {"specification": {"map": [{"equations": ["d", "q"]}]}},
+        "fit": {"recording": {"after": {"omega_e": 0.31}}, "validation": {"after": {"omega_e": 0.30}}},
+        "noise_floor": {"omega_e": 0.306},
+        "options": {"mismatch": 0.3},
+    }
+    assert not remains(data)
+    assert remains({**data, "fit": {"recording": {"after": {"omega_e": 0.6}}}})
+    assert remains({**data, "model": {"specification": {"map": [{"equations": ["mechanical"]}]}}})
+    assert remains({**data, "model": {"specification": {}}})
+    assert not remains({**data, "remaining": [{"equation": "d"}]})
+
+
+def test_the_order_of_formulas_is_told_as_it_is() -> None:
+    def entries(*equivalent: bool) -> list[dict[str, Any]]:
+        return [{"equivalent": each} for each in equivalent]
+
+    assert order(entries(False)) == ""
+    assert "the first 2 apart" in order(entries(False, True, False, False))
+    assert "The others have less evidence" in order(entries(False, True, False, False))
+    assert "all apart" in order(entries(False, True))
+    assert "less evidence" not in order(entries(False, True))
 
 
 def _rest() -> dict[str, Any]:

@@ -22,7 +22,7 @@ from pmsm_rs.view.advice import next_step
 from pmsm_rs.view.charts import Axis, Panel
 from pmsm_rs.view.corrected import machine_file
 from pmsm_rs.view.tables import motor_rows
-from test_results import ANSWER, Tags, diagnosis, estimate
+from test_results import ANSWER, REMAINING, Tags, diagnosis, estimate
 
 MACHINE: dict[str, Any] = {
     "n_p": 3,
@@ -164,6 +164,16 @@ def test_a_place_that_repeats_another_is_told_once() -> None:
     answer = full(located=[first, ANSWER["located"][0]])
     for text in (words_of(str(answer.report())), " ".join(str(answer).split())):
         assert text.count("It sits in the q axis.") == 1
+
+
+def test_no_place_is_told_where_nothing_is_missing() -> None:
+    model = {**ANSWER["model"], "effects": []}
+    clean = full(verdict="no_mismatch", remaining=[], model=model)
+    for text in (words_of(str(clean.report())), str(clean), clean._repr_html_()):
+        assert "Where it sits" not in text
+        assert clean.located[0].sentence not in text
+    beside = full(verdict="no_mismatch", remaining=[REMAINING], model=model)
+    assert "Where it sits" in str(beside)
 
 
 def test_the_answer_names_its_files_and_machine(tmp_path: Path) -> None:

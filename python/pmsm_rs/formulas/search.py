@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from ..results.registry import effect
 from .balance import FORM, Balance, Choice
 from .free_run import centred, free_runs, gained
 from .screening import candidates
+from .spread import WHY_NONE, spread
 from .terms import Term, reverses
 from .weak_form import Motion, WeakForm
 
@@ -38,11 +39,24 @@ _STRIBECK = "stribeck_friction"
 _STRETCHES = 10
 
 
+class Number(NamedTuple):
+    """A number of a formula in its `unit`; `stderr` is None where the recording does not determine it."""
+
+    value: float
+    unit: str
+    stderr: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As its JSON object."""
+        why = None if self.stderr is not None else WHY_NONE
+        return {**self._asdict(), "why_none": why}
+
+
 @dataclass(frozen=True)
 class Formula:
     """A formula for an unknown torque against positive rotation, N·m.
 
-    `text` is the formula, `parameters` its numbers by name with value and unit. `residual` is the rms error
+    `text` is the formula, `parameters` its numbers by name. `residual` is the rms error
     of the mechanical speed in free runs, rad/s, without and with the formula. `explains` is the share of the
     mean square that it takes away. Both are by run, "recording" and, where there is one, "validation". No
     number but a shape was fitted to the rows that it predicts there. `evidence` is that of the formula over
@@ -51,7 +65,7 @@ class Formula:
     """
 
     text: str
-    parameters: Mapping[str, tuple[float, str]]
+    parameters: Mapping[str, Number]
     residual: Mapping[str, tuple[float, float]]
     evidence: float
     equivalent: bool
@@ -64,7 +78,7 @@ class Formula:
 
     def to_dict(self, noise: float) -> dict[str, Any]:
         """As its JSON object; `noise` is that of the speed, rad/s."""
-        values = {name: {"value": x, "unit": unit} for name, (x, unit) in self.parameters.items()}
+        values = {name: number.to_dict() for name, number in self.parameters.items()}
         return {
             "formula": self.text,
             "parameters": values,
@@ -133,7 +147,7 @@ def _judged(run: Balance, check: Motion | None, choice: Choice, forms: int) -> _
     if check is not None:
         # The evidence of the recording is that of its windows.
         evidence -= misfit
-    formula = _formula(choice, fit.strengths, residual, evidence)
+    formula = _formula(run, choice, fit.strengths, residual, evidence)
     return _Judged(choice, evidence, misfit, formula) if min(formula.explains.values()) >= _LEAST else None
 
 
@@ -217,20 +231,26 @@ def _told(judged: Sequence[_Judged]) -> list[_Judged]:
 
 
 def _formula(
-    choice: Choice, strengths: Array, residual: Mapping[str, tuple[float, float]], evidence: float
+    run: Balance,
+    choice: Choice,
+    strengths: Array,
+    residual: Mapping[str, tuple[float, float]],
+    evidence: float,
 ) -> Formula:
-    texts, parameters, effects, at = [], {}, [], 0
+    texts, effects, at = [], [], 0
+    parameters: dict[str, Number] = {}
+    errors = spread(run, choice, strengths)
     for number, (term, shape) in enumerate(choice.terms, 1):
         tail = str(number) if len(choice.terms) > 1 else ""
-        names = {}
+        names, own = {}, iter(errors[number - 1])
         effects.append(_effect(term, float(strengths[at])))
         for name, unit in term.strengths:
             names[name] = name + tail
-            parameters[name + tail] = (float(strengths[at]), unit)
+            parameters[name + tail] = Number(float(strengths[at]), unit, next(own))
             at += 1
         for sought, x in zip(term.shapes, shape, strict=True):
             names[sought.name] = sought.name + tail
-            parameters[sought.name + tail] = (float(x), sought.unit)
+            parameters[sought.name + tail] = Number(float(x), sought.unit, next(own))
         texts.append(term.text.format(**names))
     if _STRIBECK in effects:
         # Its law holds the constant friction, too.

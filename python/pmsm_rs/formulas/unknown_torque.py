@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -30,9 +31,8 @@ def found(
     it. None where the question does not arise: nothing remains there, the verdict is another, or the
     recording does not hold what it takes.
     """
-    remains = any(entry["equation"] == "mechanical" for entry in data.get("remaining", ()))
     specification = data["model"].get("specification")
-    if data["verdict"] not in _ASKED or not remains or specification is None:
+    if data["verdict"] not in _ASKED or specification is None or not remains(data):
         return None
     named = Model({**data["model"], "specification": {**specification, "map": []}})
     run = _motion(named, traces.get("recording"), recording)
@@ -44,6 +44,19 @@ def found(
     told = formulas.search(form, check, j=specification["base"]["j"])
     noise = data["noise_floor"]["omega_e"] / specification["scales"]["n_p"]
     return [formula.to_dict(noise) for formula in told]
+
+
+def remains(data: Mapping[str, Any]) -> bool:
+    """Whether torque remains above the noise, beside the effects and beside a map of the voltages."""
+    if all(entry["equation"] != "mechanical" for entry in data.get("remaining", ())):
+        return False
+    maps = data["model"]["specification"].get("map", ())
+    if not maps or any("mechanical" in term["equations"] for term in maps):
+        # What remains is described by no map, or by one of the torque itself.
+        return True
+    left = [run["after"].get("omega_e") for run in data["fit"].values() if run.get("after")]
+    most = data["noise_floor"]["omega_e"] * math.sqrt(1.0 + data["options"]["mismatch"])
+    return any(value is not None and value > most for value in left)
 
 
 def _motion(model: Model, trace: Trace | None, recording: Recording) -> Motion | None:

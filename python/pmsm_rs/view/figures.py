@@ -13,6 +13,7 @@ from ..results.words import channel, percent
 from ..results.words import unit as unit_of
 from . import charts
 from .charts import Array, Axis, Panel, Picture
+from .places import places
 
 _FEWEST_TURNS: Final = 2
 _FEW: Final = 400
@@ -93,7 +94,7 @@ def worst(answer: DiagnosisValues, *, width: float = charts.WIDTH) -> Picture | 
 
 def located(answer: DiagnosisValues) -> list[Picture]:
     """Where it sits: the telling channel over the operating point, as a map, and by order of the angle."""
-    if answer.shown is None or not answer.located:
+    if answer.shown is None or not places(answer):
         return []
     trace = _shown(answer)
     name = _telling(answer, trace)

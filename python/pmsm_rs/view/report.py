@@ -20,9 +20,9 @@ from . import bars, figures, plot_data, tables
 from .advice import next_step
 from .charts import Picture
 from .corrected import machine_file
+from .formulas import numbers, of_form, order
 from .headline import is_whole, sentences
 from .readout import converted
-from .summary import of_form
 
 if TYPE_CHECKING:
     from jinja2 import Environment, Template
@@ -190,6 +190,8 @@ def _environment() -> Environment:
         sentence=words.sentence,
         typeset=_typeset,
         of_form=of_form,
+        numbers=numbers,
+        order=order,
     )
     return environment
 

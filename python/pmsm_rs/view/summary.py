@@ -11,7 +11,7 @@ from typing import Any, Final
 from ..messages import behind
 from ..results.budget import judged, sentence
 from ..results.estimates import Estimate, IdentificationValues, json_text
-from ..results.findings import DiagnosisValues, Location, chosen, compared, leading
+from ..results.findings import DiagnosisValues, chosen, compared, leading
 from ..results.words import (
     VAGUE,
     channel,
@@ -21,10 +21,11 @@ from ..results.words import (
     lower_first,
     number,
     percent,
-    unit,
     with_signs,
 )
+from .formulas import numbers, of_form, order
 from .headline import headline
+from .places import places, share_of
 from .readout import converted, extent, ignored, origins, reasons
 
 _OF_ONE: Final = re.compile(r"\bits?\b")
@@ -55,10 +56,9 @@ def diagnosis(answer: DiagnosisValues) -> str:
         lines.append("Interrupted: this is the best so far.")
     lines += [_said("  ! ", finding(item, answer.reason or "")) for item in answer.data_quality]
     lines += _read(answer)
-    if answer.located:
+    if found_at := places(answer):
         lines += ["", "Where it sits"]
-        places = told_once(answer.located)[:4]
-        lines += [_said(f"  {share_of(place):>6}  ", place.sentence) for place in places]
+        lines += [_said(f"  {share_of(place):>6}  ", place.sentence) for place in found_at[:4]]
     if answer.ranking:
         lines += ["", "Candidates, with the probability that the model leaves them out"]
         for candidate in leading(answer, 5):
@@ -128,47 +128,14 @@ def formulas(answer: DiagnosisValues) -> list[str]:
         f"Hypotheses, no causes. The speed error on {of} is {before} times the noise without a formula, and "
         "with one as many times as stands before it."
     )
-    alike = 1 + sum(entry["equivalent"] for entry in answer.formulas)
-    if alike > 1:
-        head += f" The first {alike} cannot be told apart; the simplest stands first."
+    head = f"{head} {order(answer.formulas)}".rstrip()
     lines = ["", "Formulas for the torque that remains", hung("  ", head)]
     for entry in answer.formulas:
         lines.append(f"  {number(entry['times_noise'][run]['after']):>6}  {entry['formula']}")
-        values = (
-            f"{name} = {number(x['value'])} {unit(x['unit'])}".rstrip()
-            for name, x in entry["parameters"].items()
-        )
-        lines.append(hung(" " * 10, ", ".join(values)))
+        lines.append(hung(" " * 10, ", ".join(f"{name} = {value}" for name, value in numbers(entry))))
         form = of_form(entry)
         lines += [hung(" " * 10, form)] if form else []
     return lines
-
-
-def of_form(entry: Mapping[str, Any]) -> str:
-    """That a formula has the form of effects of the catalogue; empty where it has not."""
-    effects = list(dict.fromkeys(name for name in entry["has_form_of"] if name))
-    if not effects:
-        return ""
-    whole = all(entry["has_form_of"])
-    return f"{'has' if whole else 'one part has'} the form of {listed(effects)}"
-
-
-def told_once(located: Sequence[Location]) -> list[Location]:
-    """The places without those whose sentence another one repeats word by word."""
-    return [
-        at
-        for count, at in enumerate(located)
-        if not any(
-            at.sentence in other.sentence and (at.sentence != other.sentence or number < count)
-            for number, other in enumerate(located)
-            if number != count
-        )
-    ]
-
-
-def share_of(at: Location) -> str:
-    """The share of the mismatch at a place, a dash where it is none of its own."""
-    return percent(at.share) if at.share > 0.0 else "–"
 
 
 def _read(answer: DiagnosisValues) -> list[str]:

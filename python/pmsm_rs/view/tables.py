@@ -17,8 +17,10 @@ from ..results.estimates import Estimate
 from ..results.findings import Candidate, DiagnosisValues, Location
 from ..results.registry import effects
 from ..results.rounding import fixed, is_finite, last_place
+from .places import places as located
+from .places import share_of
 from .readout import extent, ignored, origin, reasons
-from .summary import recording_name, share_of, told_once
+from .summary import recording_name
 
 MEANINGS: Final = {
     "r_s": "stator resistance",
@@ -209,7 +211,7 @@ class PlaceRow:
 
 def places(answer: DiagnosisValues) -> list[PlaceRow]:
     """The places, none told twice."""
-    return [PlaceRow(share_of(at), at.sentence, tuple(_tags(at))) for at in told_once(answer.located)]
+    return [PlaceRow(share_of(at), at.sentence, tuple(_tags(at))) for at in located(answer)]
 
 
 def _tags(at: Location) -> list[str]:
