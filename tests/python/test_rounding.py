@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pmsm_rs.io.sampling import Sampling
 from pmsm_rs.results import words
 from pmsm_rs.results.estimates import Estimate
-from pmsm_rs.results.rounding import fixed, last_place, rounded
+from pmsm_rs.results.rounding import fixed, last_place, rounded, short, significant
+from pmsm_rs.view.readout import extent
 
 
 @pytest.mark.parametrize(
@@ -46,10 +49,44 @@ def test_the_rule_of_the_particle_data_group(spread: float, places: int) -> None
         (0.0, 0.096, "1", "0.00 ± 0.10"),
         (24.0, None, "1", "24"),
         (1.2e-7, None, "kg m^2", "1.200·10⁻⁷ kg·m²"),
+        (0.0001342, None, "N m s", "1.342·10⁻⁴ N·m·s"),
+        (0.0052, None, "kg m^2", "5.200·10⁻³ kg·m²"),
     ],
 )
 def test_estimates_as_they_are_written(value: float, stderr: float | None, unit: str, text: str) -> None:
     assert str(words.estimate(Estimate(value, stderr, None, unit, None))) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        *[(3.12e-5, "3.12·10⁻⁵"), (0.0312, "0.0312"), (14.4, "14.4"), (616.0, "616"), (0.9996, "1.00")],
+        *[(-0.004, "-4.00·10⁻³"), (1.23e7, "1.23·10⁷"), (0.0, "0"), (-0.0, "0"), (math.inf, "inf")],
+    ],
+)
+def test_a_power_of_ten_is_written_only_where_it_is_needed(value: float, text: str) -> None:
+    assert significant(value, 3) == words.number(value) == text
+
+
+def test_one_period_is_written_alike_everywhere() -> None:
+    assert [short(value) for value in (20.0, 4.28571, 0.1302, 2.8514)] == ["20", "4.286", "0.1302", "2.851"]
+    read = {"rows": 5, "period": 4.28571e-3}
+    assert extent(read) == "5 rows, one every 4.286 ms"
+    assert Sampling.of(np.arange(5) * 4.28571e-3).sentence().startswith("5 rows, one every 4.286 ms")
+
+
+@pytest.mark.parametrize(
+    ("text", "signs"),
+    [
+        ("psi_m = 2.756 mV s", "psi_m = 2.756 mV·s"),
+        ("3.1·10⁻⁵ N m s", "3.1·10⁻⁵ N·m·s"),
+        ("14.4 ohm", "14.4 Ω"),
+        ("50 mN m against", "50 mN·m against"),
+        ("0.03 N m/A", "0.03 N·m/A"),
+    ],
+)
+def test_units_of_the_core_get_their_signs(text: str, signs: str) -> None:
+    assert words.with_signs(text) == signs
 
 
 def test_the_interval_ends_at_the_place_of_the_value_and_has_its_power() -> None:

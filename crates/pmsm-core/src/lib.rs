@@ -27,6 +27,7 @@ pub mod effects;
 pub mod equations;
 pub mod error;
 pub mod experiment;
+mod figures;
 pub mod identify;
 pub mod kernels;
 pub mod load_steps;

@@ -269,7 +269,10 @@ impl Signals {
         let tau_e = scaled("tau_e", 1.0);
         if segments.len() > 1 {
             findings.push(Finding {
-                finding: format!("the log has {} gaps in time", segments.len() - 1),
+                finding: match segments.len() - 1 {
+                    1 => "the log has one gap in time".into(),
+                    gaps => format!("the log has {gaps} gaps in time"),
+                },
                 consequence: "the models restart from the measurement behind each gap".into(),
                 fix: "record without interruption".into(),
             });

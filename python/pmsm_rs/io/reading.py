@@ -15,6 +15,7 @@ from .._core import Machine
 from ..config.rules import Rule, Rules
 from ..errors import shown
 from ..quantities.canonical import CANONICAL
+from ..results.rounding import short
 from ..results.words import listed
 from .formats.remark import Remark
 
@@ -122,10 +123,8 @@ def too_far_apart(kind: str | None, period: float, machine: Machine | None) -> s
     constant = constant_of(machine)
     if constant is None or constant >= shortest_constant(kind, period, machine):
         return None
-    return (
-        f"rows {period / constant:.3g} electrical time constants (l/r_s = {1e3 * constant:.3g} ms) apart "
-        "show parameters at most"
-    )
+    apart, settles = short(period / constant, 3), short(1e3 * constant, 3)
+    return f"rows {apart} electrical time constants (l/r_s = {settles} ms) apart show parameters at most"
 
 
 def told(

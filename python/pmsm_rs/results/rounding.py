@@ -1,4 +1,4 @@
-"""Numbers rounded to their uncertainty.
+"""Numbers rounded to their uncertainty, and numbers without one to a few digits.
 
 The uncertainty keeps one or two digits by the rule of the Particle Data Group (Review of Particle Physics,
 section 5.3), which the package `uncertainties` uses too. The value ends at the same place.
@@ -40,6 +40,24 @@ def rounded(value: float, spread: float) -> Rounded:
     exponent = 0 if exponent in _PLAIN else exponent
     places = last_place(spread) + exponent
     return Rounded(fixed(value, places, exponent), fixed(spread, places, exponent), exponent, places)
+
+
+def significant(value: float, digits: int) -> str:
+    """`value` with so many significant digits, as sentences and tables write it: "0.0312", "3.12·10⁻⁵", "-0"
+    never.
+    """
+    if value == 0 or not math.isfinite(value):
+        return f"{abs(value) if value == 0 else value:g}"
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    if int(exponent) in _PLAIN:
+        return f"{value:.{max(digits - 1 - int(exponent), 0)}f}"
+    return f"{mantissa}·{raised(int(exponent))}"
+
+
+def short(value: float, digits: int = 4) -> str:
+    """`significant` without the zeros at the end of its decimals: "20", "1.55"."""
+    text = significant(value, digits)
+    return text.rstrip("0").rstrip(".") if "." in text and "·" not in text else text
 
 
 def size(value: float) -> int:

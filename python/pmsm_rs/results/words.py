@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from .estimates import Estimate
 from .registry import effects
-from .rounding import fixed, is_finite, raised, rounded
+from .rounding import fixed, is_finite, raised, rounded, significant
 
 _UNITS = {
     "ohm": "Ω",
@@ -21,7 +21,7 @@ _UNITS = {
     "degC": "°C",
     "1": "",
 }
-_SPELLED = re.compile(r"(?<=\d )(?:N m s\^2|N m s|N m|V s|kg m\^2|[Oo]hm)\b(?!\^)")
+_SPELLED = re.compile(r"(?<=[\d⁰¹²³⁴-⁹] )([mµ]?)(N m s\^2|N m s|N m|V s|kg m\^2|[Oo]hm)\b(?!\^)")
 """Units as the core spells them in sentences, behind a number."""
 VAGUE = "the standard error is many times the value"
 """Why a positive parameter is not determined."""
@@ -58,7 +58,9 @@ def unit(text: str) -> str:
 
 def with_signs(text: str) -> str:
     """A sentence whose units behind numbers have their proper signs, as in "0.6 Ω" and "3 N·m/A"."""
-    return _SPELLED.sub(lambda found: unit(found[0].lower() if found[0] == "Ohm" else found[0]), text)
+    return _SPELLED.sub(
+        lambda found: found[1] + unit(found[2].lower() if found[2] == "Ohm" else found[2]), text
+    )
 
 
 def is_vague(name: str, entry: Estimate) -> bool:
@@ -74,15 +76,7 @@ def channel(name: str) -> tuple[str, str]:
 
 def number(value: float | None, digits: int = 3) -> str:
     """`value` with `digits` significant digits, without an exponent where it can be avoided."""
-    if value is None:
-        return "–"
-    if value == 0 or not math.isfinite(value):
-        return f"{abs(value) if value == 0 else value:g}"
-    size = math.floor(math.log10(abs(value)))
-    if -5 < size < 6:
-        return f"{value:.{max(digits - 1 - size, 0)}f}"
-    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
-    return f"{mantissa}·{raised(int(exponent)) or '10⁰'}"
+    return "–" if value is None else significant(value, digits)
 
 
 class Written(NamedTuple):

@@ -82,7 +82,9 @@ def diagnosis(answer: DiagnosisValues) -> str:
         )
         for name, value in part.get("before", {}).items()
     ]
-    notes = [f"{item['finding']} {item['fix']}{behind(item)}" for item in answer.data_quality]
+    notes = [
+        words.with_signs(f"{item['finding']} {item['fix']}{behind(item)}") for item in answer.data_quality
+    ]
     if answer.interrupted:
         notes.insert(0, "Interrupted: this is the best so far.")
     if answer.unmodelled is not None:
@@ -94,7 +96,7 @@ def diagnosis(answer: DiagnosisValues) -> str:
     return _card(
         chip=f"{chip} · {words.percent(answer.ranking[0].probability)}" if named else chip,
         tone=TONES[tone],
-        headline=headline(answer),
+        headline=words.with_signs(headline(answer)),
         notes=notes,
         tables=report.effect_rows(answer),
         fit=fit,

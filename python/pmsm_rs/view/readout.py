@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from ..errors import shown
 from ..quantities.canonical import CANONICAL
+from ..results.rounding import short
 from ..results.words import unit
 
 _NAMED: Final = 12
@@ -70,7 +71,8 @@ def converted(nameplate: Sequence[Mapping[str, Any]]) -> list[str]:
 def extent(read: Mapping[str, Any]) -> str:
     """Rows and sample period."""
     period = read["period"]
-    return f"{read['rows']} rows, one every " + (f"{period:g} s" if period >= 1 else f"{1e3 * period:g} ms")
+    every = f"{short(period)} s" if period >= 1 else f"{short(1e3 * period)} ms"
+    return f"{read['rows']} rows, one every {every}"
 
 
 def ignored(read: Mapping[str, Any]) -> str:

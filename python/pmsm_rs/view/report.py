@@ -203,7 +203,7 @@ def _typeset(text: str) -> Any:
     from markupsafe import Markup, escape
 
     parts = _LITERAL.split(text)
-    plain = [str(escape(words.titled(part))) for part in parts[::2]]
+    plain = [str(escape(words.titled(words.with_signs(part)))) for part in parts[::2]]
     parts[::2] = [words.subscripted(part, "<sub>", "</sub>") for part in plain]
     parts[1::2] = [
         str(escape(part)) if part.startswith("'") else f"<code>{escape(part)}</code>" for part in parts[1::2]

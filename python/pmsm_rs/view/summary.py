@@ -184,7 +184,7 @@ def _parameters(entries: Sequence[tuple[str, Estimate]]) -> list[str]:
         lines.append(f"  {name:<{wide}}  {'–' if name in vague else written}".rstrip())
         if why and not written.spread:
             reasons.setdefault(why, []).append(name)
-    lines += [hung("  ", f"no uncertainty for {listed(names)}: {why}") for why, names in reasons.items()]
+    lines += [_said("  ", f"no uncertainty for {listed(names)}: {why}") for why, names in reasons.items()]
     if vague:
         lines.append(hung("  ", f"not determined: {listed(vague)}: {VAGUE}"))
     return lines

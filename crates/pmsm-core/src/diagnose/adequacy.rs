@@ -4,6 +4,7 @@
 use super::data::Data;
 use super::hypothesis::Hypothesis;
 use crate::experiment::{Block, Channel, Prior};
+use crate::figures::quantity;
 use crate::machine::BaseParameter;
 use crate::signals::Finding;
 
@@ -85,21 +86,21 @@ fn ran_away(data: &Data, base: &Hypothesis, channel: Channel) -> Option<String> 
         let prior: Option<&Prior> = data.prior.iter().find(|prior| prior.index == p.index());
         let (off, against) = match (data.nameplate[p.index()], prior) {
             (Some(stated), Some(prior)) => {
-                (prior.off(value).0.abs(), format!("the nameplate states {stated:.3e} {unit}"))
+                (prior.off(value).0.abs(), format!("the nameplate states {}", quantity(stated, 4, unit)))
             }
             (None, Some(prior)) => (
                 prior.off(value).0.abs(),
-                format!("a machine of this torque and speed has about {:.1e} {unit}", prior.value),
+                format!("a machine of this torque and speed has about {}", quantity(prior.value, 2, unit)),
             ),
             _ => {
                 let (low, high) = p.physical_range();
                 // No friction at all is where a bearing may be.
                 let bound =
                     [low, high].into_iter().find(|b| *b > 0.0 && (value - b).abs() <= AT_BOUND * b)?;
-                (f64::INFINITY, format!("its bound is {bound:.0e} {unit}"))
+                (f64::INFINITY, format!("its bound is {}", quantity(bound, 1, unit)))
             }
         };
-        Some((off, format!("; {} ran away to {value:.3e} {unit}, where {against}", p.name())))
+        Some((off, format!("; {} ran away to {}, where {against}", p.name(), quantity(value, 4, unit))))
     };
     let farthest = candidates.filter_map(told).max_by(|a, b| a.0.total_cmp(&b.0))?;
     (farthest.0 > FAR).then_some(farthest.1)

@@ -11,6 +11,7 @@ use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
 use crate::experiment::Channel;
+use crate::figures::quantity;
 use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
 use crate::signals::Finding;
@@ -88,7 +89,7 @@ fn parameter_words(data: &Data, alone: &[Hypothesis], channel: Channel) -> Strin
     };
     let told: Vec<String> = values(data, alone, *parameter)
         .iter()
-        .map(|(run, x)| format!("{x:.3e} {} in recording {run}", parameter.unit()))
+        .map(|(run, x)| format!("{} in recording {run}", quantity(*x, 4, parameter.unit())))
         .collect();
     if told.len() < 2 {
         String::new()

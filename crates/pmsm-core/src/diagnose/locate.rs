@@ -6,6 +6,7 @@ use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::wording::enumerated;
 use crate::experiment::Channel;
+use crate::figures::fixed;
 use crate::recording::Kind;
 use lines::{frequency, order};
 use rayon::prelude::*;
@@ -48,7 +49,8 @@ impl Region {
         let size = self.low.abs().max(self.high.abs()).max(1e-300);
         let decimals = (2.0 - size.log10().floor()).clamp(0.0, 12.0) as usize;
         let (low, high) = (self.low, self.high);
-        format!("{} between {low:.decimals$} and {high:.decimals$} {}", self.variable, self.unit)
+        let [low, high] = [low, high].map(|x| fixed(x, decimals));
+        format!("{} between {low} and {high} {}", self.variable, self.unit)
     }
 }
 

@@ -3,6 +3,7 @@
 use super::answer::Estimate;
 use super::data::Data;
 use super::options::DiagnosisOptions;
+use crate::figures::quantity;
 use crate::machine::{BaseParameter, Machine};
 use crate::numerics::transforms::SQRT3;
 use crate::signals::Finding;
@@ -68,9 +69,10 @@ pub fn contradicts_value(
         (value / stated).ln().abs() > options.nameplate_spread && (value - stated).abs() > DIFFERS * error;
     (value <= 0.0 || far).then(|| Finding {
         finding: format!(
-            "{} is {value:.3e} {} by these points, the nameplate states {stated:.3e}",
+            "{} is {} by these points, the nameplate states {}",
             parameter.name(),
-            parameter.unit()
+            quantity(value, 4, parameter.unit()),
+            quantity(stated, 4, parameter.unit())
         ),
         consequence: "one of the two is not that of this machine, or not in this state".into(),
         fix: "check the nameplate, n_p, and units and scale of the columns".into(),

@@ -10,6 +10,7 @@ use super::answer::Answer;
 use super::options::DiagnosisOptions;
 use super::parameters_alone::{self, Shown};
 use crate::error::Result;
+use crate::figures::{figure, quantity};
 use crate::machine::{BaseParameter, Machine};
 use crate::numerics::robust::{self, Line};
 use crate::recording::{Kind, Recording};
@@ -58,10 +59,12 @@ pub fn answer(recording: &Recording, machine: &Machine, options: &DiagnosisOptio
     shown.extend(balance.place("b").map(|at| (BaseParameter::B, line.found[at], line.error[at])));
     let constant = 1.5 * signals.n_p * psi_m;
     let why = said(format!(
-        "{} steady points of torque show k_t = {constant:.4} N m/A (psi_m = {psi_m:.3e} V s){}, with a residual of {:.3} N m rms",
+        "{} steady points of torque show k_t = {} N m/A (psi_m = {}){}, with a residual of {} rms",
         tau_m.len() - line.outliers.len(),
+        figure(constant, 3),
+        quantity(psi_m, 4, "V s"),
         balance.friction_words(&line),
-        line.scatter
+        quantity(line.scatter, 2, "N m")
     ));
     let mut findings = signals.findings;
     findings.extend(outliers(&line));
@@ -166,17 +169,22 @@ impl Balance {
             (line.found[at].abs() > SHOWN * line.error[at]).then(|| line.found[at])
         };
         let mut words = Vec::new();
-        words.extend(told("b").map(|b| format!("viscous friction of {b:.2e} N m s")));
+        words.extend(told("b").map(|b| format!("viscous friction of {}", quantity(b, 2, "N m s"))));
         let apart = if self.place("offset").is_some() {
             ""
         } else {
             " (or an offset of the torque sensor: one direction cannot tell)"
         };
         words.extend(
-            told("tau_c").map(|tau| format!("a constant drag of {tau:.3} N m against the motion{apart}")),
+            told("tau_c").map(|tau| {
+                format!("a constant drag of {} against the motion{apart}", quantity(tau, 2, "N m"))
+            }),
         );
-        words.extend(told("offset").map(|tau| format!("an offset of the torque sensor of {tau:.3} N m")));
-        words.extend(told("l_d - l_q").map(|l| format!("l_d - l_q = {l:.2e} H")));
+        words.extend(
+            told("offset")
+                .map(|tau| format!("an offset of the torque sensor of {}", quantity(tau, 2, "N m"))),
+        );
+        words.extend(told("l_d - l_q").map(|l| format!("l_d - l_q = {}", quantity(l, 3, "H"))));
         if words.is_empty() { String::new() } else { format!(", {}", words.join(", ")) }
     }
 }
@@ -224,7 +232,9 @@ mod tests {
         assert_eq!((answer.verdict, answer.ranking.len()), (Verdict::Undetermined, 0));
         let said = &answer.data_quality;
         assert!(
-            said[0].finding.contains("k_t = 0.07") && said[0].finding.contains("drag of 0.05"),
+            said[0].finding.contains("k_t = 0.07")
+                && said[0].finding.contains("drag of 5")
+                && said[0].finding.contains(" mN m against"),
             "{said:?}"
         );
         assert!(said.iter().any(|f| f.finding.contains("18 (+3") && f.finding.contains("61 (+")), "{said:?}");

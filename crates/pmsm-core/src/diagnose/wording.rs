@@ -10,9 +10,12 @@ pub fn enumerated<S: AsRef<str>>(words: &[S]) -> String {
     }
 }
 
+/// Multiples of the noise below which only that is said.
+pub const NOTHING: f64 = 0.01;
+
 /// A multiple of the noise in words of two digits, near one of three.
 pub fn times(x: f64) -> String {
-    if x < 0.01 {
+    if x < NOTHING {
         "less than 0.01".into()
     } else if x < 1.995 {
         format!("{x:.2}")

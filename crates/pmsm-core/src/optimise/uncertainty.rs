@@ -13,6 +13,7 @@ mod judge;
 pub use judge::Judge;
 
 use crate::error::Result;
+use crate::figures::figure;
 use crate::numerics::tall;
 use crate::optimise::least_squares::{self, weak_directions};
 use jacobi::function_times;
@@ -275,8 +276,8 @@ pub fn not_shown(
             let advice: Vec<String> = parameters.iter().map(|name| advice(name)).collect();
             let why = match parameters.as_slice() {
                 [one] => format!(
-                    "the recording hardly depends on {one}: a change of {:.2e} would go unnoticed; {}",
-                    SHOWN * sizes[direction.parameters[0]],
+                    "the recording hardly depends on {one}: a change of {} would go unnoticed; {}",
+                    figure(SHOWN * sizes[direction.parameters[0]], 3),
                     advice[0]
                 ),
                 several => format!(

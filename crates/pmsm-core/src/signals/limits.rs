@@ -2,6 +2,7 @@
 //! part of the noise, and no physics.
 
 use super::{Finding, Signals, derived};
+use crate::figures::short;
 use crate::numerics::differences::white_noise;
 use crate::numerics::extent::peak;
 use crate::numerics::steps::{held_rows, quantum, rounding};
@@ -262,10 +263,10 @@ impl Signals {
     pub fn too_coarse(&self, rate: f64, known: &str) -> Finding {
         Finding {
             finding: format!(
-                "the rows lie {:.3} ms apart, {:.1} of the electrical time constant of {:.3} ms{known}",
-                1e3 * self.period,
-                self.period * rate,
-                1e3 / rate
+                "the rows lie {} ms apart, {} of the electrical time constant of {} ms{known}",
+                short(1e3 * self.period, 4),
+                short(self.period * rate, 3),
+                short(1e3 / rate, 3)
             ),
             consequence: "the voltage of a row is not the one that acted up to the next, so nothing was asked of the voltage equations".into(),
             fix: "log every period of the drive, with f_sample under [drive], or steady points at least 0.05 s apart".into(),

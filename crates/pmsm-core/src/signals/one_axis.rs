@@ -8,6 +8,7 @@
 
 use super::steady_points::{blocks, change, means};
 use super::{Finding, Signals};
+use crate::figures::{quantity, short};
 use crate::machine::Machine;
 use crate::numerics::extent::peak;
 use crate::recording::{FEWEST_SAMPLES, Load, OPERATING_POINT_PERIOD, Recording};
@@ -49,9 +50,9 @@ impl Signals {
         };
         Finding {
             finding: format!(
-                "v_d is not logged: the q equation is used at {} steady points{with}, means over {:.2} s each",
+                "v_d is not logged: the q equation is used at {} steady points{with}, means over {} s each",
                 self.len(),
-                self.period
+                short(self.period, 3)
             ),
             consequence: format!("{unseen}, and nothing is said of transients or ripple of the voltages"),
             fix: "log v_d beside v_q for the d equation and the inductances".into(),
@@ -85,9 +86,10 @@ impl Signals {
         let change = self.clock_error(psi_m).filter(|change| *change > 0.01 * r_s)?;
         Some(Finding {
             finding: format!(
-                "the speed changes in step with i_q: if v_q was logged {:.2} ms (one row) earlier or later than the speed, r_s is {change:.3} ohm \
+                "the speed changes in step with i_q: if v_q was logged {} ms (one row) earlier or later than the speed, r_s is {} \
                  higher or lower",
-                1e3 * self.row()
+                short(1e3 * self.row(), 4),
+                quantity(change, 2, "ohm")
             ),
             consequence: "the stated error of r_s includes it".into(),
             fix: "hold several currents at constant speeds, or a locked rotor, for r_s".into(),

@@ -6,6 +6,7 @@
 //! > v_d = r_s·i_d − ω·l_q·i_q, v_q = r_s·i_q + ω·(l_d·i_d + ψ_m).
 
 use super::{Finding, Limits, Signals};
+use crate::figures::short;
 use crate::machine::Machine;
 use crate::numerics::extent::peak;
 use crate::recording::{FEWEST_SAMPLES, Kind, Recording};
@@ -46,10 +47,10 @@ impl Signals {
         points.limits.coarse = Some(why.clone());
         points.findings.push(Finding {
             finding: format!(
-                "{}: of the voltage equations only the parameters are asked, at {} steady points, means over {:.2} s each",
+                "{}: of the voltage equations only the parameters are asked, at {} steady points, means over {} s each",
                 why.finding,
                 points.len(),
-                points.period
+                short(points.period, 3)
             ),
             consequence: "nothing is said of what the model leaves out of the voltage equations".into(),
             fix: why.fix.clone(),

@@ -146,7 +146,9 @@ pub fn judge(
         Ok(signals) => signals,
         Err(error) => return Ok(Window::skipped(cut, samples, error.to_string())),
     };
-    cut.notes.extend(signals.findings.iter().filter(|f| f.finding.contains("gaps in time")).cloned());
+    let of_gaps =
+        |f: &&Finding| ["one gap in time", "gaps in time"].iter().any(|told| f.finding.contains(told));
+    cut.notes.extend(signals.findings.iter().filter(of_gaps).cloned());
     let (noise, heat, n) = (noise(&signals), heat(&signals), signals.len());
     let seed = settings.seed.wrapping_add(cut.number);
     let mut fit = settings.fit.clone();

@@ -3,12 +3,14 @@
 use crate::diagnose::answer::{Estimate, Z95};
 use crate::effect::Role;
 use crate::effects::EffectId;
+use crate::figures::quantity;
 use std::collections::BTreeMap;
 
 /// An estimate with its standard error, or why it has none.
 pub(super) fn estimate(value: f64, variance: f64, unit: &str, why: Option<String>) -> Estimate {
     let stderr = variance.max(0.0).sqrt();
-    let why = why.or_else(|| (!stderr.is_finite()).then(|| "the recording does not show it".to_string()));
+    let why = why
+        .or_else(|| (!stderr.is_finite()).then(|| "the recording does not show how exact it is".to_string()));
     let shown = why.is_none();
     Estimate {
         value: Some(value),
@@ -42,6 +44,7 @@ pub(super) fn shown(estimate: Estimate) -> Estimate {
         return estimate;
     }
     let most = value + Z95 * stderr;
-    let why = format!("the recording does not show it: anything up to {most:.2e} {} fits", estimate.unit);
+    let most = quantity(most, 3, &estimate.unit);
+    let why = format!("the recording does not show it: anything up to {most} fits");
     Estimate { value: None, stderr: None, ci95: None, why_none: Some(why), ..estimate }
 }

@@ -3,7 +3,7 @@
 use super::{EVEN, Shown};
 use crate::diagnose::answer::Unseen;
 use crate::diagnose::select::Outcome;
-use crate::diagnose::wording::times;
+use crate::diagnose::wording::{NOTHING, times};
 use crate::effects::EffectId;
 
 /// What is left of an effect, relative to what it adds, below which the fitted parameters are said to absorb it.
@@ -47,8 +47,15 @@ impl Shown {
         }
         if after > ABSORBED * before {
             return format!(
-                "at its typical strength it would add only {} times the noise to {channel}",
+                "at its typical strength it would add {}{} times the noise to {channel}",
+                if after < NOTHING { "" } else { "only " },
                 times(after)
+            );
+        }
+        if before < NOTHING {
+            return format!(
+                "at its typical strength it moves {channel} by {} times the noise",
+                times(before)
             );
         }
         let by = match self.absorbed_by.as_slice() {
@@ -56,10 +63,11 @@ impl Shown {
             [one] => format!("the fitted {one} absorbs"),
             [first, second, ..] => format!("the fitted {first} and {second} absorb"),
         };
+        let rest =
+            if after < NOTHING { String::new() } else { format!(" but {} times the noise", times(after)) };
         format!(
-            "at its typical strength it moves {channel} by {} times the noise, but {by} all but {} times the noise of that",
-            times(before),
-            times(after)
+            "at its typical strength it moves {channel} by {} times the noise, but {by} all{rest} of that",
+            times(before)
         )
     }
 }

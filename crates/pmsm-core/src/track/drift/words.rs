@@ -1,6 +1,7 @@
 //! What a movement looks like, in words.
 
 use super::{Cause, Move};
+use crate::figures;
 use crate::identify::Target;
 use crate::machine::BaseParameter;
 use crate::track::noise::Noise;
@@ -62,14 +63,9 @@ pub fn explain(target: Target, moved: Move) -> (Cause, String) {
     (cause, format!("{told}{why}."))
 }
 
-/// A number with four significant digits, written out where that is short.
+/// A number with four significant digits.
 fn figure(x: f64) -> String {
-    let size = x.abs().log10().floor();
-    if (-4.0..5.0).contains(&size) {
-        format!("{x:.*}", (3.0 - size).max(0.0) as usize)
-    } else {
-        format!("{x:.3e}")
-    }
+    figures::figure(x, 4)
 }
 
 /// Says so if the residual of a channel is more than white noise.
