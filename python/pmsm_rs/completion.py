@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -12,9 +12,12 @@ from .config.rules import Rule
 from .io.conventions import scaled
 from .io.corrections import corrected, of_load
 from .io.reading import Account, told, warnings
-from .messages import coded
+from .messages import coded, of_finding
 from .results.provenance import dated
 from .results.words import lower_first
+
+_SPACING: Final = "PR254"
+"""Code of the findings that tell how far apart the rows lie."""
 
 
 def completed(
@@ -31,7 +34,8 @@ def completed(
     floors = [entry["noise_floor"] for entry in data.get("recordings", ())]
     floors = floors or [data.get("noise_floor", {})] * len(recordings)
     each = zip(recordings, floors, strict=True)
-    reads = [_read(recording, machine, steady="v_q" in own) for recording, own in each]
+    spaced = any(of_finding(finding["finding"]) == _SPACING for finding in data["data_quality"])
+    reads = [_read(recording, machine, steady="v_q" in own, spaced=spaced) for recording, own in each]
     complete = with_read(data, reads)
     # Lines that undo a mistake are those of the first recording; only where all were read alike do they help.
     accounts = [_account(recording).columns for recording in recordings]
@@ -42,9 +46,11 @@ def completed(
         ]
         complete["data_quality"] += _of_convention(data, machine, accounts[0])
     if validation is not None:
-        other = _read(validation, machine)
+        other = _read(validation, machine, spaced=spaced)
         complete["validation"] = other
-        complete["data_quality"] += [_of("Validation run", finding) for finding in warnings(other)]
+        told_already = [finding for read in reads for finding in warnings(read)]
+        own = [finding for finding in warnings(other) if finding not in told_already]
+        complete["data_quality"] += [_of("Validation run", finding) for finding in own]
     complete["data_quality"] = coded(complete["data_quality"])
     return complete
 
@@ -74,7 +80,9 @@ def _account(recording: Recording) -> Account:
     return getattr(recording, "account", None) or Account.of_arrays(recording.names)
 
 
-def _read(recording: Recording, machine: Machine | None, *, steady: bool = True) -> dict[str, Any]:
+def _read(
+    recording: Recording, machine: Machine | None, *, steady: bool = True, spaced: bool = False
+) -> dict[str, Any]:
     account_of = told(
         _account(recording),
         recording.column("t"),
@@ -82,6 +90,7 @@ def _read(recording: Recording, machine: Machine | None, *, steady: bool = True)
         recording.load,
         steady=steady,
         machine=machine,
+        spacing_told=spaced,
     )
     return dated(file_of(recording)) | account_of
 

@@ -379,6 +379,9 @@ def test_rows_too_far_apart_for_the_voltages_are_told_as_in_the_diagnosis(column
     asked = told(run.account, columns["t"], run.kind, run.load, machine=slow)["questions"]
     assert asked["electrical"] is json.loads(found.to_json())["questions"]["electrical"] is False
     assert found.why_not["voltages"] in asked["why_not"]
+    brief = told(run.account, columns["t"], run.kind, run.load, machine=slow, spacing_told=True)["questions"]
+    assert "the rows lie too far apart, and show parameters at most" in brief["why_not"]
+    assert "time constants" not in brief["why_not"]
     # Each row of a drive at 1 kHz is one of its periods.
     assert not pm.inspect(columns, pm.Machine(n_p=3, r_s=10.0, l_d=0.01, f_sample=1000.0)).why_not
     unknown = pm.inspect(columns)

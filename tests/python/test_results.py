@@ -6,6 +6,7 @@ import copy
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
@@ -19,6 +20,9 @@ from hypothesis import strategies as st
 from matplotlib.axes import Axes
 from pmsm_rs import Diagnosis, Identification, plot
 from pmsm_rs.answers import read_answer
+from pmsm_rs.completion import completed
+from pmsm_rs.io.formats.remark import Remark
+from pmsm_rs.io.reading import Account
 from pmsm_rs.results import traces as reduced
 from pmsm_rs.results import words
 from pmsm_rs.results.estimates import Estimate
@@ -253,6 +257,44 @@ def test_a_finding_that_is_the_reason_is_told_once() -> None:
     assert "  ! the torque is odd: nothing is asked of it; turn it round" in str(
         diagnosis(data_quality=quality)
     )
+
+
+def test_a_finding_says_its_cause_only_where_the_reason_does_not() -> None:
+    cause = "the rows lie 20 ms apart"
+    finding = f"{cause}: only the parameters are asked"
+    quality = [{"finding": finding, "consequence": "nothing is said of it", "fix": "log faster"}]
+    reason = f"it cannot be checked, as {cause}; log faster"
+    text = str(diagnosis(verdict="undetermined", reason=reason, data_quality=quality))
+    assert text.count(cause) == 1
+    assert "  ! only the parameters are asked: nothing is said of it" in text
+    assert f"  ! {finding}: nothing is said of it; log faster" in str(diagnosis(data_quality=quality))
+
+
+def test_no_full_stop_stands_before_a_code() -> None:
+    quality = [
+        {"finding": "It drifts.", "consequence": "It is slow.", "fix": "Log it again.", "code": "PR999"},
+        {"finding": "it jumps", "consequence": "it is fast", "fix": "log it", "code": "PR998"},
+    ]
+    text = str(diagnosis(data_quality=quality))
+    assert "  ! It drifts: it is slow; log it again [PR999]" in text
+    assert "  ! it jumps: it is fast; log it [PR998]" in text
+    card = diagnosis(data_quality=quality)._repr_html_()
+    assert "It drifts. Log it again [PR999]" in card
+    assert "It jumps. Log it [PR998]" in card
+
+
+def test_a_finding_of_both_runs_is_told_once() -> None:
+    def run(*findings: str) -> pm.Recording:
+        t = np.arange(20) * 1e-3
+        recording = pm.Recording(t=t, omega_m=t, tau_e=t)
+        remarks = tuple(Remark(finding, "It is slow.", "Log it again.") for finding in findings)
+        recording.account = Account.of_arrays(["t"])
+        recording.account = replace(recording.account, remarks=remarks)
+        return recording
+
+    data = {"schema": "s", "verdict": "named", "data_quality": []}
+    answer = completed(data, [run("It drifts.")], run("It drifts.", "It jumps."))
+    assert [item["finding"] for item in answer["data_quality"]] == ["It drifts.", "Validation run: it jumps."]
 
 
 def test_the_limit_on_a_name_in_doubt_is_explained() -> None:

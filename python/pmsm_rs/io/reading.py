@@ -29,6 +29,8 @@ _WINDOW: Final = 0.25
 """Length of a window of the motion, s: rows further apart with a measured torque are steady points."""
 TORQUE_POINTS: Final = "the rows are steady points of torque, which show parameters alone"
 """Why nothing else is asked of the motion in a map of torque."""
+TOO_FAR_APART: Final = "the rows lie too far apart, and show parameters at most"
+"""Why nothing else is asked of the voltages of a slow waveform."""
 _EVERY_PERIOD: Final = 1.05
 """Control periods between rows below which each row is one period of the drive."""
 
@@ -135,16 +137,19 @@ def told(
     *,
     steady: bool = True,
     machine: Machine | None = None,
+    spacing_told: bool = False,
 ) -> dict[str, Any]:
     """`read` of an answer: columns, ignored, rows, period (s), questions, `not_used` and `done`.
 
     `not_used` has the columns of which there is something to say, `done` what was done to the data. `stamps`
     are the sample times (s), shape (samples,); `kind` is that of the recording, None where it answers no
     question. `steady` says whether a run without v_d has steady points, as far as is known, and `machine` is
-    the nameplate.
+    the nameplate. `spacing_told` says that a finding tells how far apart the rows lie.
     """
     period = period_of(stamps)
     why = why_not(kind, load, account, steady=steady, period=period, machine=machine)
+    if spacing_told and too_far_apart(kind, period, machine) is not None:
+        why["voltages"] = TOO_FAR_APART
     return {
         "columns": {name: _origin(rule) for name, rule in account.columns.items()},
         "ignored": list(account.ignored),

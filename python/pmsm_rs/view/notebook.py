@@ -83,7 +83,10 @@ def diagnosis(answer: DiagnosisValues) -> str:
         for name, value in part.get("before", {}).items()
     ]
     notes = [
-        words.with_signs(f"{item['finding']} {item['fix']}{behind(item)}") for item in answer.data_quality
+        words.with_signs(
+            f"{words.sentence(item['finding'])} {words.sentence(item['fix']).rstrip('.')}{behind(item)}"
+        )
+        for item in answer.data_quality
     ]
     if answer.interrupted:
         notes.insert(0, "Interrupted: this is the best so far.")

@@ -96,8 +96,13 @@ def diagnosis(answer: DiagnosisValues) -> str:
 
 
 def finding(item: Mapping[str, str], reason: str = "") -> str:
-    """A finding with consequence and fix, without what the `reason` of the verdict says already."""
-    parts = [item["finding"].rstrip("."), item["consequence"].rstrip("."), item["fix"]]
+    """A finding with consequence and fix, without what the `reason` of the verdict says already. No full stop
+    stands before the code.
+    """
+    parts = [item[part].rstrip(".") for part in ("finding", "consequence", "fix")]
+    cause, colon, rest = parts[0].partition(": ")
+    if colon and reason and cause in reason and parts[0] not in reason:
+        parts[0] = rest
     first, *others = [part for part in parts if not part or part not in reason] or parts
     mark = ": " if first == parts[0] else "; "
     return f"{first}{mark if others else ''}{'; '.join(map(lower_first, others))}{behind(item)}"

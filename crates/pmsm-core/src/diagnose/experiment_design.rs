@@ -11,7 +11,7 @@ use super::decide::Ranked;
 use super::hypothesis::Hypothesis;
 use super::remaining::Remaining;
 use super::select::Outcome;
-use super::wording::times;
+use super::wording::{enumerated, times};
 use crate::error::Result;
 use crate::machine::BaseParameter;
 use crate::monitor::Monitor;
@@ -51,7 +51,7 @@ pub fn next_experiment(
     }
     let mut sentences = Vec::new();
     if matches!(verdict, Verdict::Unknown | Verdict::Partial) {
-        let over: Vec<String> = remaining.iter().filter_map(what_it_depends_on).collect();
+        let over = what_it_depends_on(remaining);
         let everywhere = || {
             format!(
                 "Repeat the recording at the located place and around it, with {rich}, to see on what the rest depends."
@@ -77,8 +77,26 @@ pub fn next_experiment(
     Ok((!sentences.is_empty()).then(|| sentences.join(" ")))
 }
 
-/// What to record to see on what the rest of an equation depends, by the variables over which it lies.
-fn what_it_depends_on(remaining: &Remaining) -> Option<String> {
+/// What to record to see on what the rest of the equations depends, by the variables over which it lies: a sentence for those that
+/// need the same.
+fn what_it_depends_on(remaining: &[Remaining]) -> Vec<String> {
+    let mut told: Vec<(Vec<&str>, Vec<String>)> = Vec::new();
+    for entry in remaining {
+        let (what, sweeps) = sweeps_of(entry);
+        match told.iter_mut().find(|(known, _)| *known == sweeps) {
+            Some((_, whats)) => whats.push(what),
+            None if sweeps.is_empty() => {}
+            None => told.push((sweeps, vec![what])),
+        }
+    }
+    let sentence = |(sweeps, whats): &(Vec<&str>, Vec<String>)| {
+        format!("To see on what the rest {} depends, record {}.", enumerated(whats), sweeps.join(", and "))
+    };
+    told.iter().map(sentence).collect()
+}
+
+/// The rest of an equation in words, and what to record for the variables over which it lies.
+fn sweeps_of(remaining: &Remaining) -> (String, Vec<&'static str>) {
     let sweep = |variable: &String| match variable.as_str() {
         "omega_e" => Some("slow ramps of the speed through standstill over its whole range, i_d at zero"),
         "theta_e" | "theta_m" => {
@@ -89,13 +107,13 @@ fn what_it_depends_on(remaining: &Remaining) -> Option<String> {
         "t" => Some("the same manoeuvre for twice as long, cold and warm"),
         _ => None,
     };
-    let mut sweeps: Vec<&str> = remaining.over.iter().filter_map(sweep).collect();
+    let mut sweeps: Vec<&'static str> = remaining.over.iter().filter_map(sweep).collect();
     sweeps.dedup();
     let what = match remaining.equation.as_str() {
-        "mechanical" => "the rest of the motion".to_string(),
-        axis => format!("the rest of the {axis}-axis voltage"),
+        "mechanical" => "of the motion".to_string(),
+        axis => format!("of the {axis}-axis voltage"),
     };
-    (!sweeps.is_empty()).then(|| format!("To see on what {what} depends, record {}.", sweeps.join(", and ")))
+    (what, sweeps)
 }
 
 type Named<'a> = (&'static str, &'a Hypothesis);
