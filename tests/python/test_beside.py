@@ -51,6 +51,11 @@ def test_a_phase_that_is_mapped_to_an_axis_is_told_and_not_used(
     told = " ".join(ran.out.split())
     assert "i_q from 'i_a' is not used beside i_b and i_c, which give both axes" in told
     assert "[PR216]" in told
+    [unused] = [
+        each for each in pm.inspect(tmp_path / "r.csv", tmp_path / "m.toml").columns if not each.names
+    ]
+    assert unused.column == "i_a"
+    assert "only a part of it" in (unused.why or "")
 
 
 @pytest.mark.parametrize(

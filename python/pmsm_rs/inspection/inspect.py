@@ -31,7 +31,7 @@ from ..io.reading import (
 )
 from ..io.recording import DEFAULT_MAX_BYTES, Recording
 from ..io.sampling import Sampling, gap_of
-from ..io.signals import Signal, signals
+from ..io.signals import Signal, as_read, signals
 from ..messages import coded
 from ..quantities.poles import pole_pairs
 from ..view.readout import origin
@@ -190,6 +190,7 @@ def _inspected(source: Source, described: MachineFile | Machine | None, max_byte
     pairs, still = pole_pairs(columns), stands(columns)
     if recording is not None:
         kind, load, account = recording.kind, recording.load, recording.account
+        found = [as_read(signal, account, source) for signal in found]
         findings = warnings(told(account, columns["t"], kind, load))
         period = period_of(columns["t"])
         reasons = why_not(kind, load, account, period=period, machine=known)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final
 
@@ -17,7 +17,7 @@ from .formats.selection import Selection
 from .formats.source import Source
 from .naming import meaning
 from .planning import Survey
-from .reading import Unused
+from .reading import Account, Unused
 
 STRETCHES: Final = 20
 """Parts of a column whose highest values show its course."""
@@ -68,6 +68,16 @@ class Signal:
     def is_empty(self) -> bool:
         """Whether every value is missing."""
         return 0 < self.rows == self.missing
+
+
+def as_read(signal: Signal, account: Account, source: Source) -> Signal:
+    """A column as the recording has it, which may have left out what its name or [columns] says."""
+    names = tuple(name for name in signal.names if name in account.columns)
+    if names == signal.names:
+        return signal
+    header = source.header(signal.column)
+    why = next((entry.why for entry in account.unused if entry.column == header), signal.why)
+    return replace(signal, names=names, how=signal.how if names else None, why=why)
 
 
 def signals(source: Source, survey: Survey) -> tuple[list[Signal], dict[str, NDArray[np.float64]]]:
