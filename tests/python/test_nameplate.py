@@ -289,7 +289,7 @@ def test_identify_tells_what_it_converted(tmp_path: Path, run: Callable[..., Ran
     )
     assert ran.code in (0, 4), ran.err
     text = " ".join(ran.out.split())
-    assert "nameplate: n_p = 4 from poles = 8; l_d = 0.008158 H from 8.1577 mH; " in text
+    assert "nameplate: n_p = 4 from poles = 8; l_d = 8.158 mH from 8.1577 mH; " in text
     assert "r_s = 1.242 Ω from r_ll = 2.4834 ohm" in text
     entries = {entry["from"]: entry for entry in json.loads(out.read_text())["nameplate"]}
     assert [*entries] == ["poles", "l_d", "j", "r_ll", "k_t"]

@@ -75,6 +75,14 @@ def test_one_period_is_written_alike_everywhere() -> None:
     assert Sampling.of(np.arange(5) * 4.28571e-3).sentence().startswith("5 rows, one every 4.286 ms")
 
 
+def test_a_value_alone_has_the_prefix_of_the_tables() -> None:
+    told = [
+        words.quantity(*each)
+        for each in ((2.756e-3, "V s"), (0.192, "V s"), (1.2e-4, "kg m^2"), (1.7e-5, "H"))
+    ]
+    assert told == ["2.756 mV·s", "0.192 V·s", "1.200·10⁻⁴ kg·m²", "17 µH"]
+
+
 @pytest.mark.parametrize(
     ("text", "signs"),
     [

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from .findings import Budget
+from .rounding import short
 from .words import channel, lower_first, percent, title
 
 LEAST: Final = 0.005
@@ -26,7 +27,7 @@ def shares(budget: Budget) -> list[tuple[str, float]]:
 def sentence(budget: Budget) -> str:
     """In plain words: "Of 5.4 times the noise in i_q: dead time 61 %, saturation 22 %, rest 5 %"."""
     told = ", ".join(f"{lower_first(name)} {percent(share)}" for name, share in shares(budget))
-    return f"Of {budget.before:.3g} times the noise in {channel(budget.channel)[0]}: {told}."
+    return f"Of {short(budget.before, 3)} times the noise in {channel(budget.channel)[0]}: {told}."
 
 
 def judged(budgets: Iterable[Budget]) -> list[Budget]:

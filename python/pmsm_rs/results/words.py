@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from .estimates import Estimate
 from .registry import effects
-from .rounding import fixed, is_finite, raised, rounded, significant
+from .rounding import fixed, is_finite, raised, rounded, short, significant
 
 _UNITS = {
     "ohm": "Ω",
@@ -77,6 +77,12 @@ def channel(name: str) -> tuple[str, str]:
 def number(value: float | None, digits: int = 3) -> str:
     """`value` with `digits` significant digits, without an exponent where it can be avoided."""
     return "–" if value is None else significant(value, digits)
+
+
+def quantity(value: float, spelled: str, digits: int = 4) -> str:
+    """A value with its unit, in a prefix or with a power of ten in which it reads well: "2.756 mV·s"."""
+    factor, sign = _prefix(Estimate(value, None, None, spelled, None), unit(spelled))
+    return f"{short(value * factor, digits)} {sign}{unit(spelled)}".rstrip()
 
 
 class Written(NamedTuple):

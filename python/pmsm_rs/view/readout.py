@@ -8,7 +8,7 @@ from typing import Any, Final
 from ..errors import shown
 from ..quantities.canonical import CANONICAL
 from ..results.rounding import short
-from ..results.words import unit
+from ..results.words import quantity
 
 _NAMED: Final = 12
 """Ignored columns that are named; files of thousands of columns exist."""
@@ -56,9 +56,7 @@ def converted(nameplate: Sequence[Mapping[str, Any]]) -> list[str]:
     out = []
     for entry in nameplate:
         given = f"{entry['value']:g} {shown(entry['unit'])}".rstrip()
-        gives = [
-            f"{name} = {of['value']:.4g} {unit(of['unit'])}".rstrip() for name, of in entry["gives"].items()
-        ]
+        gives = [f"{name} = {quantity(of['value'], of['unit'])}" for name, of in entry["gives"].items()]
         named = given if [*entry["gives"]] == [entry["from"]] else f"{entry['from']} = {given}"
         if entry["taken"]:
             out.append(f"{' and '.join(gives)} from {named}")
