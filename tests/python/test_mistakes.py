@@ -136,6 +136,20 @@ def test_an_angle_is_undone_in_the_unit_of_the_file(words, off, columns, tmp_pat
     assert (rule.offset, rule.unit) == (-off, "deg")
 
 
+@pytest.mark.parametrize(
+    ("mistake", "scales"),
+    [
+        ("the voltages were √3 times too large", {"v_d": 3**-0.5, "v_q": 3**-0.5}),
+        ("the currents were √2 times too small", {"i_a": 2**0.5}),
+        ("currents and voltages were 10 times too large", {"v_d": 0.1, "v_q": 0.1, "i_a": 0.1}),
+    ],
+)
+def test_a_wrong_scale_is_undone(mistake, scales):
+    rules = {name: Rule(name, "") for name in ("v_d", "v_q", "i_a", "omega_e")}
+    found = {name: rule.scale for name, rule in undoing(mistake, rules).items()}
+    assert found == pytest.approx(scales)
+
+
 def test_a_speed_of_the_wrong_sign_is_undone():
     found = undoing("the speed had the opposite sign", {"n": Rule("rpm", "rpm", offset=3.0)})
     assert found == {"n": Rule("rpm", "rpm", scale=-1.0, offset=-3.0)}

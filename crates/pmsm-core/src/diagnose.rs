@@ -241,9 +241,16 @@ fn in_stages(
     monitor.report("answer", 0.97);
     let validation = others.last().filter(|_| validation.is_some());
     // A log that was wired or written wrong says nothing of what the model leaves out.
-    if outcome.best.excess() > options.mismatch
-        && let Some(mistake) = wiring::suspected(recordings, machine, &outcome.ends().0.fitted, options, monitor)?
-    {
+    let (bare, best) = outcome.ends();
+    let mistake = match outcome.best.excess() > options.mismatch {
+        true => wiring::suspected(recordings, machine, &bare.fitted, options, monitor)?,
+        false => None,
+    };
+    let mistake = match mistake {
+        None => wiring::in_place_of_effects(recordings, machine, (whole, &best.fitted), monitor)?,
+        found => found,
+    };
+    if let Some(mistake) = mistake {
         return Ok(conclude::undetermined(whole, mistake, None));
     }
     conclude::conclude(whole, validation, outcome, &weak, monitor)

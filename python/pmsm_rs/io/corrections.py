@@ -29,6 +29,11 @@ _ALL: Final = {
     "the speed": _SPEEDS,
     "the angle and the speed": _TURNS,
 }
+_SCALED: Final = {
+    "the currents": _CURRENTS,
+    "the voltages": _VOLTAGES,
+    "currents and voltages": (*_CURRENTS, *_VOLTAGES),
+}
 _PAIRS: Final = (("i_d", "i_q"), ("v_d", "v_q"))
 
 
@@ -84,6 +89,10 @@ def undoing(mistake: str, columns: Columns) -> dict[str, Rule]:
     if found := re.fullmatch(r"the (current|voltage)s of the phases (.), (.), (.) were in .*", mistake):
         letter = found[1][0].replace("c", "i")
         return _moved({f"{letter}_{found[k]}": f"{letter}_{'abc'[k - 2]}" for k in (2, 3, 4)}, columns)
+    if found := re.fullmatch(r"(.+) were (√?)([0-9.]+) times too (large|small)", mistake):
+        factor = math.sqrt(float(found[3])) if found[2] else float(found[3])
+        scale = float(f"{1.0 / factor if found[4] == 'large' else factor:.10g}")
+        return {name: _scaled(columns[name], scale) for name in _SCALED[found[1]] if name in columns}
     if mistake == "the speed was in rpm and not in rad/s":
         return {name: _in_rpm(name, columns[name]) for name in _SPEEDS if name in columns}
     if found := re.fullmatch(r"omega_e was the mechanical speed and not (\d+) times that", mistake):

@@ -16,11 +16,12 @@ const DIFFERS: f64 = 3.0;
 const OFF: f64 = 1.35;
 /// Standard error, share of the value, up to which a parameter is known well enough to be compared with the nameplate.
 const CERTAIN: f64 = 0.1;
-/// What may be logged in a wrong scale, and the powers of it by which r_s, l_d, l_q, psi_m and j are then off.
-const LOGGED: [(&str, [f64; 5]); 3] = [
-    ("the voltages, or speed and time", [1.0, 1.0, 1.0, 1.0, 1.0]),
-    ("the currents", [-1.0, -1.0, -1.0, 0.0, 1.0]),
-    ("both currents and voltages", [0.0, 0.0, 0.0, 1.0, 2.0]),
+/// What may be in a wrong scale, and the powers of it by which r_s, l_d, l_q, psi_m and j are then off.
+const LOGGED: [(Scaled, &str, [f64; 5]); 4] = [
+    (Scaled::Voltages, "the scale of the voltages, or speed and time", [1.0, 1.0, 1.0, 1.0, 1.0]),
+    (Scaled::Currents, "the scale of the currents", [-1.0, -1.0, -1.0, 0.0, 1.0]),
+    (Scaled::Both, "the scale of both currents and voltages", [0.0, 0.0, 0.0, 1.0, 2.0]),
+    (Scaled::PolePairs, "the number of pole pairs n_p", [0.0, 0.0, 0.0, 0.0, 2.0]),
 ];
 /// Scales that are mistaken for one another.
 const MISTAKEN: [(f64, &str); 5] = [
@@ -30,23 +31,58 @@ const MISTAKEN: [(f64, &str); 5] = [
     (10.0, "10, as a probe's ratio may be"),
     (1000.0, "1000, as a unit's prefix may be"),
 ];
+/// The same of the number of pole pairs.
+const POLES: [(f64, &str); 1] = [(2.0, "2, as poles stand to pole pairs")];
+
+/// What may be in a wrong scale.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scaled {
+    /// All voltages, which a wrong speed and time look like.
+    Voltages,
+    /// All currents.
+    Currents,
+    /// Both by the same factor.
+    Both,
+    /// The pole pairs: of given currents they make the torque.
+    PolePairs,
+}
+
+/// Estimates over the nameplate's values, of those that are known well enough.
+pub type Ratios = Vec<(BaseParameter, f64)>;
+
+/// The base parameters over those of the nameplate. The friction of bearings varies too much for one.
+pub fn ratios(data: &Data, base: &BTreeMap<String, Estimate>) -> Ratios {
+    let ratio = |p: &BaseParameter| {
+        let nameplate = data.nameplate[p.index()]?;
+        let found = base.get(p.name()).filter(|e| certain(e))?.value?;
+        (nameplate > 0.0 && found > 0.0).then(|| (*p, found / nameplate))
+    };
+    BaseParameter::ALL.iter().filter(|p| **p != BaseParameter::B).filter_map(ratio).collect()
+}
+
+fn is_off(ratio: f64) -> bool {
+    ratio.ln().abs() > OFF.ln()
+}
+
+/// Whether a parameter is farther from the nameplate than one may be off.
+pub fn contradict(ratios: &Ratios) -> bool {
+    ratios.iter().any(|(_, ratio)| is_off(*ratio))
+}
+
+/// Half the sum of squares of the deviations from the nameplate in units of its spread: nats.
+pub fn misfit(ratios: &Ratios, options: &DiagnosisOptions) -> f64 {
+    ratios.iter().map(|(_, ratio)| 0.5 * (ratio.ln() / options.nameplate_spread).powi(2)).sum()
+}
 
 /// Base parameters that came out far from the nameplate, and of what scale that may come. A poor recording does not contradict it.
 pub fn contradicts(data: &Data, base: &BTreeMap<String, Estimate>) -> Option<Finding> {
     if data.poor {
         return None;
     }
-    let ratio = |p: &BaseParameter| {
-        let nameplate = data.nameplate[p.index()]?;
-        let found = base.get(p.name()).filter(|e| certain(e))?.value?;
-        (nameplate > 0.0 && found > 0.0).then(|| (*p, found / nameplate))
-    };
-    // The friction of bearings varies too much for a nameplate.
-    let ratios: Vec<(BaseParameter, f64)> =
-        BaseParameter::ALL.iter().filter(|p| **p != BaseParameter::B).filter_map(ratio).collect();
+    let ratios = ratios(data, base);
     let off: Vec<String> = ratios
         .iter()
-        .filter(|(_, ratio)| ratio.ln().abs() > OFF.ln())
+        .filter(|(_, ratio)| is_off(*ratio))
         .map(|(p, ratio)| format!("{} at {ratio:.3} times", p.name()))
         .collect();
     (!off.is_empty()).then(|| Finding {
@@ -83,28 +119,47 @@ fn certain(estimate: &Estimate) -> bool {
     estimate.value.zip(estimate.stderr).is_some_and(|(value, stderr)| stderr <= CERTAIN * value.abs())
 }
 
-/// What is to be checked where base parameters come out at these multiples of the nameplate: the mistake of scale that brings all of them
-/// nearest to it, where that brings them as near as a nameplate may be off.
-fn suspect(ratios: &[(BaseParameter, f64)]) -> String {
+/// The mistake of scale that brings all ratios nearest to one, where it brings them as near as a nameplate may be off: what is scaled, by
+/// which factor, and both in words.
+pub fn scale(ratios: &Ratios) -> Option<(Scaled, f64, String)> {
     let left = |powers: &[f64; 5], scale: f64| -> Vec<f64> {
         ratios.iter().map(|(p, ratio)| ratio.ln() - powers[p.index()] * scale.ln()).collect()
     };
-    let square = |left: &[f64]| left.iter().map(|x| x * x).sum::<f64>();
-    let mut best: Option<(f64, String)> = None;
-    for (logged, powers) in &LOGGED {
-        for (scale, words) in &MISTAKEN {
-            for scale in [*scale, 1.0 / scale] {
-                let left = left(powers, scale);
+    let mut best: Option<(f64, (Scaled, f64, String))> = None;
+    for (scaled, logged, powers) in &LOGGED {
+        let factors = if *scaled == Scaled::PolePairs { &POLES[..] } else { &MISTAKEN };
+        for (factor, words) in factors {
+            for factor in [*factor, 1.0 / factor] {
+                let left = left(powers, factor);
+                let square = left.iter().map(|x| x * x).sum::<f64>();
                 let near = left.iter().all(|x| x.abs() <= OFF.ln());
-                if near && best.as_ref().is_none_or(|(least, _)| square(&left) < *least) {
-                    let check = format!("the scale of {logged}: the factor may be {words}");
-                    best = Some((square(&left), check));
+                if near && best.as_ref().is_none_or(|(least, _)| square < *least) {
+                    best = Some((square, (*scaled, factor, format!("{logged}: the factor may be {words}"))));
                 }
             }
         }
     }
-    match best {
-        Some((_, check)) => check,
+    best.map(|(_, found)| found)
+}
+
+/// All mistakes of scale: what is scaled, by which factor, and by which the torque of the log is then too large.
+pub fn torque_scales() -> Vec<(Scaled, f64, f64)> {
+    let mut found = Vec::new();
+    for (scaled, ..) in LOGGED {
+        let factors = if scaled == Scaled::PolePairs { &POLES[..] } else { &MISTAKEN };
+        for (factor, _) in factors {
+            for factor in [*factor, 1.0 / factor] {
+                found.push((scaled, factor, if scaled == Scaled::Both { factor * factor } else { factor }));
+            }
+        }
+    }
+    found
+}
+
+/// What is to be checked where base parameters come out at these multiples of the nameplate.
+fn suspect(ratios: &Ratios) -> String {
+    match scale(ratios) {
+        Some((.., words)) => words,
         None => "the nameplate, n_p, and the units of voltages, currents, speed and time".into(),
     }
 }
@@ -123,13 +178,16 @@ mod tests {
 
     #[test]
     fn a_scale_is_recognised_by_what_it_multiplies() {
-        let voltages = suspect(&[(P::RS, 1.5), (P::LD, 1.35), (P::LQ, 1.3), (P::PsiM, 1.45), (P::J, 1.5)]);
+        let voltages =
+            suspect(&vec![(P::RS, 1.5), (P::LD, 1.35), (P::LQ, 1.3), (P::PsiM, 1.45), (P::J, 1.5)]);
         assert!(voltages.contains("voltages") && voltages.contains("√2"), "{voltages}");
-        let currents = suspect(&[(P::RS, 0.1), (P::LD, 0.09), (P::LQ, 0.11), (P::PsiM, 1.1), (P::J, 9.0)]);
+        let currents =
+            suspect(&vec![(P::RS, 0.1), (P::LD, 0.09), (P::LQ, 0.11), (P::PsiM, 1.1), (P::J, 9.0)]);
         assert!(currents.contains("currents") && currents.contains("probe"), "{currents}");
-        let scaled = suspect(&[(P::RS, 0.95), (P::LD, 1.03), (P::LQ, 0.97), (P::PsiM, 1.25), (P::J, 1.43)]);
+        let scaled =
+            suspect(&vec![(P::RS, 0.95), (P::LD, 1.03), (P::LQ, 0.97), (P::PsiM, 1.25), (P::J, 1.43)]);
         assert!(scaled.contains("power-invariant"), "{scaled}");
-        let turns = suspect(&[(P::RS, 1.1), (P::LD, 0.9), (P::LQ, 1.0), (P::PsiM, 1.0), (P::J, 4.0)]);
+        let turns = suspect(&vec![(P::RS, 1.1), (P::LD, 0.9), (P::LQ, 1.0), (P::PsiM, 1.0), (P::J, 4.0)]);
         assert!(turns.contains("n_p"), "{turns}");
     }
 }

@@ -33,6 +33,19 @@ pub fn accounts_for(data: &Data, found: &Hypothesis, effect: EffectId) -> bool {
     !estimates.is_empty() && least("tau_a") + least("b_a") * data.signals.context.omega_m_max() <= off
 }
 
+/// Mean of the load that the machine file states or that was measured, N·m; of several recordings that of the first.
+pub fn mean(data: &Data) -> Option<f64> {
+    let run = data.runs().iter().find(|run| run.has_mechanical())?;
+    match &run.signals.load {
+        Load::KnownConstant(value) => Some(*value),
+        Load::Measured => {
+            let tau_m = run.signals.tau_m.as_deref()?;
+            Some(tau_m.iter().sum::<f64>() / tau_m.len().max(1) as f64)
+        }
+        _ => None,
+    }
+}
+
 /// A torque that is the same in both directions is what a load that is a little off makes, too, where the file states or measures it.
 /// `asymmetric` are the estimates of friction that differs by direction, if it was found.
 pub fn may_be_off(data: &Data, asymmetric: &BTreeMap<String, Estimate>) -> Option<Finding> {

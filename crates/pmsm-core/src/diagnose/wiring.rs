@@ -2,6 +2,7 @@
 //! better than with any missing effect.
 
 mod mistakes;
+mod rival;
 
 use super::hypothesis::Hypothesis;
 use super::options::DiagnosisOptions;
@@ -14,6 +15,8 @@ use crate::signals::{Finding, Signals};
 use crate::start;
 use mistakes::mistakes;
 use rayon::prelude::*;
+
+pub use rival::in_place_of_effects;
 
 /// Excess mean square of the dq-model from which a mistake is looked for: weaker misfits are physics.
 const FAR: f64 = 100.0;
@@ -77,17 +80,24 @@ pub fn suspected(
     // What is the same to this log is told together.
     explaining.retain(|(left, _)| 1.0 + left < ALIKE * least);
     let words: Vec<&str> = explaining.iter().map(|(_, at)| mistakes[*at].words.as_str()).collect();
-    Ok(Some(Finding {
+    Ok(Some(told(
+        &words.join(", or "),
+        least,
+        &format!(" instead of {:.0}", (1.0 + before).sqrt()),
+        "no physics that is missing does that; what is said of this log as it is does not hold for the motor",
+    )))
+}
+
+/// The finding of a mistake in these `words`, with which undone the mean square over the floor's is `left`.
+fn told(words: &str, left: f64, beside: &str, consequence: &str) -> Finding {
+    let left = left.sqrt();
+    Finding {
         finding: format!(
-            "the log reads as if {}: with that undone the dq-model has a residual of {:.2} times the noise instead of {:.0}",
-            words.join(", or "),
-            least.sqrt(),
-            (1.0 + before).sqrt()
+            "the log reads as if {words}: with that undone the dq-model has a residual of {left:.2} times the noise{beside}"
         ),
-        consequence: "no physics that is missing does that; what is said of this log as it is does not hold for the motor"
-            .into(),
-        fix: "check wiring, signs and the order of columns, put it right, and diagnose again".into(),
-    }))
+        consequence: consequence.into(),
+        fix: "check wiring, signs, scales and the order of columns, put it right, and diagnose again".into(),
+    }
 }
 
 /// Share of the squares that a regression of the voltage equations leaves; `None` where it cannot be read, or where a resistance, an

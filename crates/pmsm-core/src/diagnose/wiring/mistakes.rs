@@ -1,5 +1,6 @@
 //! What may have been mistaken when a log was made, and what undoes it.
 
+use crate::diagnose::nameplate::Scaled;
 use crate::recording::Recording;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -32,10 +33,78 @@ impl Mistake {
     }
 }
 
+/// Most rows by which voltages and currents may have been logged apart.
+const APART: isize = 5;
+const I: [&str; 5] = ["i_a", "i_b", "i_c", "i_d", "i_q"];
+const V: [&str; 5] = ["v_a", "v_b", "v_c", "v_d", "v_q"];
+
+/// Voltages that were logged so many rows late, and so act before they are there, which no effect does.
+pub(super) fn voltages_late() -> Vec<Mistake> {
+    let late = |rows| {
+        let words = format!(
+            "the voltages were logged {} late, or the currents {} early",
+            rows_in_words(rows),
+            rows_in_words(rows)
+        );
+        Mistake::new(words, move |c| shift(c, &V, -rows))
+    };
+    (1..=APART).map(late).collect()
+}
+
+/// Voltages or currents that were logged some rows early or late.
+pub(super) fn shifted() -> Vec<Mistake> {
+    let mut out = voltages_late();
+    for rows in 1..=APART {
+        let words = rows_in_words(rows);
+        out.push(Mistake::new(format!("the voltages were logged {words} early"), move |c| {
+            shift(c, &V, rows)
+        }));
+        out.push(Mistake::new(format!("the currents were logged {words} late"), move |c| {
+            shift(c, &I, -rows)
+        }));
+    }
+    out
+}
+
+fn rows_in_words(rows: isize) -> String {
+    if rows == 1 { "one row".into() } else { format!("{rows} rows") }
+}
+
+/// The mistake of currents, voltages or both that were logged `factor` times too large, or of so many times too many pole pairs, of which
+/// the machine file states `n_p`.
+pub(super) fn scaled(what: Scaled, factor: f64, n_p: u32) -> Mistake {
+    let (logged, [i, v]) = match what {
+        Scaled::Voltages => ("the voltages were", [false, true]),
+        Scaled::Currents => ("the currents were", [true, false]),
+        Scaled::Both => ("currents and voltages were", [true, true]),
+        Scaled::PolePairs => ("", [false, false]),
+    };
+    let words = if what == Scaled::PolePairs {
+        format!("n_p was {} and not {n_p}", f64::from(n_p) / factor)
+    } else if factor > 1.0 {
+        format!("{logged} {} times too large", factor_in_words(factor))
+    } else {
+        format!("{logged} {} times too small", factor_in_words(1.0 / factor))
+    };
+    Mistake::new(words, move |c| {
+        let currents = !i || scale(c, &I, 1.0 / factor);
+        currents && (!v || scale(c, &V, 1.0 / factor))
+    })
+}
+
+/// A factor as a whole number or the root of a half, such as √3.
+fn factor_in_words(factor: f64) -> String {
+    let halves = (2.0 * factor * factor).round();
+    let root = (0.5 * halves).sqrt();
+    if root.fract() != 0.0 && (root - factor).abs() < 1e-9 {
+        format!("√{}", 0.5 * halves)
+    } else {
+        format!("{factor}")
+    }
+}
+
 /// All mistakes that are looked for in the log of a machine with `n_p` pole pairs.
 pub(super) fn mistakes(n_p: u32) -> Vec<Mistake> {
-    const I: [&str; 5] = ["i_a", "i_b", "i_c", "i_d", "i_q"];
-    const V: [&str; 5] = ["v_a", "v_b", "v_c", "v_d", "v_q"];
     const TURN: [&str; 4] = ["theta_e", "theta_m", "omega_e", "omega_m"];
     let mut out = vec![
         Mistake::new("all currents had the opposite sign", |c| negate(c, &I)),
@@ -67,8 +136,6 @@ pub(super) fn mistakes(n_p: u32) -> Vec<Mistake> {
             }
             true
         }),
-        Mistake::new("the voltages were logged one row early", |c| shift(c, &V, 1)),
-        Mistake::new("the currents were logged one row late", |c| shift(c, &I, -1)),
         Mistake::new("the angle was logged one row late", |c| {
             phases(c) && shift(c, &["theta_e", "theta_m"], -1)
         }),
@@ -76,6 +143,16 @@ pub(super) fn mistakes(n_p: u32) -> Vec<Mistake> {
             phases(c) && shift(c, &["theta_e", "theta_m"], 1)
         }),
     ];
+    out.extend(voltages_late());
+    for rows in 1..=APART {
+        let words = rows_in_words(rows);
+        out.push(Mistake::new(format!("the voltages were logged {words} early"), move |c| {
+            shift(c, &V, rows)
+        }));
+        out.push(Mistake::new(format!("the currents were logged {words} late"), move |c| {
+            shift(c, &I, -rows)
+        }));
+    }
     for name in ["i_a", "i_b", "i_c", "i_d", "i_q", "v_a", "v_b", "v_c", "v_d", "v_q"] {
         out.push(Mistake::new(format!("{name} had the opposite sign"), move |c| negate(c, &[name])));
     }
@@ -149,18 +226,21 @@ fn reorder(c: &mut Columns, names: [&'static str; 3], order: [usize; 3]) -> bool
     true
 }
 
-/// Moves columns down by `rows`; the row that is not told keeps its neighbour's value.
+/// Moves columns down by `rows`; the rows that are not told keep their neighbour's value.
 fn shift(c: &mut Columns, names: &[&'static str], rows: isize) -> bool {
+    let by = rows.unsigned_abs();
     let mut any = false;
     for name in names {
-        let Some(x) = c.get_mut(name) else { continue };
+        let Some(x) = c.get_mut(name).filter(|x| x.len() > by) else { continue };
+        let n = x.len();
         if rows > 0 {
-            x.rotate_right(1);
-            x[0] = x[1];
+            x.rotate_right(by);
+            let first = x[by];
+            x[..by].fill(first);
         } else {
-            x.rotate_left(1);
-            let n = x.len();
-            x[n - 1] = x[n - 2];
+            x.rotate_left(by);
+            let last = x[n - 1 - by];
+            x[n - by..].fill(last);
         }
         any = true;
     }

@@ -1,0 +1,245 @@
+//! Mistakes of scale and time as rivals of the effects that explain a log.
+//!
+//! A wrong scale or number of pole pairs shows against a load that is known, and there it looks like friction that differs by direction.
+//! Voltages that are logged late act before they are there, which some effects of the currents resemble. Each is undone, and the set is
+//! fitted to what is then read, without those of its effects that vanish. Evidence decides, the nameplate's included.
+
+use super::mistakes::{Mistake, scaled, shifted, voltages_late};
+use super::{BETTER, misfit, told};
+use crate::diagnose::data::Data;
+use crate::diagnose::evidence::Evidence;
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::nameplate::{self, Scaled};
+use crate::diagnose::outputs::Outputs;
+use crate::diagnose::select::reduced;
+use crate::diagnose::wording::enumerated;
+use crate::diagnose::{baseline, fitting, join, stated_load, verdict};
+use crate::effects::EffectId;
+use crate::error::Result;
+use crate::machine::Machine;
+use crate::monitor::Monitor;
+use crate::recording::Recording;
+use crate::signals::Finding;
+
+/// What a mistake in place of effects means.
+const CONSEQUENCE: &str =
+    "effects make up for that in the log as it is; what is said of it does not hold for the motor";
+
+/// Logarithm of the ratio of two scales of the torque up to which they count as the same. True friction is that by chance only.
+const SAME: f64 = 0.01;
+
+/// A mistake that explains the `recordings`, read as `data`, better than the effects of `best` do, if one does.
+///
+/// # Errors
+/// Those of the least-squares fits. A log that cannot be read with a mistake undone was not made by it.
+pub fn in_place_of_effects(
+    recordings: &[&Recording],
+    machine: &Machine,
+    (data, best): (&Data, &Hypothesis),
+    monitor: &dyn Monitor,
+) -> Result<Option<Finding>> {
+    let unexplained = verdict::largest_excess(best) > data.options.mismatch;
+    if data.poor || best.effects().is_empty() && !unexplained {
+        return Ok(None);
+    }
+    let mut asked: Vec<(Mistake, Machine, Compared)> = Vec::new();
+    // What a delay of the inverter does is no mistake where it explains all.
+    let shifts = if unexplained { shifted() } else { voltages_late() };
+    let as_it_is = misfit(recordings[0], machine).unwrap_or(1.0);
+    let promise = |mistake: Mistake| {
+        let left = misfit(&mistake.undone(recordings[0])?, machine)?;
+        Some((left, mistake)).filter(|(left, _)| *left < BETTER * as_it_is)
+    };
+    let nearest = shifts.into_iter().filter_map(promise).min_by(|a, b| a.0.total_cmp(&b.0));
+    // A strong effect hides a shift from a regression without effects.
+    let hidden = || if unexplained { voltages_late().into_iter().next() } else { None };
+    let shift = nearest.map(|(_, shift)| shift).or_else(hidden);
+    asked.extend(shift.map(|shift| (shift, machine.clone(), Compared::Residuals)));
+    for (what, factor) in scales(data, best) {
+        let corrected = with_pole_pairs(machine, what, factor);
+        asked.extend(corrected.map(|m| (scaled(what, factor, machine.n_p), m, Compared::OverNoise)));
+    }
+    let mut paying: Vec<(f64, Mistake, Hypothesis)> = Vec::new();
+    for (mistake, machine, compared) in asked {
+        monitor.go_on()?;
+        let undone: Option<Vec<Recording>> = recordings.iter().map(|r| mistake.undone(r)).collect();
+        let Some(undone) = undone else { continue };
+        let undone: Vec<&Recording> = undone.iter().collect();
+        let Ok(mut read) = join::prepare(&undone, &machine, &data.options) else { continue };
+        let base = baseline::fit(&mut read, monitor)?;
+        let set = without_vanished(&read, &base, best, monitor)?;
+        let better = if cost(&read, &set, compared) < cost(&read, &base, compared) { set } else { base };
+        let gain = cost(data, best, compared) - cost(&read, &better, compared);
+        // A mistake is as rare as an effect. Of a scale the nameplate must tell as well: a load and friction may be what they are by chance.
+        let told_by_nameplate = compared == Compared::Residuals
+            || off_nameplate(data, best) - off_nameplate(&read, &better) >= data.options.decisive;
+        if told_by_nameplate && gain >= data.options.effect_cost + data.options.decisive {
+            paying.push((gain, mistake, better));
+        }
+    }
+    // What is as likely for this log is told together.
+    paying.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let Some((most, _, better)) = paying.first() else { return Ok(None) };
+    let alike = paying.iter().take_while(|(gain, ..)| most - gain < data.options.decisive);
+    let words: Vec<&str> = alike.map(|(_, mistake, _)| mistake.words.as_str()).collect();
+    let left = 1.0 + verdict::largest_excess(better).max(0.0);
+    Ok(Some(told(&words.join(", or "), left, &beside(best, better), CONSEQUENCE)))
+}
+
+/// Scales in which the log may be wrong: that which brings the parameters near to the nameplate, and those by which the torque is off from a
+/// load that is known.
+fn scales(data: &Data, best: &Hypothesis) -> Vec<(Scaled, f64)> {
+    let outputs = Outputs::new(data, best);
+    let ratios = nameplate::ratios(data, &outputs.base());
+    let by_nameplate = nameplate::scale(&ratios).filter(|_| nameplate::contradict(&ratios));
+    let mut found: Vec<(Scaled, f64)> =
+        by_nameplate.map(|(what, factor, _)| (what, factor)).into_iter().collect();
+    let lost = outputs.effect(EffectId::AsymmetricFriction).get("tau_a").and_then(|e| e.value);
+    let load = stated_load::mean(data).filter(|load| *load != 0.0);
+    if let Some((lost, load)) = lost.zip(load) {
+        let torque = 1.0 + lost / load;
+        let as_much = |factor: &f64| (factor / torque).ln().abs() < SAME;
+        let fits = nameplate::torque_scales().into_iter().filter(|(.., of_torque)| as_much(of_torque));
+        found.extend(fits.map(|(what, factor, _)| (what, factor)));
+    }
+    found.dedup();
+    found
+}
+
+/// The machine with another number of pole pairs, if they are what is scaled; nothing where that is no whole number.
+fn with_pole_pairs(machine: &Machine, what: Scaled, factor: f64) -> Option<Machine> {
+    if what != Scaled::PolePairs {
+        return Some(machine.clone());
+    }
+    let n_p = f64::from(machine.n_p) / factor;
+    (n_p.fract() == 0.0 && n_p >= 1.0).then(|| Machine { n_p: n_p as u32, ..machine.clone() })
+}
+
+/// The effects of `best` fitted to a log with a mistake undone, but for those that vanish there.
+fn without_vanished(
+    data: &Data,
+    base: &Hypothesis,
+    best: &Hypothesis,
+    monitor: &dyn Monitor,
+) -> Result<Hypothesis> {
+    let first = crate::base::BASE;
+    let start = [&base.own()[..first], &best.own()[first..]].concat();
+    let mut set = fitting::fit(data, &best.model, &start, false, monitor)?;
+    loop {
+        let outputs = Outputs::new(data, &set);
+        let gone = set.effects().into_iter().find(|e| set.vanishes(*e) || outputs.may_be_absent(*e));
+        let Some(effect) = gone else { return Ok(set) };
+        let (model, start) = reduced(&set, effect);
+        set = fitting::fit(data, &model, &start, false, monitor)?;
+    }
+}
+
+/// How residuals of a log as it is and with a mistake undone are compared.
+#[derive(Clone, Copy, PartialEq)]
+enum Compared {
+    /// As they are: what is undone may change how much of them passes for noise.
+    Residuals,
+    /// Over the noise, which scales with the log.
+    OverNoise,
+}
+
+/// Cost of a set on a log with what the nameplate says of its parameters, nats.
+fn cost(data: &Data, set: &Hypothesis, compared: Compared) -> f64 {
+    let evidence = Evidence::new(data, &[]);
+    let floors = data.runs().iter().flat_map(|run| &run.floors).zip(evidence.samples());
+    let noise: f64 = match compared {
+        Compared::Residuals => floors.map(|(floor, n)| n * floor.total().ln()).sum(),
+        Compared::OverNoise => 0.0,
+    };
+    noise + evidence.cost_on_recording(set) + off_nameplate(data, set)
+}
+
+/// What the nameplate says against the parameters of a set, nats.
+fn off_nameplate(data: &Data, set: &Hypothesis) -> f64 {
+    nameplate::misfit(&nameplate::ratios(data, &Outputs::new(data, set).base()), &data.options)
+}
+
+/// Which effects stay with a mistake undone, and which do not.
+fn beside(as_it_is: &Hypothesis, undone: &Hypothesis) -> String {
+    let (kept, gone): (Vec<EffectId>, Vec<EffectId>) =
+        as_it_is.effects().into_iter().partition(|e| undone.effects().contains(e));
+    let words = |before: &str, effects: &[EffectId]| match effects {
+        [] => String::new(),
+        _ => format!("{before}{}", enumerated(&effects.iter().map(|e| e.id()).collect::<Vec<_>>())),
+    };
+    words(" beside ", &kept) + &words(", without ", &gone)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::mistakes::{Columns, scale};
+    use crate::diagnose::answer::{Answer, Verdict};
+    use crate::diagnose::diagnose;
+    use crate::diagnose::testing::{choice, setup, speeds};
+    use crate::drive::{Choice, Schedule, Shape, simulate};
+    use crate::machine::Machine;
+    use crate::monitor::Silent;
+    use crate::recording::Recording;
+
+    /// Of a machine against a load of 3 N·m that the log states, with a mistake that `make` has made.
+    fn told(effects: Vec<Choice>, n_p: impl Fn(u32) -> u32, make: impl Fn(&mut Columns)) -> Answer {
+        let mut manoeuvre = speeds(0.8, &[(0.1, 80.0), (0.3, -60.0), (0.5, 90.0), (0.7, -80.0)]);
+        let steps = (0..8).map(|k| (0.1 * f64::from(k), [-4.0, 3.0][k as usize % 2])).collect();
+        manoeuvre.i_d = Some(Schedule::new(steps, Shape::Steps).unwrap());
+        manoeuvre.tau_load = Some(Schedule::constant(3.0).unwrap());
+        manoeuvre.load_kind = Some("known_constant".into());
+        let setup = setup(manoeuvre, effects);
+        let whole = simulate(&setup, &Silent).unwrap().recording;
+        let names = ["t", "v_d", "v_q", "i_a", "i_b", "i_c", "theta_e", "omega_e"];
+        let mut columns: Columns =
+            names.into_iter().filter_map(|name| Some((name, whole.column(name)?.to_vec()))).collect();
+        make(&mut columns);
+        let columns = columns.into_iter().map(|(name, x)| (name.to_string(), x)).collect();
+        let recording = Recording::new(columns, Some(whole.load())).unwrap();
+        let machine = Machine { n_p: n_p(setup.nameplate.n_p), ..setup.nameplate };
+        diagnose(&[&recording], &machine, None, &Default::default(), &Silent).unwrap()
+    }
+
+    fn said(answer: &Answer, words: &str) -> bool {
+        answer.verdict == Verdict::Undetermined && answer.data_quality[0].finding.contains(words)
+    }
+
+    #[test]
+    fn a_wrong_scale_against_a_known_load_is_no_friction() {
+        let answer = told(Vec::new(), |n| n, |c| assert!(scale(c, &["v_d", "v_q"], 3f64.sqrt())));
+        assert!(said(&answer, "the voltages were √3 times too large"), "{:?}", answer.data_quality);
+        assert!(said(&answer, "without asymmetric_friction"), "{:?}", answer.data_quality);
+        let answer = told(Vec::new(), |n| 2 * n, |_| ());
+        assert!(said(&answer, "n_p was 4 and not 8"), "{:?}", answer.data_quality);
+    }
+
+    #[test]
+    fn voltages_that_act_before_they_are_logged_are_told_beside_effects() {
+        let late = |c: &mut Columns| {
+            for name in ["v_d", "v_q"] {
+                let x = c.get_mut(name).unwrap();
+                x.rotate_right(1);
+                x[0] = x[1];
+            }
+        };
+        for effects in [Vec::new(), vec![choice("dead_time", "v_err", 6.0)]] {
+            let answer = told(effects, |n| n, late);
+            assert!(
+                said(&answer, "the voltages were logged one row late"),
+                "{:?} {:?} {:?}",
+                answer.verdict,
+                answer.model.effects,
+                answer.data_quality
+            );
+        }
+    }
+
+    #[test]
+    fn friction_that_a_wrong_scale_would_look_like_stays_friction_where_the_nameplate_holds() {
+        // Half the load: as the currents would do, logged twice √1.5 too large by voltage and current.
+        let answer = told(vec![choice("asymmetric_friction", "tau_a", 1.5)], |n| n, |_| ());
+        assert_eq!(answer.model.effects, ["asymmetric_friction"], "{:?}", answer.data_quality);
+        let answer = told(vec![choice("dead_time", "v_err", 6.0)], |n| n, |_| ());
+        assert_eq!(answer.model.effects, ["dead_time"], "{:?}", answer.data_quality);
+    }
+}
