@@ -76,6 +76,8 @@ pub struct Signals {
     pub voltages_drawn: bool,
     /// Time constant of a low pass that was taken out of the currents, s.
     pub current_filter: Option<f64>,
+    /// Whether the link voltage was stated; else it is the least that makes the largest voltage.
+    pub link_stated: bool,
     /// Whether an angle in steps was taken for the lower end of its step, and moved to the middle.
     pub middle_of_steps: bool,
     /// Whether the voltages were logged as those of the phases, in place of a command seen from the rotor.
@@ -287,6 +289,7 @@ impl Signals {
             stator_held: None,
             voltages_drawn: false,
             current_filter: None,
+            link_stated: machine.v_dc.is_some(),
             middle_of_steps: false,
             phase_voltages: v_d.is_none() || v_q.is_none(),
             v,

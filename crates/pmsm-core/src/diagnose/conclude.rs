@@ -78,7 +78,8 @@ pub fn conclude(
     }
     let settled = described.as_ref().map_or(&best.fitted, |(fitted, _)| fitted);
     monitor.go_on()?;
-    let outputs = Outputs::new(data, settled);
+    let alone = settled.without_map(data);
+    let outputs = Outputs::new(data, &alone);
     let validated = validation.zip(before).zip(after).map(|((run, before), after)| (run, before, after));
     let (bare, left) = validated.as_ref().map(|(_, before, after)| (before, after)).unzip();
     let ends = Ends { base: (&outcome.base.fitted, bare), set: &best.fitted, told: (settled, left) };
@@ -112,6 +113,7 @@ pub fn conclude(
     data_quality.extend(data.runs().iter().find_map(|run| run.signals.of_clock(r_s, psi_m)));
     data_quality.extend(nameplate::contradicts(data, &outputs.base()));
     data_quality.extend(stated_load::may_be_off(data, &ruling.asymmetric_friction));
+    data_quality.extend(data_quality::link_assumed(data, &best.fitted));
     data_quality.extend(ruling.contradiction.map(|c| c.finding));
     data_quality.splice(0..0, ruling.lack_of_fit);
     data_quality.extend(validation.and_then(|run| coverage::validates_the_motion_alone(data, run)));

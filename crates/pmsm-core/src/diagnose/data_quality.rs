@@ -6,6 +6,8 @@ use super::data::Data;
 use super::hypothesis::Hypothesis;
 use super::verdict;
 use super::wording::times;
+use crate::effects::EffectId;
+use crate::figures::figure;
 use crate::recording::Kind;
 use crate::signals::{self, Finding};
 
@@ -49,6 +51,21 @@ pub fn findings(data: &Data, weak: &[String], found: &[Collinearity], refuted: b
         });
     }
     findings
+}
+
+/// A finding if the source resistance of a sagging link was found from a link voltage that nobody stated.
+pub fn link_assumed(data: &Data, found: &Hypothesis) -> Option<Finding> {
+    let signals = &data.leading().signals;
+    let rests = found.effects().contains(&EffectId::DcLinkSag) && !signals.link_stated;
+    rests.then(|| Finding {
+        finding: format!(
+            "r_source rests on a link of {} V, the least that makes the largest voltage: v_dc is not stated",
+            figure(signals.context.v_dc, 3)
+        ),
+        consequence: "it goes with the square of the true link voltage, and may be several times as large"
+            .into(),
+        fix: "state v_dc in [drive]".into(),
+    })
 }
 
 /// A finding if a model fitted to a poor recording does not predict the validation run.

@@ -33,6 +33,7 @@ impl Signals {
             stator_held: first.stator_held,
             voltages_drawn: first.voltages_drawn,
             current_filter: first.current_filter,
+            link_stated: first.link_stated,
             middle_of_steps: first.middle_of_steps,
             phase_voltages: first.phase_voltages,
             v: series(parts, |s| s.v.as_ref()),
