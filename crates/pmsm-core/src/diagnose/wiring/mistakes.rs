@@ -51,9 +51,9 @@ pub(super) fn voltages_late() -> Vec<Mistake> {
     (1..=APART).map(late).collect()
 }
 
-/// Voltages or currents that were logged some rows early or late.
-pub(super) fn shifted() -> Vec<Mistake> {
-    let mut out = voltages_late();
+/// Voltages that were logged some rows early, or currents late, which a delay of the inverter or a lag of the sensors resembles.
+pub(super) fn delayed() -> Vec<Mistake> {
+    let mut out = Vec::new();
     for rows in 1..=APART {
         let words = rows_in_words(rows);
         out.push(Mistake::new(format!("the voltages were logged {words} early"), move |c| {

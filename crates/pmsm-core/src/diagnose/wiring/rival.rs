@@ -4,7 +4,7 @@
 //! Voltages that are logged late act before they are there, which some effects of the currents resemble. Each is undone, and the set is
 //! fitted to what is then read, without those of its effects that vanish. Evidence decides, the nameplate's included.
 
-use super::mistakes::{Mistake, scaled, shifted, voltages_late};
+use super::mistakes::{Mistake, delayed, scaled, voltages_late};
 use super::{BETTER, misfit, told};
 use crate::diagnose::data::Data;
 use crate::diagnose::evidence::Evidence;
@@ -43,18 +43,20 @@ pub fn in_place_of_effects(
         return Ok(None);
     }
     let mut asked: Vec<(Mistake, Machine, Compared)> = Vec::new();
-    // What a delay of the inverter does is no mistake where it explains all.
-    let shifts = if unexplained { shifted() } else { voltages_late() };
+    // Delays and lags are physics, too: where they explain all they are no mistake, and a shift must explain all to be one.
+    let late = voltages_late().into_iter().map(|mistake| (mistake, f64::INFINITY));
+    let delayed = if unexplained { delayed() } else { Vec::new() };
+    let delayed = delayed.into_iter().map(|mistake| (mistake, data.options.mismatch));
     let as_it_is = misfit(recordings[0], machine).unwrap_or(1.0);
-    let promise = |mistake: Mistake| {
+    let promise = |(mistake, most): (Mistake, f64)| {
         let left = misfit(&mistake.undone(recordings[0])?, machine)?;
-        Some((left, mistake)).filter(|(left, _)| *left < BETTER * as_it_is)
+        Some((left, mistake, most)).filter(|(left, ..)| *left < BETTER * as_it_is)
     };
-    let nearest = shifts.into_iter().filter_map(promise).min_by(|a, b| a.0.total_cmp(&b.0));
+    let nearest = late.chain(delayed).filter_map(promise).min_by(|a, b| a.0.total_cmp(&b.0));
     // A strong effect hides a shift from a regression without effects.
     let hidden = || if unexplained { voltages_late().into_iter().next() } else { None };
-    let shift = nearest.map(|(_, shift)| shift).or_else(hidden);
-    asked.extend(shift.map(|shift| (shift, machine.clone(), Compared::Residuals)));
+    let shift = nearest.map(|(_, shift, most)| (shift, most)).or_else(|| Some((hidden()?, f64::INFINITY)));
+    asked.extend(shift.map(|(shift, most)| (shift, machine.clone(), Compared::Residuals { most })));
     for (what, factor) in scales(data, best) {
         let corrected = with_pole_pairs(machine, what, factor);
         asked.extend(corrected.map(|m| (scaled(what, factor, machine.n_p), m, Compared::OverNoise)));
@@ -71,9 +73,13 @@ pub fn in_place_of_effects(
         let better = if cost(&read, &set, compared) < cost(&read, &base, compared) { set } else { base };
         let gain = cost(data, best, compared) - cost(&read, &better, compared);
         // A mistake is as rare as an effect. Of a scale the nameplate must tell as well: a load and friction may be what they are by chance.
-        let told_by_nameplate = compared == Compared::Residuals
+        let told_by_nameplate =
             || off_nameplate(data, best) - off_nameplate(&read, &better) >= data.options.decisive;
-        if told_by_nameplate && gain >= data.options.effect_cost + data.options.decisive {
+        let allowed = match compared {
+            Compared::Residuals { most } => verdict::largest_excess(&better) <= most,
+            Compared::OverNoise => told_by_nameplate(),
+        };
+        if allowed && gain >= data.options.effect_cost + data.options.decisive {
             paying.push((gain, mistake, better));
         }
     }
@@ -100,9 +106,12 @@ fn scales(data: &Data, best: &Hypothesis) -> Vec<(Scaled, f64)> {
         let torque = 1.0 + lost / load;
         let as_much = |factor: &f64| (factor / torque).ln().abs() < SAME;
         let fits = nameplate::torque_scales().into_iter().filter(|(.., of_torque)| as_much(of_torque));
-        found.extend(fits.map(|(what, factor, _)| (what, factor)));
+        for (what, factor, _) in fits {
+            if !found.contains(&(what, factor)) {
+                found.push((what, factor));
+            }
+        }
     }
-    found.dedup();
     found
 }
 
@@ -137,8 +146,8 @@ fn without_vanished(
 /// How residuals of a log as it is and with a mistake undone are compared.
 #[derive(Clone, Copy, PartialEq)]
 enum Compared {
-    /// As they are: what is undone may change how much of them passes for noise.
-    Residuals,
+    /// As they are: what is undone may change how much of them passes for noise. No more than this excess may remain.
+    Residuals { most: f64 },
     /// Over the noise, which scales with the log.
     OverNoise,
 }
@@ -148,7 +157,7 @@ fn cost(data: &Data, set: &Hypothesis, compared: Compared) -> f64 {
     let evidence = Evidence::new(data, &[]);
     let floors = data.runs().iter().flat_map(|run| &run.floors).zip(evidence.samples());
     let noise: f64 = match compared {
-        Compared::Residuals => floors.map(|(floor, n)| n * floor.total().ln()).sum(),
+        Compared::Residuals { .. } => floors.map(|(floor, n)| n * floor.total().ln()).sum(),
         Compared::OverNoise => 0.0,
     };
     noise + evidence.cost_on_recording(set) + off_nameplate(data, set)
