@@ -162,8 +162,8 @@ impl Hypothesis {
     }
 
     /// The same parameters without a map, so that what the map describes is residual. A map can do much of what parameters do, and their
-    /// errors beside its coefficients would be without bounds. What has no name counts as noise in place of that; see Plumlee, "Bayesian
-    /// calibration of inexact computer models", JASA 112 (2017), where the discrepancy is orthogonal to what parameters do.
+    /// errors beside its coefficients alone may be without bounds; see Plumlee, "Bayesian calibration of inexact computer models", JASA 112
+    /// (2017).
     pub fn without_map(&self, data: &Data) -> Self {
         if self.model.map().is_none() {
             return self.clone();

@@ -43,6 +43,32 @@ impl<'a> Outputs<'a> {
         Self { data, hypothesis, free, covariance }
     }
 
+    /// The uncertainty of the parameters of a set with a map. Beside free coefficients of the map it is an upper bound, as a prior holds
+    /// these; and so it is with what the map describes as noise. For each parameter the smaller of the two counts.
+    pub fn beside_map(data: &'a Data, mapped: &Hypothesis, alone: &'a Hypothesis) -> Self {
+        let mut own = Self::new(data, alone);
+        if mapped.model.map().is_none() {
+            return own;
+        }
+        let beside = Outputs::new(data, mapped);
+        let map = mapped.model.map_parameters();
+        for (at, index) in own.free.clone().into_iter().enumerate() {
+            let there = if index < map.start { index } else { index + map.len() };
+            let (as_noise, free) = (own.covariance[(at, at)], beside.variance_of(there, there));
+            if !free.is_finite() || free <= 0.0 || as_noise <= free {
+                continue;
+            }
+            let scale = if as_noise.is_finite() { (free / as_noise).sqrt() } else { 0.0 };
+            for other in 0..own.free.len() {
+                for cell in [(at, other), (other, at)] {
+                    own.covariance[cell] = finite(own.covariance[cell]) * scale;
+                }
+            }
+            own.covariance[(at, at)] = free;
+        }
+        own
+    }
+
     /// Parameters of effects that this recording hardly separates from base parameters.
     pub fn ties(&self) -> Vec<Collinearity> {
         collinearity::collinear(self.hypothesis, &self.free, &self.covariance, FORM)
