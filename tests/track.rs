@@ -197,7 +197,7 @@ fn what_goes_wrong_in_a_log_is_told_in_its_window() {
     {
         assert!(told(&windows[2], words), "{words}: {:?}", windows[2].notes);
     }
-    assert!(told(&windows[4], "1 gaps in time"), "{:?}", windows[4].notes);
+    assert!(told(&windows[4], "one gap in time"), "{:?}", windows[4].notes);
     for window in &windows {
         let r_s = window.get("r_s").unwrap();
         assert!((r_s.value.unwrap() - 0.17).abs() < 4.5 * r_s.stderr.unwrap(), "{window:?}");
