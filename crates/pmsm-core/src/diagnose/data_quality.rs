@@ -85,3 +85,26 @@ pub fn not_predicted(on_validation: &Hypothesis, limit: f64) -> Option<Finding> 
         fix: "diagnose the validation run by itself, or both recordings together".into(),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
+
+    #[test]
+    fn a_source_resistance_from_a_link_that_nobody_stated_is_told() {
+        let mut setup = setup(
+            speeds(0.6, &[(0.1, 90.0), (0.3, -80.0), (0.5, 60.0)]),
+            vec![choice("dc_link_sag", "r_source", 3.0)],
+        );
+        let told = |setup: &_| {
+            let (data, base) = data(setup);
+            let sag = fitted(&data, &base, EffectId::DcLinkSag);
+            assert_eq!(link_assumed(&data, &base), None);
+            link_assumed(&data, &sag)
+        };
+        assert_eq!(told(&setup), None);
+        setup.drive.v_dc = setup.nameplate.v_dc.take();
+        assert!(told(&setup).unwrap().finding.contains("v_dc is not stated"));
+    }
+}

@@ -47,11 +47,8 @@ pub enum Scaled {
     PolePairs,
 }
 
-/// Estimates over the nameplate's values, of those that are known well enough.
-pub type Ratios = Vec<(BaseParameter, f64)>;
-
-/// The base parameters over those of the nameplate. The friction of bearings varies too much for one.
-pub fn ratios(data: &Data, base: &BTreeMap<String, Estimate>) -> Ratios {
+/// The base parameters that are known well enough over those of the nameplate. The friction of bearings varies too much for one.
+pub fn ratios(data: &Data, base: &BTreeMap<String, Estimate>) -> Vec<(BaseParameter, f64)> {
     let ratio = |p: &BaseParameter| {
         let nameplate = data.nameplate[p.index()]?;
         let found = base.get(p.name()).filter(|e| certain(e))?.value?;
@@ -65,12 +62,12 @@ fn is_off(ratio: f64) -> bool {
 }
 
 /// Whether a parameter is farther from the nameplate than one may be off.
-pub fn contradict(ratios: &Ratios) -> bool {
+pub fn contradict(ratios: &[(BaseParameter, f64)]) -> bool {
     ratios.iter().any(|(_, ratio)| is_off(*ratio))
 }
 
 /// Half the sum of squares of the deviations from the nameplate in units of its spread: nats.
-pub fn misfit(ratios: &Ratios, options: &DiagnosisOptions) -> f64 {
+pub fn misfit(ratios: &[(BaseParameter, f64)], options: &DiagnosisOptions) -> f64 {
     ratios.iter().map(|(_, ratio)| 0.5 * (ratio.ln() / options.nameplate_spread).powi(2)).sum()
 }
 
@@ -121,7 +118,7 @@ fn certain(estimate: &Estimate) -> bool {
 
 /// The mistake of scale that brings all ratios nearest to one, where it brings them as near as a nameplate may be off: what is scaled, by
 /// which factor, and both in words.
-pub fn scale(ratios: &Ratios) -> Option<(Scaled, f64, String)> {
+pub fn scale(ratios: &[(BaseParameter, f64)]) -> Option<(Scaled, f64, String)> {
     let left = |powers: &[f64; 5], scale: f64| -> Vec<f64> {
         ratios.iter().map(|(p, ratio)| ratio.ln() - powers[p.index()] * scale.ln()).collect()
     };
@@ -157,7 +154,7 @@ pub fn torque_scales() -> Vec<(Scaled, f64, f64)> {
 }
 
 /// What is to be checked where base parameters come out at these multiples of the nameplate.
-fn suspect(ratios: &Ratios) -> String {
+fn suspect(ratios: &[(BaseParameter, f64)]) -> String {
     match scale(ratios) {
         Some((.., words)) => words,
         None => "the nameplate, n_p, and the units of voltages, currents, speed and time".into(),
@@ -178,16 +175,13 @@ mod tests {
 
     #[test]
     fn a_scale_is_recognised_by_what_it_multiplies() {
-        let voltages =
-            suspect(&vec![(P::RS, 1.5), (P::LD, 1.35), (P::LQ, 1.3), (P::PsiM, 1.45), (P::J, 1.5)]);
+        let voltages = suspect(&[(P::RS, 1.5), (P::LD, 1.35), (P::LQ, 1.3), (P::PsiM, 1.45), (P::J, 1.5)]);
         assert!(voltages.contains("voltages") && voltages.contains("√2"), "{voltages}");
-        let currents =
-            suspect(&vec![(P::RS, 0.1), (P::LD, 0.09), (P::LQ, 0.11), (P::PsiM, 1.1), (P::J, 9.0)]);
+        let currents = suspect(&[(P::RS, 0.1), (P::LD, 0.09), (P::LQ, 0.11), (P::PsiM, 1.1), (P::J, 9.0)]);
         assert!(currents.contains("currents") && currents.contains("probe"), "{currents}");
-        let scaled =
-            suspect(&vec![(P::RS, 0.95), (P::LD, 1.03), (P::LQ, 0.97), (P::PsiM, 1.25), (P::J, 1.43)]);
+        let scaled = suspect(&[(P::RS, 0.95), (P::LD, 1.03), (P::LQ, 0.97), (P::PsiM, 1.25), (P::J, 1.43)]);
         assert!(scaled.contains("power-invariant"), "{scaled}");
-        let turns = suspect(&vec![(P::RS, 1.1), (P::LD, 0.9), (P::LQ, 1.0), (P::PsiM, 1.0), (P::J, 4.0)]);
+        let turns = suspect(&[(P::RS, 1.1), (P::LD, 0.9), (P::LQ, 1.0), (P::PsiM, 1.0), (P::J, 4.0)]);
         assert!(turns.contains("n_p"), "{turns}");
     }
 }

@@ -271,6 +271,7 @@ mod tests {
     use super::*;
     use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
     use crate::drive::Choice;
+    use crate::map::{Equation, Factor, Map, Part};
 
     #[test]
     fn a_parameter_that_may_be_anything_within_its_bounds_has_no_uncertainty() {
@@ -296,6 +297,32 @@ mod tests {
         let value = sure["w_0"].value.unwrap();
         let [low, high] = told(0.9 * value)["w_0"].ci95.unwrap();
         assert!(low == 0.0 && high > 2.0 * value, "{low} {high}");
+    }
+
+    #[test]
+    fn a_map_that_does_what_friction_does_takes_no_certainty_from_it() {
+        let manoeuvre = speeds(0.8, &[(0.1, 90.0), (0.3, -80.0), (0.6, 60.0)]);
+        let (data, base) = data(&setup(manoeuvre, vec![choice("coulomb_friction", "tau_c", 0.3)]));
+        let found = fitted(&data, &base, EffectId::CoulombFriction);
+        // A torque that is constant in either direction is Coulomb friction, too.
+        let direction = Factor::Direction { width: 0.01 * data.signals.context.omega_e_max };
+        let part = Part { equations: vec![Equation::Mechanical], first: direction, second: None };
+        let count = part.count();
+        let own = found.own().len();
+        let model = found.model.clone().with_map(Map { parts: vec![part] });
+        let parameters = [found.own(), &vec![0.0; count], &found.parameters[own..]].concat();
+        let moved = |k: &usize| if *k < own { *k } else { k + count };
+        let free = found.free.iter().map(moved).chain(own..own + count).collect();
+        let mapped = Hypothesis::on(&data, model, parameters, free, found.nuisances.clone());
+        let alone = mapped.without_map(&data);
+        assert_eq!(
+            (alone.parameters.clone(), alone.free.len()),
+            (found.parameters.clone(), found.free.len())
+        );
+        let error = |outputs: &Outputs| outputs.effect(EffectId::CoulombFriction)["tau_c"].stderr;
+        let beside = error(&Outputs::beside_map(&data, &mapped, &alone)).unwrap();
+        assert!((beside / error(&Outputs::new(&data, &found)).unwrap() - 1.0).abs() < 0.05, "{beside}");
+        assert!(error(&Outputs::new(&data, &mapped)).is_none_or(|free| free > 3.0 * beside));
     }
 
     #[test]

@@ -3,6 +3,8 @@
 
 mod mistakes;
 mod rival;
+#[cfg(test)]
+mod testing;
 
 use super::hypothesis::Hypothesis;
 use super::options::DiagnosisOptions;
@@ -111,27 +113,12 @@ fn misfit(recording: &Recording, machine: &Machine) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::mistakes::{Columns, interchange, negate, scale, turn_angle, turn_frame};
+    use super::testing::recorded;
     use super::*;
-    use crate::diagnose::testing::{choice, setup, speeds};
-    use crate::drive::{Choice, Schedule, Shape, simulate};
+    use crate::diagnose::testing::choice;
     use crate::monitor::Silent;
     use crate::numerics::transforms::park;
     use std::f64::consts::TAU;
-
-    /// A recording with its nameplate, in which `make` has made a mistake.
-    fn recorded(effects: Vec<Choice>, make: impl Fn(&mut Columns)) -> (Recording, Machine) {
-        let mut manoeuvre = speeds(0.8, &[(0.1, 80.0), (0.3, -60.0), (0.5, 90.0), (0.7, -80.0)]);
-        let steps = (0..8).map(|k| (0.1 * f64::from(k), [-4.0, 3.0][k as usize % 2])).collect();
-        manoeuvre.i_d = Some(Schedule::new(steps, Shape::Steps).unwrap());
-        let setup = setup(manoeuvre, effects);
-        let whole = simulate(&setup, &Silent).unwrap().recording;
-        let names = ["t", "v_d", "v_q", "i_a", "i_b", "i_c", "theta_e", "omega_e"];
-        let mut columns: Columns =
-            names.into_iter().filter_map(|name| Some((name, whole.column(name)?.to_vec()))).collect();
-        make(&mut columns);
-        let columns = columns.into_iter().map(|(name, x)| (name.to_string(), x)).collect();
-        (Recording::new(columns, Some(whole.load())).unwrap(), setup.nameplate)
-    }
 
     /// Currents by axis and not by phase.
     fn by_axis(c: &mut Columns) {
@@ -188,7 +175,7 @@ mod tests {
             }),
         ];
         for (words, make) in made {
-            let (recording, machine) = recorded(Vec::new(), make);
+            let (recording, machine) = recorded(Vec::new(), None, make);
             let told = said(&recording, &machine);
             assert!(told.as_ref().is_some_and(|told| told.contains(words)), "{words}: {told:?}");
         }
@@ -196,7 +183,8 @@ mod tests {
 
     #[test]
     fn a_log_that_diverges_from_no_starting_values_is_not_accused() {
-        let (recording, nameplate) = recorded(Vec::new(), |c| assert!(negate(c, &["i_a", "i_b", "i_c"])));
+        let (recording, nameplate) =
+            recorded(Vec::new(), None, |c| assert!(negate(c, &["i_a", "i_b", "i_c"])));
         let mut data = join::prepare(&[&recording], &nameplate, &Default::default()).unwrap();
         let mut base = baseline::fit(&mut data, &Silent).unwrap();
         base.squares.iter_mut().for_each(|(_, square)| *square = f64::INFINITY);
@@ -214,7 +202,7 @@ mod tests {
             ("i_a and i_b were interchanged", |c| assert!(interchange(c, "i_a", "i_b"))),
         ];
         for (words, make) in made {
-            let (recording, machine) = recorded(vec![choice("dead_time", "v_err", 6.0)], make);
+            let (recording, machine) = recorded(vec![choice("dead_time", "v_err", 6.0)], None, make);
             let told = said(&recording, &machine);
             assert!(told.as_ref().is_some_and(|told| told.contains(words)), "{words}: {told:?}");
         }
@@ -228,7 +216,7 @@ mod tests {
             vec![choice("encoder_angle_offset", "offset_el_rad", 0.3)],
             vec![choice("current_gain_imbalance", "g_beta", 0.15)],
         ] {
-            let (recording, machine) = recorded(effects, |_| ());
+            let (recording, machine) = recorded(effects, None, |_| ());
             assert_eq!(said(&recording, &machine), None);
         }
     }

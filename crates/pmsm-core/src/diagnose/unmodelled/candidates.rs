@@ -5,6 +5,7 @@ use super::Side;
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::locate::{Located, equation_of};
+use crate::effects::EffectId;
 use crate::experiment::Channel;
 use crate::map::{Equation, Factor, MOST, Part, Spline, Variable};
 use crate::numerics::real::Real;
@@ -98,12 +99,16 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
     let equations = side.equations(data);
     let of_side =
         pairs.into_iter().map(|(first, second)| Part { equations: equations.clone(), first, second });
-    let of_angle = if side == Side::Electrical { angle_errors(data, &variables) } else { Vec::new() };
+    let of_angle = if side == Side::Electrical { angle_errors(data, best, &variables) } else { Vec::new() };
     of_side.chain(of_angle).collect()
 }
 
+/// Orders of the angle's error over the electrical turn that an effect of the catalogue holds.
+const ORDERS_NAMED: usize = 2;
+
 /// Errors of the measured angle, where one was logged beside currents: over the turn, and over the speed, where a late angle has an odd one.
-fn angle_errors(data: &Data, variables: &[(Variable, f64, f64)]) -> Vec<Part> {
+/// What an effect of the set holds already is not among them: nothing would decide how much is the effect's.
+fn angle_errors(data: &Data, best: &Hypothesis, variables: &[(Variable, f64, f64)]) -> Vec<Part> {
     let part = |first| Part { equations: vec![Equation::Sensor], first, second: None };
     if !data.runs().iter().all(|run| run.signals.kind == Kind::Full && run.signals.angle_known) {
         return Vec::new();
@@ -118,7 +123,12 @@ fn angle_errors(data: &Data, variables: &[(Variable, f64, f64)]) -> Vec<Part> {
         }
         _ => None,
     });
-    over_turn.chain(over_speed).map(part).collect()
+    let named = best.effects().contains(&EffectId::EncoderHarmonics);
+    let repeats = |factor: &Factor| match factor {
+        Factor::Fourier { angle: Variable::ThetaE, count } => named && *count <= ORDERS_NAMED,
+        _ => false,
+    };
+    over_turn.filter(|factor| !repeats(factor)).chain(over_speed).map(part).collect()
 }
 
 /// A spline of this degree and number of uniform pieces over a variable, given with its range.

@@ -91,18 +91,18 @@ impl<'a> Integral<'a> {
         columns
     }
 
-    /// That by the inertia is taken at the same accelerations by load and friction, whose torques follow it: what is taken out of the set
-    /// is then gone whatever the inertia becomes, and inertia, flux and all torques together change nothing.
+    /// Derivative by one parameter. That by the inertia keeps the accelerations by load and friction, whose torques grow with it. An effect
+    /// that is taken out of the set then stays out, whatever the inertia becomes.
     fn derivative(&self, index: usize) -> DVector<f64> {
         let value = self.best.parameters[index];
         let step = (STEP.0 * value.abs()).max(STEP.1);
-        let turns = TORQUE_CONSTANTS.iter().any(|p| p.index() == index);
+        let makes_torque = TORQUE_CONSTANTS.iter().any(|p| p.index() == index);
         let follow = if index == BaseParameter::J.index() { self.strengths() } else { Vec::new() };
         let at = |x: f64| {
             let mut parameters = self.best.parameters.clone();
             follow.iter().for_each(|k| parameters[*k] *= x / value);
             parameters[index] = x;
-            if turns {
+            if makes_torque {
                 let own = &parameters[..self.best.model.parameter_count()];
                 self.predicted(&parameters, &self.data.torque(&self.best.model, own))
             } else {

@@ -354,6 +354,29 @@ mod tests {
     }
 
     #[test]
+    fn what_biases_the_flux_is_no_friction_against_a_known_load_and_dry_friction_is_one_beside_it() {
+        let kept = |present: Vec<Choice>, named| {
+            let mut setup = lively(present);
+            setup.manoeuvre.tau_load = Some(Schedule::constant(3.0).unwrap());
+            setup.manoeuvre.load_kind = Some("known_constant".into());
+            let whole = simulate(&setup, &Silent).unwrap().recording;
+            // The inverter makes less voltage than the log says, and loses some more in its dead time.
+            let gain = |name: &str| if name.starts_with("v_") { 1.05 } else { 1.0 };
+            let logged = |name: &str| whole.column(name).unwrap().iter().map(|x| gain(name) * x).collect();
+            let columns = whole.names().into_iter().map(|name| (name.to_string(), logged(name))).collect();
+            let recording = Recording::new(columns, Some(whole.load())).unwrap();
+            let signals = Signals::new(&recording, &setup.nameplate).unwrap();
+            let (data, base) = settled(Data::new(signals, &setup.nameplate, &Default::default()).unwrap());
+            let set = fitted(&data, &base, named);
+            supported(&data, None, &set, &Silent).unwrap().probabilities
+        };
+        let dead_time = choice("dead_time", "v_err", 8.0);
+        assert_eq!(kept(vec![dead_time.clone()], EffectId::AsymmetricFriction), []);
+        let dry = kept(vec![dead_time, choice("coulomb_friction", "tau_c", 0.3)], EffectId::CoulombFriction);
+        assert!(dry.len() == 1 && dry[0].1 > 0.9, "{dry:?}");
+    }
+
+    #[test]
     fn an_effect_of_the_motion_that_its_own_error_exceeds_earns_no_name() {
         let (data, base) = data(&setup(
             speeds(1.0, &[(0.1, 90.0), (0.4, -80.0), (0.8, 60.0)]),

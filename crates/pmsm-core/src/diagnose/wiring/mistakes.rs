@@ -41,29 +41,32 @@ const V: [&str; 5] = ["v_a", "v_b", "v_c", "v_d", "v_q"];
 /// Voltages that were logged so many rows late, and so act before they are there, which no effect does.
 pub(super) fn voltages_late() -> Vec<Mistake> {
     let late = |rows| {
-        let words = format!(
-            "the voltages were logged {} late, or the currents {} early",
-            rows_in_words(rows),
-            rows_in_words(rows)
-        );
-        Mistake::new(words, move |c| shift(c, &V, -rows))
+        let by = rows_in_words(rows);
+        Mistake::new(format!("the voltages were logged {by} late, or the currents {by} early"), move |c| {
+            shift(c, &V, -rows)
+        })
     };
     (1..=APART).map(late).collect()
 }
 
-/// Voltages that were logged some rows early, or currents late, which a delay of the inverter or a lag of the sensors resembles.
-pub(super) fn delayed() -> Vec<Mistake> {
-    let mut out = Vec::new();
-    for rows in 1..=APART {
-        let words = rows_in_words(rows);
-        out.push(Mistake::new(format!("the voltages were logged {words} early"), move |c| {
+/// Voltages that were logged so many rows early, which a delay of the inverter resembles.
+pub(super) fn voltages_early() -> Vec<Mistake> {
+    let early = |rows| {
+        Mistake::new(format!("the voltages were logged {} early", rows_in_words(rows)), move |c| {
             shift(c, &V, rows)
-        }));
-        out.push(Mistake::new(format!("the currents were logged {words} late"), move |c| {
+        })
+    };
+    (1..=APART).map(early).collect()
+}
+
+/// Currents that were logged so many rows late, which a lag of the sensors resembles.
+pub(super) fn currents_late() -> Vec<Mistake> {
+    let late = |rows| {
+        Mistake::new(format!("the currents were logged {} late", rows_in_words(rows)), move |c| {
             shift(c, &I, -rows)
-        }));
-    }
-    out
+        })
+    };
+    (1..=APART).map(late).collect()
 }
 
 fn rows_in_words(rows: isize) -> String {
@@ -92,7 +95,7 @@ pub(super) fn scaled(what: Scaled, factor: f64, n_p: u32) -> Mistake {
     })
 }
 
-/// A factor as a whole number or the root of a half, such as √3.
+/// A factor as a whole number, or as the root of a multiple of a half, such as √3.
 fn factor_in_words(factor: f64) -> String {
     let halves = (2.0 * factor * factor).round();
     let root = (0.5 * halves).sqrt();

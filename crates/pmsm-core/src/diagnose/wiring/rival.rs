@@ -4,7 +4,7 @@
 //! Voltages that are logged late act before they are there, which some effects of the currents resemble. Each is undone, and the set is
 //! fitted to what is then read, without those of its effects that vanish. Evidence decides, the nameplate's included.
 
-use super::mistakes::{Mistake, delayed, scaled, voltages_late};
+use super::mistakes::{Mistake, currents_late, scaled, voltages_early, voltages_late};
 use super::{BETTER, misfit, told};
 use crate::diagnose::data::Data;
 use crate::diagnose::evidence::Evidence;
@@ -16,7 +16,7 @@ use crate::diagnose::wording::enumerated;
 use crate::diagnose::{baseline, fitting, join, stated_load, verdict};
 use crate::effects::EffectId;
 use crate::error::Result;
-use crate::machine::Machine;
+use crate::machine::{BaseParameter, Machine};
 use crate::monitor::Monitor;
 use crate::recording::Recording;
 use crate::signals::Finding;
@@ -42,25 +42,17 @@ pub fn in_place_of_effects(
     if data.poor || best.effects().is_empty() && !unexplained {
         return Ok(None);
     }
-    let mut asked: Vec<(Mistake, Machine, Compared)> = Vec::new();
-    // Delays and lags are physics, too: where they explain all they are no mistake, and a shift must explain all to be one.
-    let late = voltages_late().into_iter().map(|mistake| (mistake, f64::INFINITY));
-    let delayed = if unexplained { delayed() } else { Vec::new() };
-    let delayed = delayed.into_iter().map(|mistake| (mistake, data.options.mismatch));
-    let as_it_is = misfit(recordings[0], machine).unwrap_or(1.0);
-    let promise = |(mistake, most): (Mistake, f64)| {
-        let left = misfit(&mistake.undone(recordings[0])?, machine)?;
-        Some((left, mistake, most)).filter(|(left, ..)| *left < BETTER * as_it_is)
-    };
-    let nearest = late.chain(delayed).filter_map(promise).min_by(|a, b| a.0.total_cmp(&b.0));
-    // A strong effect hides a shift from a regression without effects.
-    let hidden = || if unexplained { voltages_late().into_iter().next() } else { None };
-    let shift = nearest.map(|(_, shift, most)| (shift, most)).or_else(|| Some((hidden()?, f64::INFINITY)));
-    asked.extend(shift.map(|(shift, most)| (shift, machine.clone(), Compared::Residuals { most })));
-    for (what, factor) in scales(data, best) {
+    let as_it_is = Weighed::new(data, best.clone());
+    let shift = shift(recordings[0], machine, unexplained, data.options.mismatch);
+    let mut asked: Vec<(Mistake, Machine, Compared)> = shift
+        .into_iter()
+        .map(|(shift, most)| (shift, machine.clone(), Compared::Residuals { most }))
+        .collect();
+    for (what, factor) in scales(data, &as_it_is) {
         let corrected = with_pole_pairs(machine, what, factor);
         asked.extend(corrected.map(|m| (scaled(what, factor, machine.n_p), m, Compared::OverNoise)));
     }
+    let price = data.options.effect_cost + data.options.decisive;
     let mut paying: Vec<(f64, Mistake, Hypothesis)> = Vec::new();
     for (mistake, machine, compared) in asked {
         monitor.go_on()?;
@@ -70,17 +62,17 @@ pub fn in_place_of_effects(
         let Ok(mut read) = join::prepare(&undone, &machine, &data.options) else { continue };
         let base = baseline::fit(&mut read, monitor)?;
         let set = without_vanished(&read, &base, best, monitor)?;
-        let better = if cost(&read, &set, compared) < cost(&read, &base, compared) { set } else { base };
-        let gain = cost(data, best, compared) - cost(&read, &better, compared);
-        // A mistake is as rare as an effect. Of a scale the nameplate must tell as well: a load and friction may be what they are by chance.
-        let told_by_nameplate =
-            || off_nameplate(data, best) - off_nameplate(&read, &better) >= data.options.decisive;
+        let (base, set) = (Weighed::new(&read, base), Weighed::new(&read, set));
+        let better = if set.cost(compared) < base.cost(compared) { set } else { base };
+        let gain = as_it_is.cost(compared) - better.cost(compared);
         let allowed = match compared {
-            Compared::Residuals { most } => verdict::largest_excess(&better) <= most,
-            Compared::OverNoise => told_by_nameplate(),
+            Compared::Residuals { most } => verdict::largest_excess(&better.set) <= most,
+            // Load and friction may be what they are by chance: the nameplate must tell as well.
+            Compared::OverNoise => as_it_is.off_nameplate - better.off_nameplate >= data.options.decisive,
         };
-        if allowed && gain >= data.options.effect_cost + data.options.decisive {
-            paying.push((gain, mistake, better));
+        // A mistake is as rare as an effect.
+        if allowed && gain >= price {
+            paying.push((gain, mistake, better.set));
         }
     }
     // What is as likely for this log is told together.
@@ -92,17 +84,39 @@ pub fn in_place_of_effects(
     Ok(Some(told(&words.join(", or "), left, &beside(best, better), CONSEQUENCE)))
 }
 
+/// The shift in time with which the voltage equations leave least in a regression without effects, and the excess that may remain with it.
+/// Delays and lags are physics, too: where they explain all they are no mistake, and a shift must explain all to be one.
+fn shift(recording: &Recording, machine: &Machine, unexplained: bool, most: f64) -> Option<(Mistake, f64)> {
+    let as_it_is = misfit(recording, machine).unwrap_or(1.0);
+    // What remains falls until as many rows are undone as were shifted.
+    let nearest = |rows: Vec<Mistake>| {
+        let mut found: Option<(f64, Mistake)> = None;
+        for mistake in rows {
+            let least = found.as_ref().map_or(BETTER * as_it_is, |(least, _)| *least);
+            match mistake.undone(recording).and_then(|undone| misfit(&undone, machine)) {
+                Some(left) if left < least => found = Some((left, mistake)),
+                _ => break,
+            }
+        }
+        found
+    };
+    let late = nearest(voltages_late()).map(|(left, mistake)| (left, mistake, f64::INFINITY));
+    let delayed = if unexplained { vec![voltages_early(), currents_late()] } else { Vec::new() };
+    let delayed = delayed.into_iter().filter_map(nearest).map(|(left, mistake)| (left, mistake, most));
+    let least = late.into_iter().chain(delayed).min_by(|a, b| a.0.total_cmp(&b.0));
+    // A strong effect hides a shift from such a regression.
+    let hidden = || voltages_late().into_iter().next().filter(|_| unexplained);
+    least.map(|(_, mistake, most)| (mistake, most)).or_else(|| Some((hidden()?, f64::INFINITY)))
+}
+
 /// Scales in which the log may be wrong: that which brings the parameters near to the nameplate, and those by which the torque is off from a
 /// load that is known.
-fn scales(data: &Data, best: &Hypothesis) -> Vec<(Scaled, f64)> {
-    let outputs = Outputs::new(data, best);
-    let ratios = nameplate::ratios(data, &outputs.base());
-    let by_nameplate = nameplate::scale(&ratios).filter(|_| nameplate::contradict(&ratios));
+fn scales(data: &Data, as_it_is: &Weighed) -> Vec<(Scaled, f64)> {
+    let by_nameplate = nameplate::scale(&as_it_is.ratios).filter(|_| nameplate::contradict(&as_it_is.ratios));
     let mut found: Vec<(Scaled, f64)> =
         by_nameplate.map(|(what, factor, _)| (what, factor)).into_iter().collect();
-    let lost = outputs.effect(EffectId::AsymmetricFriction).get("tau_a").and_then(|e| e.value);
     let load = stated_load::mean(data).filter(|load| *load != 0.0);
-    if let Some((lost, load)) = lost.zip(load) {
+    if let Some((lost, load)) = as_it_is.lost_torque.zip(load) {
         let torque = 1.0 + lost / load;
         let as_much = |factor: &f64| (factor / torque).ln().abs() < SAME;
         let fits = nameplate::torque_scales().into_iter().filter(|(.., of_torque)| as_much(of_torque));
@@ -152,20 +166,40 @@ enum Compared {
     OverNoise,
 }
 
-/// Cost of a set on a log with what the nameplate says of its parameters, nats.
-fn cost(data: &Data, set: &Hypothesis, compared: Compared) -> f64 {
-    let evidence = Evidence::new(data, &[]);
-    let floors = data.runs().iter().flat_map(|run| &run.floors).zip(evidence.samples());
-    let noise: f64 = match compared {
-        Compared::Residuals { .. } => floors.map(|(floor, n)| n * floor.total().ln()).sum(),
-        Compared::OverNoise => 0.0,
-    };
-    noise + evidence.cost_on_recording(set) + off_nameplate(data, set)
+/// A set on a log with all that it is compared by.
+struct Weighed {
+    set: Hypothesis,
+    /// Parameters over the nameplate's, and what it says against them, nats.
+    ratios: Vec<(BaseParameter, f64)>,
+    off_nameplate: f64,
+    /// Cost of the set, and what the size of the noise adds to it, nats.
+    over_noise: f64,
+    noise: f64,
+    /// Torque of friction that differs by direction, N·m, where the set has such.
+    lost_torque: Option<f64>,
 }
 
-/// What the nameplate says against the parameters of a set, nats.
-fn off_nameplate(data: &Data, set: &Hypothesis) -> f64 {
-    nameplate::misfit(&nameplate::ratios(data, &Outputs::new(data, set).base()), &data.options)
+impl Weighed {
+    fn new(data: &Data, set: Hypothesis) -> Self {
+        let outputs = Outputs::new(data, &set);
+        let ratios = nameplate::ratios(data, &outputs.base());
+        let lost_torque = outputs.effect(EffectId::AsymmetricFriction).get("tau_a").and_then(|e| e.value);
+        let evidence = Evidence::new(data, &[]);
+        let floors = data.runs().iter().flat_map(|run| &run.floors).zip(evidence.samples());
+        Self {
+            off_nameplate: nameplate::misfit(&ratios, &data.options),
+            ratios,
+            over_noise: evidence.cost_on_recording(&set),
+            noise: floors.map(|(floor, n)| n * floor.total().ln()).sum(),
+            lost_torque,
+            set,
+        }
+    }
+
+    fn cost(&self, compared: Compared) -> f64 {
+        let noise = if compared == Compared::OverNoise { 0.0 } else { self.noise };
+        noise + self.over_noise + self.off_nameplate
+    }
 }
 
 /// Which effects stay with a mistake undone, and which do not.
@@ -182,30 +216,18 @@ fn beside(as_it_is: &Hypothesis, undone: &Hypothesis) -> String {
 #[cfg(test)]
 mod tests {
     use super::super::mistakes::{Columns, scale};
+    use super::super::testing::recorded;
     use crate::diagnose::answer::{Answer, Verdict};
     use crate::diagnose::diagnose;
-    use crate::diagnose::testing::{choice, setup, speeds};
-    use crate::drive::{Choice, Schedule, Shape, simulate};
+    use crate::diagnose::testing::choice;
+    use crate::drive::Choice;
     use crate::machine::Machine;
     use crate::monitor::Silent;
-    use crate::recording::Recording;
 
     /// Of a machine against a load of 3 N·m that the log states, with a mistake that `make` has made.
     fn told(effects: Vec<Choice>, n_p: impl Fn(u32) -> u32, make: impl Fn(&mut Columns)) -> Answer {
-        let mut manoeuvre = speeds(0.8, &[(0.1, 80.0), (0.3, -60.0), (0.5, 90.0), (0.7, -80.0)]);
-        let steps = (0..8).map(|k| (0.1 * f64::from(k), [-4.0, 3.0][k as usize % 2])).collect();
-        manoeuvre.i_d = Some(Schedule::new(steps, Shape::Steps).unwrap());
-        manoeuvre.tau_load = Some(Schedule::constant(3.0).unwrap());
-        manoeuvre.load_kind = Some("known_constant".into());
-        let setup = setup(manoeuvre, effects);
-        let whole = simulate(&setup, &Silent).unwrap().recording;
-        let names = ["t", "v_d", "v_q", "i_a", "i_b", "i_c", "theta_e", "omega_e"];
-        let mut columns: Columns =
-            names.into_iter().filter_map(|name| Some((name, whole.column(name)?.to_vec()))).collect();
-        make(&mut columns);
-        let columns = columns.into_iter().map(|(name, x)| (name.to_string(), x)).collect();
-        let recording = Recording::new(columns, Some(whole.load())).unwrap();
-        let machine = Machine { n_p: n_p(setup.nameplate.n_p), ..setup.nameplate };
+        let (recording, nameplate) = recorded(effects, Some(3.0), make);
+        let machine = Machine { n_p: n_p(nameplate.n_p), ..nameplate };
         diagnose(&[&recording], &machine, None, &Default::default(), &Silent).unwrap()
     }
 
@@ -245,7 +267,7 @@ mod tests {
 
     #[test]
     fn friction_that_a_wrong_scale_would_look_like_stays_friction_where_the_nameplate_holds() {
-        // Half the load: as the currents would do, logged twice √1.5 too large by voltage and current.
+        // Half the load: currents and voltages that are both √1.5 too large would look the same.
         let answer = told(vec![choice("asymmetric_friction", "tau_a", 1.5)], |n| n, |_| ());
         assert_eq!(answer.model.effects, ["asymmetric_friction"], "{:?}", answer.data_quality);
         let answer = told(vec![choice("dead_time", "v_err", 6.0)], |n| n, |_| ());
