@@ -143,19 +143,25 @@ class Model(Mapping[str, Any]):
         """Estimates by name.
 
         Those of the base have their own names; each effect's parameters in the equations are
-        `EFFECT.PARAMETER`, with the standard error where the recording shows one.
+        `EFFECT.PARAMETER`, with the standard error where the recording shows one. They are those of the best
+        fit without a map of missing torques and voltages; `specification` holds the values beside the map.
         """
         own = estimates(self._data["base"])
-        errors = self._errors
+        errors, values = self._errors, self._values
         for choice in self.specification["effects"]:
             units = _units(choice)
-            for name, value in choice["parameters"].items():
+            for name, beside_map in choice["parameters"].items():
                 path = f"{choice['effect']}.{name}"
-                stderr = errors.get(path)
+                value, stderr = values.get(path, beside_map), errors.get(path)
                 interval = None if stderr is None else (value - 1.959964 * stderr, value + 1.959964 * stderr)
                 why = None if stderr is not None else "it was chosen, or the recording does not show it"
                 own[path] = Estimate(value, stderr, interval, units.get(name, "1"), why)
         return own
+
+    @property
+    def _values(self) -> dict[str, float]:
+        found = self._data.get("covariance") or {}
+        return dict(zip(found.get("names", ()), found.get("values", ()), strict=False))
 
     @property
     def _errors(self) -> dict[str, float]:
@@ -197,14 +203,15 @@ class Model(Mapping[str, Any]):
 
     @property
     def machine(self) -> Machine:
-        """The nameplate with the values that were found; `v_dc` and `i_rated` are the recording's largest."""
-        specification = self.specification
+        """The nameplate with the values of `parameters`; `v_dc` and `i_rated` are the recording's largest."""
+        specification, own = self.specification, estimates(self._data["base"])
+        found = {name: entry.value for name, entry in own.items() if entry.value is not None}
         scales = specification["scales"]
         return Machine(
             n_p=int(scales["n_p"]),
             v_dc=scales["v_dc"] or None,
             i_rated=scales["i_max"] or None,
-            **{name: specification["base"][name] for name in BASE},
+            **{name: found.get(name, specification["base"][name]) for name in BASE},
         )
 
     def to_dict(self) -> dict[str, Any]:

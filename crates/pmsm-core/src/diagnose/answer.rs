@@ -89,11 +89,13 @@ pub struct FoundModel {
     pub covariance: Option<Covariance>,
 }
 
-/// Covariance of estimated parameters.
+/// Estimated parameters and their covariance.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Covariance {
     /// Their names: a base parameter's own, `EFFECT.PARAMETER` of an effect.
     pub names: Vec<String>,
+    /// Their values, SI: without a map of missing torques and voltages beside them.
+    pub values: Vec<f64>,
     /// One row per name, in the products of their SI units; none where the recording does not show one.
     pub matrix: Vec<Vec<Option<f64>>>,
 }

@@ -78,8 +78,8 @@ pub fn conclude(
     }
     let settled = described.as_ref().map_or(&best.fitted, |(fitted, _)| fitted);
     monitor.go_on()?;
-    let alone = settled.without_map(data);
-    let outputs = Outputs::beside_map(data, settled, &alone);
+    let estimated = unmodelled::estimated(data, &best.fitted, settled, monitor)?;
+    let outputs = Outputs::new(data, &estimated);
     let validated = validation.zip(before).zip(after).map(|((run, before), after)| (run, before, after));
     let (bare, left) = validated.as_ref().map(|(_, before, after)| (before, after)).unzip();
     let ends = Ends { base: (&outcome.base.fitted, bare), set: &best.fitted, told: (settled, left) };

@@ -161,21 +161,6 @@ impl Hypothesis {
             || effect.idles(own, context)
     }
 
-    /// The same parameters without a map, so that what the map describes is residual. A map can do much of what parameters do, and their
-    /// errors beside its coefficients alone may be without bounds; see Plumlee, "Bayesian calibration of inexact computer models", JASA 112
-    /// (2017).
-    pub fn without_map(&self, data: &Data) -> Self {
-        if self.model.map().is_none() {
-            return self.clone();
-        }
-        let map = self.model.map_parameters();
-        let model = Model::new(*self.model.context(), &self.effects());
-        let parameters = [&self.parameters[..map.start], &self.parameters[map.end..]].concat();
-        let kept = self.free.iter().filter(|k| !map.contains(k));
-        let free = kept.map(|k| if *k < map.start { *k } else { k - map.len() }).collect();
-        Self::on(data, model, parameters, free, self.nuisances.clone())
-    }
-
     /// The channels that it was compared on, each once.
     pub fn channels(&self) -> Vec<Channel> {
         let mut channels: Vec<Channel> = self.squares.iter().map(|(channel, _)| *channel).collect();

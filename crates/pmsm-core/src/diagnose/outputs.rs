@@ -43,32 +43,6 @@ impl<'a> Outputs<'a> {
         Self { data, hypothesis, free, covariance }
     }
 
-    /// The uncertainty of the parameters of a set with a map. Beside free coefficients of the map it is an upper bound, as a prior holds
-    /// these; and so it is with what the map describes as noise. For each parameter the smaller of the two counts.
-    pub fn beside_map(data: &'a Data, mapped: &Hypothesis, alone: &'a Hypothesis) -> Self {
-        let mut own = Self::new(data, alone);
-        if mapped.model.map().is_none() {
-            return own;
-        }
-        let beside = Outputs::new(data, mapped);
-        let map = mapped.model.map_parameters();
-        for (at, index) in own.free.clone().into_iter().enumerate() {
-            let there = if index < map.start { index } else { index + map.len() };
-            let (as_noise, free) = (own.covariance[(at, at)], beside.variance_of(there, there));
-            if !free.is_finite() || free <= 0.0 || as_noise <= free {
-                continue;
-            }
-            let scale = if as_noise.is_finite() { (free / as_noise).sqrt() } else { 0.0 };
-            for other in 0..own.free.len() {
-                for cell in [(at, other), (other, at)] {
-                    own.covariance[cell] = finite(own.covariance[cell]) * scale;
-                }
-            }
-            own.covariance[(at, at)] = free;
-        }
-        own
-    }
-
     /// Parameters of effects that this recording hardly separates from base parameters.
     pub fn ties(&self) -> Vec<Collinearity> {
         collinearity::collinear(self.hypothesis, &self.free, &self.covariance, FORM)
@@ -127,6 +101,7 @@ impl<'a> Outputs<'a> {
         };
         Covariance {
             matrix: told.iter().map(|a| told.iter().map(|b| entry(a, b)).collect()).collect(),
+            values: told.iter().map(|x| self.hypothesis.parameters[x.0]).collect(),
             names: told.into_iter().map(|x| x.1).collect(),
         }
     }
@@ -271,7 +246,6 @@ mod tests {
     use super::*;
     use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
     use crate::drive::Choice;
-    use crate::map::{Equation, Factor, Map, Part};
 
     #[test]
     fn a_parameter_that_may_be_anything_within_its_bounds_has_no_uncertainty() {
@@ -297,32 +271,6 @@ mod tests {
         let value = sure["w_0"].value.unwrap();
         let [low, high] = told(0.9 * value)["w_0"].ci95.unwrap();
         assert!(low == 0.0 && high > 2.0 * value, "{low} {high}");
-    }
-
-    #[test]
-    fn a_map_that_does_what_friction_does_takes_no_certainty_from_it() {
-        let manoeuvre = speeds(0.8, &[(0.1, 90.0), (0.3, -80.0), (0.6, 60.0)]);
-        let (data, base) = data(&setup(manoeuvre, vec![choice("coulomb_friction", "tau_c", 0.3)]));
-        let found = fitted(&data, &base, EffectId::CoulombFriction);
-        // A torque that is constant in either direction is Coulomb friction, too.
-        let direction = Factor::Direction { width: 0.01 * data.signals.context.omega_e_max };
-        let part = Part { equations: vec![Equation::Mechanical], first: direction, second: None };
-        let count = part.count();
-        let own = found.own().len();
-        let model = found.model.clone().with_map(Map { parts: vec![part] });
-        let parameters = [found.own(), &vec![0.0; count], &found.parameters[own..]].concat();
-        let moved = |k: &usize| if *k < own { *k } else { k + count };
-        let free = found.free.iter().map(moved).chain(own..own + count).collect();
-        let mapped = Hypothesis::on(&data, model, parameters, free, found.nuisances.clone());
-        let alone = mapped.without_map(&data);
-        assert_eq!(
-            (alone.parameters.clone(), alone.free.len()),
-            (found.parameters.clone(), found.free.len())
-        );
-        let error = |outputs: &Outputs| outputs.effect(EffectId::CoulombFriction)["tau_c"].stderr;
-        let beside = error(&Outputs::beside_map(&data, &mapped, &alone)).unwrap();
-        assert!((beside / error(&Outputs::new(&data, &found)).unwrap() - 1.0).abs() < 0.05, "{beside}");
-        assert!(error(&Outputs::new(&data, &mapped)).is_none_or(|free| free > 3.0 * beside));
     }
 
     #[test]

@@ -25,7 +25,8 @@ use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
 use crate::experiment::Channel;
-use crate::map::Equation;
+use crate::map::{Equation, Map, Part};
+use crate::model::Model;
 use crate::monitor::Monitor;
 use crate::recording::Load;
 use mapped::{Mapped, Recordings};
@@ -186,6 +187,39 @@ fn with_maps(
     Ok((current, unmodelled))
 }
 
+/// The set of which parameters are told: `best` with the map's errors of the angle, without the missing torques and voltages of `settled`.
+///
+/// A map of those does much of what parameters do, such as friction or saturation. Beside it only their sum is determined, so a parameter
+/// is that of the best fit without it; see Plumlee, "Bayesian calibration of inexact computer models", JASA 112 (2017), where the discrepancy
+/// is orthogonal to what parameters do. An error of the angle is nothing that a motor does.
+///
+/// # Errors
+/// Those of the least-squares fits.
+pub fn estimated(
+    data: &Data,
+    best: &Hypothesis,
+    settled: &Hypothesis,
+    monitor: &dyn Monitor,
+) -> Result<Hypothesis> {
+    let Some(map) = settled.model.map() else { return Ok(best.clone()) };
+    let of_angle = |part: &Part| part.site() == Site::Sensor;
+    if map.parts.iter().all(of_angle) {
+        return Ok(settled.clone());
+    }
+    if !map.parts.iter().any(of_angle) {
+        return Ok(best.clone());
+    }
+    let first = settled.model.map_parameters().start;
+    let mut start = settled.own()[..first].to_vec();
+    let mut parts = Vec::new();
+    for (part, place) in map.places().filter(|(part, _)| of_angle(part)) {
+        start.extend(place.map(|k| settled.own()[first + k]));
+        parts.push(part.clone());
+    }
+    let model = Model::new(*settled.model.context(), &settled.effects()).with_map(Map { parts });
+    fitting::fit(data, &model, &start, false, monitor)
+}
+
 /// A set with errors of the angle, where one explains the currents better than any missing voltage does.
 ///
 /// # Errors
@@ -273,6 +307,7 @@ mod tests {
     use super::*;
     use crate::diagnose::testing::{choice, data, setup, speeds};
     use crate::experiment::Channel;
+    use crate::map::{Factor, Variable};
     use crate::monitor::Silent;
 
     fn manoeuvre() -> crate::drive::Manoeuvre {
@@ -304,6 +339,29 @@ mod tests {
         assert!(!volts.is_empty() && volts[0].sentence.contains("theta_e"), "{}", unmodelled.sentence);
         let left = |h: &Hypothesis| h.square(Channel::ID) + h.square(Channel::IQ) - 2.0;
         assert!(left(&fitted) < 0.1 * left(&base), "{} {}", left(&fitted), left(&base));
+    }
+
+    #[test]
+    fn parameters_are_told_without_a_missing_torque_and_beside_an_error_of_the_angle() {
+        let (data, base) = data(&setup(manoeuvre(), Vec::new()));
+        let part = |equation, first| Part { equations: vec![equation], first, second: None };
+        let torque =
+            part(Equation::Mechanical, Factor::Harmonics { angle: Variable::ThetaM, order: 1, count: 1 });
+        let angle = part(Equation::Sensor, Factor::Fourier { angle: Variable::ThetaM, count: 1 });
+        let with = |parts: Vec<Part>| {
+            let map = Map { parts };
+            let count = map.count();
+            let model = base.model.clone().with_map(map);
+            let start = [base.own(), &vec![0.0; count]].concat();
+            let mapped = fitting::fit(&data, &model, &start, false, &Silent).unwrap();
+            (estimated(&data, &base, &mapped, &Silent).unwrap(), mapped)
+        };
+        let (alone, _) = with(vec![torque.clone()]);
+        assert_eq!(alone.parameters, base.parameters);
+        let (beside, mapped) = with(vec![angle.clone()]);
+        assert_eq!(beside.parameters, mapped.parameters);
+        let (beside, _) = with(vec![torque, angle.clone()]);
+        assert_eq!(beside.model.map().unwrap().parts, [angle]);
     }
 
     #[test]
