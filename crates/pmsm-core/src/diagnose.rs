@@ -54,6 +54,7 @@ mod short_circuit;
 mod stated_load;
 #[cfg(test)]
 mod testing;
+mod torque_balance;
 mod torque_noise;
 mod torque_points;
 mod torque_sign;
@@ -170,10 +171,18 @@ fn in_stages(
     {
         return Ok(conclude::undetermined(whole, finding, None));
     }
+    let mut from = None;
     if let Some(finding) = adequacy::lack_of_fit(whole, &base) {
-        let mut answer = conclude::undetermined(whole, finding, None);
-        answer.data_quality.extend(wiring::suspected(recordings, machine, &base, options, monitor)?);
-        return Ok(answer);
+        let mistake = wiring::suspected(recordings, machine, &base, options, monitor)?;
+        from = match mistake {
+            None => torque_balance::adequate(whole, &mut base, monitor)?,
+            Some(_) => None,
+        };
+        if from.is_none() {
+            let mut answer = conclude::undetermined(whole, finding, None);
+            answer.data_quality.extend(mistake);
+            return Ok(answer);
+        }
     }
     current_filter::take_out(whole, &mut base, monitor)?;
     let mut others = Vec::new();
@@ -220,7 +229,8 @@ fn in_stages(
         let few = DiagnosisOptions { most_effects: IN_DOUBT.min(options.most_effects), ..*options };
         search::search(&Data { options: few, ..whole.clone() }, &others, &base, None, watch)?
     } else {
-        search::search(whole, &others, &base, None, watch)?
+        let found = search::search(whole, &others, &base, from.as_ref(), watch)?;
+        search::with_torque_balance(whole, &others, found, watch)?
     };
     let (bare, best) = outcome.ends();
     let Validated { fitted: found, held_out, .. } = best;

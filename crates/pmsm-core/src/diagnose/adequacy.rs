@@ -9,7 +9,7 @@ use crate::machine::BaseParameter;
 use crate::signals::Finding;
 
 /// Standard deviations of its prior beyond which a parameter has run away: its ordinary scatter is less.
-const FAR: f64 = 3.0;
+pub const FAR: f64 = 3.0;
 /// Relative distance from a bound below which a parameter lies on it: what a bounded fit leaves by rounding.
 const AT_BOUND: f64 = 1e-6;
 /// Largest share of the variance of a signal that a fit which explains the larger part may leave.
@@ -75,6 +75,11 @@ pub fn explains_half(data: &Data, fitted: &Hypothesis, electrical: bool) -> bool
                 || (left * floor.total()).powi(2) < HALF * variation * variation
         })
     })
+}
+
+/// Whether a base parameter of the motion has run away from what is known of it.
+pub fn contradicts_nameplate(data: &Data, fitted: &Hypothesis) -> bool {
+    ran_away(data, fitted, Channel::OmegaE).is_some()
 }
 
 /// The base parameter of the channel's equations that lies farthest from what is known of it, with both values, or that sits at its bound.

@@ -70,7 +70,8 @@ pub fn conclude(
         _ => None,
     };
     let by_the_log = described.as_ref().filter(|_| verdict == Verdict::Unknown);
-    if let Some(why) = by_the_log.and_then(|(_, rest)| log_limits::may_have_caused(data, rest)) {
+    if let Some(why) = by_the_log.and_then(|(_, rest)| log_limits::may_have_caused(data, &best.fitted, rest))
+    {
         (verdict, reason) = (Verdict::Undetermined, Some(why));
     }
     if let Some((fitted, _)) = &described {

@@ -6,7 +6,8 @@
 //!
 //! the Laplace approximation of its marginal likelihood (Schwarz, "Estimating the dimension of a model", Ann. Statist. 6, 1978) with the
 //! prior odds π of each of its m effects. Runs that were not used for fitting add their likelihood alone: what the set predicts there.
-//! n_c counts independent samples, one in a hundred rows ([`DiagnosisOptions::rows_per_sample`]).
+//! n_c counts independent samples, one in a hundred rows ([`DiagnosisOptions::rows_per_sample`]), and of a speed one in each window of the
+//! motion at least.
 
 use super::data::Data;
 use super::hypothesis::Hypothesis;
@@ -188,7 +189,10 @@ fn of_run(run: &Data) -> impl Iterator<Item = f64> {
         rows => (run.options.rows_per_sample / rows as f64).max(1.0),
     };
     let samples = (run.counted() as f64 / correlated).max(run.options.fewest_samples);
-    run.floors.iter().map(move |_| samples)
+    // Each window of the motion begins anew, with a speed of its own.
+    let windows = run.windows.iter().filter(|w| !run.held_out.as_deref().is_some_and(|h| h[w.start])).count();
+    let of = move |channel| if channel == Channel::OmegaE { samples.max(windows as f64) } else { samples };
+    run.floors.iter().map(move |floor| of(floor.channel))
 }
 
 /// Logarithm of a mean square of at least `least`; infinite for one that is not finite.

@@ -8,10 +8,12 @@ use super::hypothesis::Hypothesis;
 use super::incumbent::Incumbent;
 use super::noise_update::{unfiltered, updated};
 use super::select::{Outcome, Search};
+use super::torque_balance;
 use super::transfer::transfer;
 use super::verdict;
 use crate::effect::Site;
 use crate::error::Result;
+use crate::experiment::Channel;
 use crate::monitor::Monitor;
 
 /// The monitor of the call, and the best set so far.
@@ -29,7 +31,7 @@ pub fn search(
     if let Some(found) = decimated(whole, others, base, from, (monitor, incumbent))? {
         return Ok(found);
     }
-    if let Some(found) = in_halves(whole, others, base, (monitor, incumbent))? {
+    if let Some(found) = in_halves(whole, others, base, from, (monitor, incumbent))? {
         return Ok(found);
     }
     if !whole.poor {
@@ -52,7 +54,7 @@ fn decimated(
 ) -> Result<Option<Outcome>> {
     let Some((fewer, theirs)) = decimation::decimated(whole, others) else { return Ok(None) };
     let start = fitting::carried_over(&fewer, base, monitor)?;
-    let found = match in_halves(&fewer, &theirs, &start, (monitor, incumbent))? {
+    let found = match in_halves(&fewer, &theirs, &start, from, (monitor, incumbent))? {
         Some(found) => found,
         None => open(&fewer, &theirs, from, (monitor, incumbent)).run(start)?,
     };
@@ -64,6 +66,7 @@ fn in_halves(
     whole: &Data,
     others: &[Data],
     base: &Hypothesis,
+    from: Option<&Hypothesis>,
     (monitor, incumbent): Watch,
 ) -> Result<Option<Outcome>> {
     // Half a recording may not determine all parameters. Where the dq-model fits the whole, no split is needed.
@@ -76,7 +79,7 @@ fn in_halves(
         held_out,
         refuting: Vec::new(),
         most: whole.options.most_effects,
-        from: None,
+        from: from.cloned(),
         monitor,
         incumbent,
     };
@@ -100,6 +103,30 @@ fn open<'a>(
         monitor,
         incumbent,
     }
+}
+
+/// The search repeated from the set that the balance of torques shows, where it is better than the one found and the motion is not
+/// explained.
+pub fn with_torque_balance(
+    whole: &Data,
+    others: &[Data],
+    outcome: Outcome,
+    (monitor, incumbent): Watch,
+) -> Result<Outcome> {
+    let best = &outcome.best;
+    let runs = std::iter::once(&best.fitted).chain(&best.held_out);
+    let left = runs.map(|run| run.square(Channel::OmegaE)).fold(0.0, f64::max);
+    if whole.poor || left <= 1.0 + whole.options.mismatch {
+        return Ok(outcome);
+    }
+    let Some(set) = torque_balance::grown(whole, &best.fitted, monitor)? else { return Ok(outcome) };
+    let set = fitting::carried_over(whole, &set, monitor)?;
+    let cost = |set: &Hypothesis| outcome.evidence.cost_on_recording(set);
+    if cost(&set) >= cost(&best.fitted) {
+        return Ok(outcome);
+    }
+    let anew = search(whole, others, &outcome.base.fitted, Some(&set), (monitor, incumbent))?;
+    Ok(if outcome.evidence.cost(&anew.best) < outcome.evidence.cost(best) { anew } else { outcome })
 }
 
 /// The search repeated with the noise as the best set shows it, if that needs fewer effects.

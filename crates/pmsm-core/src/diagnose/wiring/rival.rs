@@ -9,11 +9,13 @@ use super::{BETTER, misfit, told};
 use crate::diagnose::data::Data;
 use crate::diagnose::evidence::Evidence;
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::incumbent::Incumbent;
 use crate::diagnose::nameplate::{self, Scaled};
+use crate::diagnose::options::DiagnosisOptions;
 use crate::diagnose::outputs::Outputs;
 use crate::diagnose::select::reduced;
 use crate::diagnose::wording::enumerated;
-use crate::diagnose::{baseline, fitting, join, stated_load, verdict};
+use crate::diagnose::{baseline, fitting, join, search, stated_load, verdict};
 use crate::effects::EffectId;
 use crate::error::Result;
 use crate::machine::{BaseParameter, Machine};
@@ -63,7 +65,7 @@ pub fn in_place_of_effects(
         let base = baseline::fit(&mut read, monitor)?;
         let set = without_vanished(&read, &base, best, monitor)?;
         let (base, set) = (Weighed::new(&read, base), Weighed::new(&read, set));
-        let better = if set.cost(compared) < base.cost(compared) { set } else { base };
+        let better = if set.cost(compared) < base.cost(compared) { &set } else { &base };
         let gain = as_it_is.cost(compared) - better.cost(compared);
         let allowed = match compared {
             Compared::Residuals { most } => verdict::largest_excess(&better.set) <= most,
@@ -71,9 +73,16 @@ pub fn in_place_of_effects(
             Compared::OverNoise => as_it_is.off_nameplate - better.off_nameplate >= data.options.decisive,
         };
         // A mistake is as rare as an effect.
-        if allowed && gain >= price {
-            paying.push((gain, mistake, better.set));
+        if !allowed || gain < price {
+            continue;
         }
+        let set = match compared {
+            Compared::Residuals { most } if most.is_infinite() => {
+                Some(explained(&read, &base.set, monitor)?).filter(|set| !is_unexplained(set, &data.options))
+            }
+            _ => Some(better.set.clone()),
+        };
+        paying.extend(set.map(|set| (gain, mistake, set)));
     }
     // What is as likely for this log is told together.
     paying.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -107,6 +116,20 @@ fn shift(recording: &Recording, machine: &Machine, unexplained: bool, most: f64)
     // A strong effect hides a shift from such a regression.
     let hidden = || voltages_late().into_iter().next().filter(|_| unexplained);
     least.map(|(_, mistake, most)| (mistake, most)).or_else(|| Some((hidden()?, f64::INFINITY)))
+}
+
+/// The best set of effects for a log with a mistake undone. What was found in the log as it is made up for the mistake, too.
+fn explained(read: &Data, base: &Hypothesis, monitor: &dyn Monitor) -> Result<Hypothesis> {
+    if !is_unexplained(base, &read.options) {
+        return Ok(base.clone());
+    }
+    let outcome = search::search(read, &[], base, None, (monitor, &Incumbent::default()))?;
+    Ok(outcome.best.fitted)
+}
+
+/// Whether more than noise and the error of forms remains: missing physics may then be the cause of all, and look like a shift in time.
+fn is_unexplained(set: &Hypothesis, options: &DiagnosisOptions) -> bool {
+    verdict::largest_excess(set) > options.form_error()
 }
 
 /// Scales in which the log may be wrong: that which brings the parameters near to the nameplate, and those by which the torque is off from a
@@ -202,10 +225,10 @@ impl Weighed {
     }
 }
 
-/// Which effects stay with a mistake undone, and which do not.
+/// Which effects there are with a mistake undone, and which are gone.
 fn beside(as_it_is: &Hypothesis, undone: &Hypothesis) -> String {
-    let (kept, gone): (Vec<EffectId>, Vec<EffectId>) =
-        as_it_is.effects().into_iter().partition(|e| undone.effects().contains(e));
+    let kept = undone.effects();
+    let gone: Vec<EffectId> = as_it_is.effects().into_iter().filter(|e| !kept.contains(e)).collect();
     let words = |before: &str, effects: &[EffectId]| match effects {
         [] => String::new(),
         _ => format!("{before}{}", enumerated(&effects.iter().map(|e| e.id()).collect::<Vec<_>>())),
