@@ -53,17 +53,21 @@ pub fn conclude(
     let mut ruling = Ruling::new(Runs { data, validation, monitor }, outcome)?;
     ruling.weigh_model()?;
     ruling.weigh_remainder()?;
+    ruling.weigh_against_map()?;
     ruling.weigh_strengths();
     monitor.go_on()?;
     let located = attribution::located(data, validation, &ruling.outcome, ruling.verdict);
     ruling.settle();
-    let Ruling { outcome, mut ranked, mut verdict, mut reason, before, mut after, remaining, .. } = ruling;
+    let Ruling {
+        outcome, mut ranked, mut verdict, mut reason, before, mut after, remaining, described, ..
+    } = ruling;
     let best = &outcome.best;
     // Of the named effects, without the map that describes the rest.
     let predicted = before.as_ref().zip(after.as_ref()).filter(|_| verdict != Verdict::Unknown);
     let predicted = predicted.map(|(before, after)| (verdict::excess(before), verdict::excess(after)));
     // A map describes what has no name, so that the model predicts.
     let described = match verdict {
+        Verdict::Partial if described.is_some() => described,
         Verdict::Unknown | Verdict::Partial => {
             Some(unmodelled::explain(data, validation, &best.fitted, monitor)?)
         }

@@ -18,9 +18,12 @@ mod view;
 mod words;
 
 use super::data::Data;
+use super::evidence::Evidence;
 use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::locate::{self, Located};
+use super::outputs::Outputs;
+use super::select::reduced;
 use crate::effect::Site;
 use crate::effects::EffectId;
 use crate::error::Result;
@@ -185,6 +188,38 @@ fn with_maps(
     }
     let unmodelled = words::unmodelled(data, &current, sides, (taken.whole, validation.is_some()));
     Ok((current, unmodelled))
+}
+
+/// An effect that the map of `fitted` replaces: the same set with the same map has as much evidence without it. Only those are asked whose
+/// strength may be zero beside the coefficients of the map. The comparison with smooth terms is of first order; this one is not.
+///
+/// # Errors
+/// Those of the least-squares fits.
+pub fn replaced(data: &Data, fitted: &Hypothesis, monitor: &dyn Monitor) -> Result<Option<EffectId>> {
+    if fitted.model.map().is_none() {
+        return Ok(None);
+    }
+    let data = &data.roughly();
+    let outputs = Outputs::new(data, fitted);
+    let mapped =
+        |e: EffectId| [Side::Electrical, Side::Mechanical].iter().any(|s| s.has(e) && s.is_mapped(fitted));
+    let asked = |e: &EffectId| mapped(*e) && outputs.may_be_absent(*e);
+    let asked: Vec<EffectId> = fitted.effects().into_iter().filter(asked).collect();
+    if asked.is_empty() {
+        return Ok(None);
+    }
+    let evidence = Evidence::new(data, &[]);
+    let whole = evidence.cost_on_recording(&fitting::on_from(data, fitted, monitor)?);
+    let mut least: Option<(f64, EffectId)> = None;
+    for effect in asked {
+        monitor.go_on()?;
+        let (model, start) = reduced(fitted, effect);
+        let cost = evidence.cost_on_recording(&fitting::fit(data, &model, &start, false, monitor)?);
+        if cost <= least.map_or(whole, |(least, _)| least) {
+            least = Some((cost, effect));
+        }
+    }
+    Ok(least.map(|(_, effect)| effect))
 }
 
 /// The set of which parameters are told: `best` with the map's errors of the angle, without the missing torques and voltages of `settled`.

@@ -9,9 +9,9 @@ use crate::diagnose::decide::{self, Ranked};
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::outputs::Outputs;
 use crate::diagnose::remaining::{self, Remaining};
-use crate::diagnose::select::Outcome;
+use crate::diagnose::select::{Outcome, reduced};
 use crate::diagnose::transfer::transfer;
-use crate::diagnose::unmodelled::Supported;
+use crate::diagnose::unmodelled::{Supported, Unmodelled};
 use crate::diagnose::verdict::Validated;
 use crate::diagnose::{adequacy, coverage, fitting, identifiability, power, unmodelled};
 use crate::effect::Site;
@@ -52,6 +52,8 @@ pub(super) struct Ruling<'a> {
     pub(super) after: Option<Hypothesis>,
     /// What the best set leaves of each equation.
     pub(super) remaining: Vec<Remaining>,
+    /// The best set with a map of what remains beside its effects, if that was asked.
+    pub(super) described: Option<(Hypothesis, Unmodelled)>,
 }
 
 impl<'a> Ruling<'a> {
@@ -110,6 +112,7 @@ impl<'a> Ruling<'a> {
             before,
             after,
             remaining,
+            described: None,
         })
     }
 
@@ -178,13 +181,38 @@ impl<'a> Ruling<'a> {
         {
             // Of the motion nothing is named; what acts in the voltage equations stays.
             let set = unmodelled::without_motion(data, best, monitor)?;
-            let known = |c: &&Ranked| set.effects().contains(&c.effect);
-            let share = 1.0 - data.options.unknown;
-            let probabilities = self.ranked.iter().filter(known);
-            let probabilities = probabilities.map(|c| (c.effect, (c.probability / share).min(1.0))).collect();
-            self.keep(Supported { set, probabilities, alternatives: Vec::new(), nearest: None })?;
+            self.keep_only(set)?;
         }
         Ok(())
+    }
+
+    /// Which of the effects beside a map of what remains the map does not replace.
+    ///
+    /// # Errors
+    /// Those of the least-squares fits.
+    pub(super) fn weigh_against_map(&mut self) -> Result<()> {
+        let Runs { data, validation, monitor } = self.runs;
+        while self.verdict == Verdict::Partial {
+            let best = &self.outcome.best.fitted;
+            let described = unmodelled::explain(data, validation, best, monitor)?;
+            let Some(effect) = unmodelled::replaced(data, &described.0, monitor)? else {
+                self.described = Some(described);
+                break;
+            };
+            let (model, start) = reduced(best, effect);
+            let set = fitting::fit(data, &model, &start, false, monitor)?;
+            self.keep_only(set)?;
+        }
+        Ok(())
+    }
+
+    /// Keeps the effects of a smaller set, as probable as they were.
+    fn keep_only(&mut self, set: Hypothesis) -> Result<()> {
+        let known = |c: &&Ranked| set.effects().contains(&c.effect);
+        let share = 1.0 - self.runs.data.options.unknown;
+        let probabilities = self.ranked.iter().filter(known);
+        let probabilities = probabilities.map(|c| (c.effect, (c.probability / share).min(1.0))).collect();
+        self.keep(Supported { set, probabilities, alternatives: Vec::new(), nearest: None })
     }
 
     /// The verdict with those effects alone that a remaining residual leaves.

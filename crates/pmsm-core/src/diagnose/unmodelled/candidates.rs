@@ -143,9 +143,9 @@ fn odd_curve(v: &(Variable, f64, f64), pieces: usize, share: f64) -> Factor {
     Factor::Spline(Spline { variable, low: -largest, high: largest, degree: 3, pieces, warp, odd: true })
 }
 
-/// Smooth voltages over speed and currents, of which one may be there, the simplest first; and the voltages over the turn, which may be there
-/// together.
-pub fn lost_voltages(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part>) {
+/// Smooth voltages over speed and currents, of which one may be there, the simplest first; and voltages over the turn, of which one may: all that
+/// change with speed and currents, or those that change with the command, as of an inverter whose legs differ.
+pub fn lost_voltages(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Vec<Part>>) {
     let equations = Side::Electrical.equations(data);
     let part = |first, second| Part { equations: equations.clone(), first, second };
     let variables = variables(data, best, Side::Electrical);
@@ -157,15 +157,18 @@ pub fn lost_voltages(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Par
     };
     let smooth = [surfaces(LINE), curves, surfaces(SURFACE)];
     let smooth = smooth.into_iter().filter(|parts| !parts.is_empty()).collect();
-    let mut over_turn = Vec::new();
+    let (commands, mut over_turn, mut of_command) =
+        (commands(data, Side::Electrical), Vec::new(), Vec::new());
     for wave in waves(data, Side::Electrical, &[]) {
         over_turn.push(part(wave, None));
         if let Factor::Harmonics { angle, order, count } = wave {
             let fewer = Factor::Harmonics { angle, order, count: count.min(CHANGING) };
-            over_turn.extend(variables.iter().map(|x| part(fewer, Some(spline(x, LINE)))));
+            let with = |x: &(Variable, f64, f64)| part(fewer, Some(spline(x, LINE)));
+            over_turn.extend(variables.iter().map(with));
+            of_command.extend(commands.iter().map(with));
         }
     }
-    (smooth, over_turn)
+    (smooth, vec![over_turn, of_command])
 }
 
 /// Smooth torques over the speed, of which one may act, and torques over the turn, which may act together. Those over the speed are curves,
@@ -174,7 +177,7 @@ pub fn lost_voltages(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Par
 /// Each direction of rotation has its own curve. A torque that changes sign at standstill within its shortest piece is dry friction. None is
 /// over the motor's torque, which in steady motion equals any torque that it balances. Of a rotor [without
 /// load](turns_one_way_without_load) the curves are odd ones: the torques that vanish at standstill.
-pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part>) {
+pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Vec<Part>>) {
     let part = |first| Part { equations: vec![Equation::Mechanical], first, second: None };
     let speed = variables(data, best, Side::Mechanical).into_iter().find(|x| x.0 == Variable::OmegaE);
     let odd = turns_one_way_without_load(data);
@@ -224,7 +227,7 @@ pub fn lost_torques(data: &Data, best: &Hypothesis) -> (Vec<Vec<Part>>, Vec<Part
     if !ranges.is_empty() {
         smooth.extend(LEVELS_OFF.map(levelling));
     }
-    (smooth, over_turn)
+    (smooth, vec![over_turn])
 }
 
 /// Whether a rotor without load turns in one direction alone. What brakes it there smoothly vanishes at standstill: what does not is dry

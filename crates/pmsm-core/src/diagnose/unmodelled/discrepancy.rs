@@ -157,7 +157,7 @@ fn samples(normals: &[Normal]) -> Option<Vec<f64>> {
     Some(normals.iter().zip(each).map(count).collect())
 }
 
-/// The terms that may be there beside a set: any one of the smooth ones, or none; all over the turn, or none; currents that lag, or none; an
+/// The terms that may be there beside a set: any one of the smooth ones, or none; any one over the turn, or none; currents that lag, or none; an
 /// angle that is late, or is flawed over the turn, or neither.
 struct Choices {
     parts: Vec<Part>,
@@ -189,14 +189,15 @@ impl Choices {
                 columns.extend(own.iter().map(|own| [&own[..], more].concat()));
             }
         };
-        with(&[place(count(&turn))]);
+        let of_turn: Vec<Vec<usize>> = turn.iter().map(|parts| place(count(parts))).collect();
+        with(&of_turn);
         if sensors {
             with(&[place(LAGS)]);
             let late = place(LATE);
             let squared = [&late[..], &place(LATE_SQUARED)].concat();
             with(&[late, squared, place(TURNED - LATE - LATE_SQUARED)]);
         }
-        Self { parts: [smooth.concat(), turn].concat(), sensors, columns, options: data.options }
+        Self { parts: [smooth.concat(), turn.concat()].concat(), sensors, columns, options: data.options }
     }
 
     /// Columns of all terms together.
