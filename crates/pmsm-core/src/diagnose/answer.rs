@@ -94,10 +94,21 @@ pub struct FoundModel {
 pub struct Covariance {
     /// Their names: a base parameter's own, `EFFECT.PARAMETER` of an effect.
     pub names: Vec<String>,
-    /// Their values, SI: without a map of missing torques and voltages beside them.
+    /// Their values, SI: without a map of missing torques and voltages beside them. Where no effect is named, base parameters may be better known beside it.
     pub values: Vec<f64>,
     /// One row per name, in the products of their SI units; none where the recording does not show one.
     pub matrix: Vec<Vec<Option<f64>>>,
+}
+
+impl Covariance {
+    /// Takes value and standard error of a parameter from a fit of its own, of which no covariance with the others is known.
+    pub(super) fn known_by_itself(&mut self, name: &str, value: f64, stderr: f64) {
+        let Some(at) = self.names.iter().position(|own| own == name) else { return };
+        self.values[at] = value;
+        self.matrix[at].fill(None);
+        self.matrix.iter_mut().for_each(|row| row[at] = None);
+        self.matrix[at][at] = Some(stderr * stderr);
+    }
 }
 
 /// One step on the way from the dq-model to the model.

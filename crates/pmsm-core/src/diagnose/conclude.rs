@@ -2,7 +2,9 @@
 
 mod ruling;
 
-use super::answer::{Answer, Candidate, FitTable, FoundModel, SCHEMA, Step, Traces, Verdict};
+use super::answer::{
+    Answer, Candidate, Covariance, Estimate, FitTable, FoundModel, SCHEMA, Step, Traces, Verdict,
+};
 use super::budget::Ends;
 use super::data::Data;
 use super::decide::{self, Ranked};
@@ -85,6 +87,10 @@ pub fn conclude(
     monitor.go_on()?;
     let estimated = unmodelled::estimated(data, &best.fitted, settled, monitor)?;
     let outputs = Outputs::new(data, &estimated);
+    let (mut base, mut covariance) = (outputs.base(), outputs.covariance());
+    if estimated.effects().is_empty() && settled.model.map() != estimated.model.map() {
+        better_known(&Outputs::new(data, settled).base(), &mut base, &mut covariance);
+    }
     let validated = validation.zip(before).zip(after).map(|((run, before), after)| (run, before, after));
     let (bare, left) = validated.as_ref().map(|(_, before, after)| (before, after)).unzip();
     let ends = Ends { base: (&outcome.base.fitted, bare), set: &best.fitted, told: (settled, left) };
@@ -116,7 +122,7 @@ pub fn conclude(
     data_quality.extend(ruling.few_currents);
     let [r_s, psi_m] = [BaseParameter::RS, BaseParameter::PsiM].map(|p| best.fitted.own()[p.index()]);
     data_quality.extend(data.runs().iter().find_map(|run| run.signals.of_clock(r_s, psi_m)));
-    data_quality.extend(nameplate::contradicts(data, &outputs.base()));
+    data_quality.extend(nameplate::contradicts(data, &base));
     data_quality.extend(stated_load::may_be_off(data, &ruling.asymmetric_friction));
     data_quality.extend(data_quality::link_assumed(data, &best.fitted));
     data_quality.extend(ruling.contradiction.map(|c| c.finding));
@@ -146,9 +152,9 @@ pub fn conclude(
         ranking,
         model: FoundModel {
             effects: outcome.order().iter().map(|e| e.id().to_string()).collect(),
-            base: outputs.base(),
+            base,
             specification: Some(specified(data, settled)),
-            covariance: Some(outputs.covariance()),
+            covariance: Some(covariance),
             unmodelled: described.as_ref().map(|(_, unmodelled)| unmodelled.clone()),
         },
         path,
@@ -160,6 +166,25 @@ pub fn conclude(
         recordings: per_recording::recordings(data, &traces.recording),
         traces,
     })
+}
+
+/// Takes those base parameters that are better known `beside` a map, as it does nothing that they do. Where no effect is named, what is missing
+/// biases them without it. Beside effects all are those of one fit, as these depend on each other.
+fn better_known(
+    beside: &BTreeMap<String, Estimate>,
+    base: &mut BTreeMap<String, Estimate>,
+    covariance: &mut Covariance,
+) {
+    for parameter in BaseParameter::ALL {
+        let (Some(mapped), Some(own)) = (beside.get(parameter.name()), base.get_mut(parameter.name())) else {
+            continue;
+        };
+        let (Some(value), Some(error)) = (mapped.value, mapped.stderr) else { continue };
+        if own.stderr.is_none_or(|own| error < own) {
+            *own = mapped.clone();
+            covariance.known_by_itself(parameter.name(), value, error);
+        }
+    }
 }
 
 /// A set with all that is needed to simulate it again.
