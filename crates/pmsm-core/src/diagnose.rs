@@ -4,7 +4,7 @@
 //! 2. `baseline`: the dq-model without effects is fitted; `adequacy`, `wiring` and `torque_sign` check that it is a model of the log.
 //!    `between_rows`, `current_filter` and `voltage_frame` ask what the log did to voltages and currents.
 //! 3. `search`, `select`: sets of effects are grown, exchanged and pruned by `evidence`. Each is refitted by simulation and validated on
-//!    samples that it was not fitted to.
+//!    samples that it was not fitted to. `torque_balance` gives the search another start where the motion stays unexplained.
 //! 4. `noise_update`, `voltage_frame`: noise and voltage are read anew with the best set, and the search repeated if that changes them.
 //! 5. `conclude`: verdict, estimates with their uncertainty, map of the rest, power and next experiment.
 //!

@@ -50,3 +50,39 @@ fn rounding_torque(run: &Data, best: &Hypothesis) -> Option<f64> {
     let left = count / PI * (-2.0 * PI * PI * noise / (count * count)).exp();
     Some(1.5 * run.signals.n_p * best.own()[BaseParameter::PsiM.index()] * left)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{data, setup, speeds};
+    use crate::diagnose::unmodelled::Term;
+
+    #[test]
+    fn a_torque_within_the_rounding_of_the_currents_may_be_the_logs_unless_their_noise_averages_it_out() {
+        let (mut data, base) = data(&setup(speeds(0.8, &[(0.1, 80.0), (0.4, -60.0)]), Vec::new()));
+        let noise = data.floors.iter().find(|f| f.channel == Channel::IQ).unwrap().sensor;
+        let peak = 0.05 * 1.5 * data.signals.n_p * base.own()[BaseParameter::PsiM.index()];
+        let term = Term {
+            equation: Equation::Mechanical,
+            sentence: String::new(),
+            formula: "",
+            variables: Vec::new(),
+            coefficients: Vec::new(),
+            unit: "N m",
+            peak,
+        };
+        let rest = Unmodelled { sentence: String::new(), gain_held_out: None, terms: vec![term] };
+        let mut told = |count: f64, noise: f64| {
+            let rounding = count / 12f64.sqrt();
+            data.signals.limits.current = rounding;
+            let floor = data.floors.iter_mut().find(|f| f.channel == Channel::IQ).unwrap();
+            floor.sensor = noise.hypot(rounding);
+            may_have_caused(&data, &base, &rest)
+        };
+        // The missing torque is that of 0.05 A.
+        assert!(told(0.2, 0.0).unwrap().contains("counts of 0.2"));
+        assert_eq!(told(0.1, 0.0), None);
+        assert_eq!(told(0.2, 0.2), None);
+        assert_eq!(told(0.0, noise), None);
+    }
+}

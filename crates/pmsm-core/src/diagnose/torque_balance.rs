@@ -53,7 +53,8 @@ pub fn grown(data: &Data, set: &Hypothesis, monitor: &dyn Monitor) -> Result<Opt
     let balance = Balance::new(data, &model, &own);
     let evidence = Evidence::new(data, &[]);
     let (identifiable, _) = identifiable(data);
-    let candidates: Vec<EffectId> = identifiable.into_iter().filter(|e| applies(*e)).collect();
+    let asked = |e: &EffectId| applies(*e) && !amplitudes(*e, &model).is_empty();
+    let candidates: Vec<EffectId> = identifiable.into_iter().filter(asked).collect();
     let cost = |set: &Hypothesis| evidence.cost_on_recording(set);
     let (mut best, mut chosen) = (fitting::fit(data, &model, &own, true, monitor)?, Vec::new());
     while chosen.len() < data.options.most_effects {

@@ -191,7 +191,7 @@ fn with_maps(
 }
 
 /// An effect that the map of `fitted` replaces: the same set with the same map has as much evidence without it. Only those are asked whose
-/// strength may be zero beside the coefficients of the map. The comparison with smooth terms is of first order; this one is not.
+/// strength may be zero beside the coefficients of the map, or is not determined beside them. The comparison with smooth terms is of first order; this one is not.
 ///
 /// # Errors
 /// Those of the least-squares fits.
@@ -203,7 +203,8 @@ pub fn replaced(data: &Data, fitted: &Hypothesis, monitor: &dyn Monitor) -> Resu
     let outputs = Outputs::new(data, fitted);
     let mapped =
         |e: EffectId| [Side::Electrical, Side::Mechanical].iter().any(|s| s.has(e) && s.is_mapped(fitted));
-    let asked = |e: &EffectId| mapped(*e) && outputs.may_be_absent(*e);
+    let unknown = |e: EffectId| outputs.effect(e).values().all(|x| x.stderr.is_none());
+    let asked = |e: &EffectId| mapped(*e) && (outputs.may_be_absent(*e) || unknown(*e));
     let asked: Vec<EffectId> = fitted.effects().into_iter().filter(asked).collect();
     if asked.is_empty() {
         return Ok(None);
@@ -397,6 +398,33 @@ mod tests {
         assert_eq!(beside.parameters, mapped.parameters);
         let (beside, _) = with(vec![torque, angle.clone()]);
         assert_eq!(beside.model.map().unwrap().parts, [angle]);
+    }
+
+    #[test]
+    fn an_effect_whose_torque_the_map_holds_is_replaced_and_another_is_not() {
+        let mut pulsating = choice("load_torque_pulsation", "a", 0.4);
+        pulsating.parameters.insert("order_mech".into(), 1.0);
+        let (data, base) =
+            data(&setup(manoeuvre(), vec![pulsating, choice("coulomb_friction", "tau_c", 0.3)]));
+        let of = |effects: &[EffectId]| {
+            let context = data.signals.context;
+            let typical = effects.iter().flat_map(|e| e.info().parameters).map(|p| (p.typical)(&context));
+            let start: Vec<f64> = base.own().iter().copied().chain(typical).collect();
+            fitting::fit(&data, &Model::new(context, effects), &start, false, &Silent).unwrap()
+        };
+        let friction = of(&[EffectId::CoulombFriction]);
+        let both = of(&[EffectId::CoulombFriction, EffectId::LoadTorquePulsation]);
+        let over_turn = |effects: &Hypothesis| {
+            let first = Factor::Harmonics { angle: Variable::ThetaM, order: 1, count: 1 };
+            let map =
+                Map { parts: vec![Part { equations: vec![Equation::Mechanical], first, second: None }] };
+            let start = [effects.own(), &vec![0.0; map.count()]].concat();
+            fitting::fit(&data, &effects.model.clone().with_map(map), &start, false, &Silent).unwrap()
+        };
+        let mapped = over_turn(&both);
+        assert_eq!(replaced(&data, &mapped, &Silent).unwrap(), Some(EffectId::LoadTorquePulsation));
+        assert_eq!(replaced(&data, &over_turn(&friction), &Silent).unwrap(), None);
+        assert_eq!(replaced(&data, &both, &Silent).unwrap(), None);
     }
 
     #[test]

@@ -289,6 +289,27 @@ mod tests {
     }
 
     #[test]
+    fn an_inverter_leg_that_gives_less_is_no_shift_in_time() {
+        let weak = |c: &mut Columns| {
+            let (theta, [d, q]) = (c["theta_e"].clone(), ["v_d", "v_q"].map(|name| c[name].clone()));
+            let stator: Vec<[f64; 2]> = (0..theta.len())
+                .map(|k| {
+                    let (sin, cos) = theta[k].sin_cos();
+                    let phase = d[k] * cos - q[k] * sin;
+                    // The log holds the command of a leg whose gain is lower.
+                    [d[k] + 0.12 * phase * cos, q[k] - 0.12 * phase * sin]
+                })
+                .collect();
+            c.insert("v_d", stator.iter().map(|v| v[0]).collect());
+            c.insert("v_q", stator.iter().map(|v| v[1]).collect());
+        };
+        let answer = told(Vec::new(), |n| n, weak);
+        assert_ne!(answer.verdict, Verdict::NoMismatch);
+        let shifted = answer.data_quality.iter().any(|f| f.finding.contains("logged one row"));
+        assert!(!shifted, "{:?} {:?}", answer.verdict, answer.data_quality);
+    }
+
+    #[test]
     fn friction_that_a_wrong_scale_would_look_like_stays_friction_where_the_nameplate_holds() {
         // Half the load: currents and voltages that are both √1.5 too large would look the same.
         let answer = told(vec![choice("asymmetric_friction", "tau_a", 1.5)], |n| n, |_| ());
