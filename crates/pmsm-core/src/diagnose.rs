@@ -242,8 +242,9 @@ fn in_stages(
     incumbent.note(found);
     if again {
         base = fitting::refit(whole, &base, monitor)?;
-        let found = outcome.best.fitted;
-        outcome = search::search(whole, &others, &base, Some(&found), watch)?;
+        let earlier = outcome;
+        outcome = search::search(whole, &others, &base, Some(&earlier.best.fitted), watch)?;
+        outcome.path = search::with_steps_of(&earlier.path, outcome.path, whole, monitor)?;
     } else if let Some(finer) = search::with_updated_noise(whole, &others, &outcome, watch)? {
         (*whole, others, outcome) = finer;
     }

@@ -10,7 +10,7 @@ use super::noise_update::{unfiltered, updated};
 use super::select::{Outcome, Search};
 use super::torque_balance;
 use super::transfer::transfer;
-use super::verdict;
+use super::verdict::{self, Validated};
 use crate::effect::Site;
 use crate::error::Result;
 use crate::experiment::Channel;
@@ -157,6 +157,27 @@ pub fn with_updated_noise(
     let anew = search(&again, &theirs, &base, Some(&best.fitted), (monitor, incumbent))?;
     let fewer = anew.best.fitted.effects().len() < effects.len();
     Ok(fewer.then_some((again, theirs, anew)))
+}
+
+/// The way of a search that began with the best set of an `earlier` one, with that one's steps where it has none of its own.
+pub fn with_steps_of(
+    earlier: &[Validated],
+    mut path: Vec<Validated>,
+    data: &Data,
+    monitor: &dyn Monitor,
+) -> Result<Vec<Validated>> {
+    let within = |small: &Validated, large: &Validated| {
+        let (small, large) = (small.fitted.effects(), large.fitted.effects());
+        small.len() < large.len() && small.iter().all(|e| large.contains(e))
+    };
+    for step in earlier {
+        let place = (1..path.len()).find(|k| within(&path[*k - 1], step) && within(step, &path[*k]));
+        if let Some(place) = place {
+            let fitted = fitting::on_from(data, &step.fitted, monitor)?;
+            path.insert(place, Validated { fitted, ..step.clone() });
+        }
+    }
+    Ok(path)
 }
 
 /// Fits what a search on half the samples found to all of them.
