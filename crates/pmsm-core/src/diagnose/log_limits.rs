@@ -12,8 +12,8 @@ use crate::map::Equation;
 use crate::signals::Finding;
 use std::f64::consts::PI;
 
-/// Why nothing can be said of what `best` leaves, where no map predicts it and the log is limited, or its map is no larger than what rounded
-/// currents leave in the torque.
+/// Why nothing can be said of what remains beside `best`, if so. Either no map predicts it and the log is limited, or its torque is within the
+/// rounding of the currents.
 pub fn may_have_caused(data: &Data, best: &Hypothesis, rest: &Unmodelled) -> Option<String> {
     let of_run = |run: &Data| run.signals.limits.first().cloned().or_else(|| run.input.of_rows(&run.signals));
     let limit = data.runs().iter().find_map(of_run).filter(|_| rest.terms.is_empty());
@@ -54,8 +54,14 @@ fn rounding_torque(run: &Data, best: &Hypothesis) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::testing::{data, setup, speeds};
+    use crate::diagnose::answer::Verdict;
+    use crate::diagnose::diagnose;
+    use crate::diagnose::testing::{choice, data, setup, speeds};
     use crate::diagnose::unmodelled::Term;
+    use crate::drive::{Choice, simulate};
+    use crate::monitor::Silent;
+    use crate::numerics::random::normal;
+    use crate::recording::Recording;
 
     #[test]
     fn a_torque_within_the_rounding_of_the_currents_may_be_the_logs_unless_their_noise_averages_it_out() {
@@ -84,5 +90,62 @@ mod tests {
         assert_eq!(told(0.1, 0.0), None);
         assert_eq!(told(0.2, 0.2), None);
         assert_eq!(told(0.0, noise), None);
+    }
+
+    #[test]
+    fn what_a_limited_log_may_have_caused_is_not_said_of_a_full_one_nor_of_what_a_map_predicts() {
+        let (mut data, base) =
+            data(&setup(speeds(1.0, &[(0.1, 80.0), (0.4, -60.0), (0.8, 70.0)]), Vec::new()));
+        let rest = Unmodelled { sentence: "The rest stays.".into(), gain_held_out: None, terms: Vec::new() };
+        assert_eq!(may_have_caused(&data, &base, &rest), None);
+        let said = |text: &str| text.to_string();
+        data.signals.limits.found.push(Finding {
+            finding: said("the speed is held"),
+            consequence: said("its error counts as noise"),
+            fix: said("log it in every row"),
+        });
+        let why = may_have_caused(&data, &base, &rest).unwrap();
+        assert!(why.ends_with("the speed is held; log it in every row"), "{why}");
+    }
+
+    /// A run whose phase currents and speed carry noise that lasts for six rows, three times the white noise of their sensors.
+    fn with_lasting_noise(path: &[(f64, f64)], effects: &[Choice]) -> Recording {
+        let whole = simulate(&setup(speeds(2.0, path), effects.to_vec()), &Silent).unwrap().recording;
+        let keep = (-1.0f64 / 6.0).exp();
+        let columns = whole.names().into_iter().enumerate().map(|(number, name)| {
+            let mut x = whole.column(name).unwrap().to_vec();
+            let size = match name {
+                "i_a" | "i_b" | "i_c" => 0.15,
+                "omega_e" => 0.9,
+                _ => 0.0,
+            };
+            let mut lasting = 0.0;
+            for (k, x) in x.iter_mut().enumerate() {
+                let new = normal(17, [k as u32, number as u32, 0, 0]);
+                lasting = keep * lasting + (1.0 - keep * keep).sqrt() * new;
+                *x += size * lasting;
+            }
+            (name.to_string(), x)
+        });
+        Recording::new(columns.collect(), Some(whole.load())).unwrap()
+    }
+
+    #[test]
+    fn noise_that_lasts_is_no_physics_and_hides_no_friction() {
+        let ways = [
+            [(0.2, 80.0), (0.7, -60.0), (1.2, 90.0), (1.7, -70.0)],
+            [(0.3, -70.0), (0.8, 85.0), (1.3, -50.0), (1.8, 60.0)],
+        ];
+        let told = |effects: &[Choice]| {
+            let [recording, validation] = ways.map(|path| with_lasting_noise(&path, effects));
+            let machine = setup(speeds(2.0, &ways[0]), Vec::new()).nameplate;
+            diagnose(&[&recording], &machine, Some(&validation), &Default::default(), &Silent).unwrap()
+        };
+        let healthy = told(&[]);
+        assert_eq!(healthy.verdict, Verdict::NoMismatch, "{:?} {:?}", healthy.reason, healthy.remaining);
+        let lasts = healthy.data_quality.iter().filter(|f| f.finding.contains("lasts")).count();
+        assert_eq!(lasts, 2, "{:?}", healthy.data_quality);
+        let rubbing = told(&[choice("coulomb_friction", "tau_c", 0.5)]);
+        assert_eq!(rubbing.model.effects, ["coulomb_friction"], "{:?}", rubbing.reason);
     }
 }
