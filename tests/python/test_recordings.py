@@ -167,6 +167,7 @@ def test_a_motor_that_warms_up_shows_thermal_drift_of_magnet_and_winding() -> No
     alpha = found["rs_thermal_drift"].parameters["alpha"]
     # Either copper's coefficient, or the interval holds it, boundless or not, and r_s is told as confounded.
     if alpha.value != pytest.approx(3.9e-3, rel=0.25):
+        assert alpha.ci95 or "the recording does not show it" in (alpha.why_none or "")
         low, high = alpha.ci95 or (-math.inf, math.inf)
         assert low < 3.9e-3 < high
         confounded = [item for item in answer.data_quality if "hardly separable" in item["finding"]]
