@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from answers import IDENTIFICATION, diagnosis
 from browser import Page, browser, installed
 from pmsm_rs import Identification
 from test_report import full
-from test_results import IDENTIFICATION, diagnosis
 
 PROGRAM = installed()
 pytestmark = pytest.mark.skipif(

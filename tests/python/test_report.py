@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pmsm_rs as pm
 import pytest
+from answers import ANSWER, REMAINING, Tags, diagnosis, estimate
 from pmsm_rs.config.machine_file import read_machine
 from pmsm_rs.plot import palette
 from pmsm_rs.results import traces
@@ -22,7 +23,6 @@ from pmsm_rs.view.advice import next_step
 from pmsm_rs.view.charts import Axis, Panel
 from pmsm_rs.view.corrected import machine_file
 from pmsm_rs.view.tables import motor_rows
-from test_results import ANSWER, REMAINING, Tags, diagnosis, estimate
 
 MACHINE: dict[str, Any] = {
     "n_p": 3,
