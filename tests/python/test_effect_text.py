@@ -81,6 +81,7 @@ def _run(effects: Any, seed: int = 1) -> Any:
     return pm.simulate(
         duration=1.0,
         seed=seed,
+        drive={"f_sample": 5000.0},
         reference={"omega_m": SPEEDS, "i_d": {"t": [0.0, 0.3, 0.6], "value": [0.0, -10.0, 5.0]}},
         load={"tau": {"t": [0.0, 0.5], "value": [8.0, 20.0], "shape": "steps"}, "kind": "measured"},
         sensors={"noise_i": 0.02, "noise_omega_e": 0.1},
