@@ -7,6 +7,7 @@ import doctest
 import inspect
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -82,11 +83,16 @@ def test_a_result_describes_each_of_its_fields(kind: type) -> None:
     assert all(entry.type and entry.desc for entry in told)
 
 
+DIAGNOSE = cache(pm.diagnose)
+"""Several examples begin with the same diagnosis; it is made once."""
+
+
 @pytest.mark.parametrize(
     "value", [v for v in PUBLIC if not (inspect.isclass(v) and issubclass(v, Exception))], ids=name_of
 )
 def test_the_examples_run(value: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(pm, "diagnose", DIAGNOSE)
     finder = doctest.DocTestFinder(recurse=False)
     found = [test for test in finder.find(value, name_of(value), module=False) if test.examples]
     assert found, "it has no example"
