@@ -105,11 +105,11 @@ def npz_bomb() -> bytes:
 
 
 def npz_deflated_bomb() -> bytes:
-    """3 GB of zeros, deflated to 3 MB."""
+    """More than 2 GiB of zeros, deflated to 2 MB."""
     out = io.BytesIO()
     header = io.BytesIO()
     np.lib.format.write_array_header_1_0(
-        header, {"descr": "<f8", "fortran_order": False, "shape": (384 << 20,)}
+        header, {"descr": "<f8", "fortran_order": False, "shape": (272 << 20,)}
     )
     zeros = bytes(1 << 24)
     with (
@@ -117,7 +117,7 @@ def npz_deflated_bomb() -> bytes:
         archive.open("t.npy", "w", force_zip64=True) as member,
     ):
         member.write(header.getvalue())
-        for _ in range(192):
+        for _ in range(136):
             member.write(zeros)
     with zipfile.ZipFile(out, "a", zipfile.ZIP_DEFLATED) as archive:
         beside_t(archive)

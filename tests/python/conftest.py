@@ -11,10 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pmsm_rs
+import pyarrow.parquet
 import pytest
 from hypothesis import HealthCheck, settings
 from numpy.typing import NDArray
 from pmsm_rs.cli import main
+from pmsm_rs.support.demo import recording_files
 
 # Hypothesis draws the same cases in every run; `make soak` names the other profile and a seed. The time of a
 # case has no limit, as it depends on what else the machine does.
@@ -116,6 +118,17 @@ def machine_file(tmp_path: Path) -> Path:
     path = tmp_path / "machine.toml"
     path.write_text(MACHINE)
     return path
+
+
+@pytest.fixture(scope="session")
+def short_demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str, str]:
+    """The first 0.4 s of the demo recording and of its validation run, and their machine file."""
+    folder = tmp_path_factory.mktemp("short")
+    *runs, machine = recording_files()
+    names = [str(folder / Path(run).name) for run in runs]
+    for name, run in zip(names, runs, strict=True):
+        pyarrow.parquet.write_table(pyarrow.parquet.read_table(run).slice(0, 4000), name)
+    return names[0], names[1], machine
 
 
 def csv_text(columns: Columns, header: dict[str, str] | None = None, separator: str = ",") -> str:

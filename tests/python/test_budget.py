@@ -6,7 +6,6 @@ import pmsm_rs as pm
 import pytest
 from pmsm_rs.results.budget import judged, sentence, shares
 from pmsm_rs.results.findings import Budget
-from pmsm_rs.support.demo import recording_files
 
 ENTRY = {
     "run": "recording",
@@ -26,8 +25,8 @@ ENTRY = {
 
 
 @pytest.fixture(scope="module")
-def demo() -> pm.Diagnosis:
-    recording, validation, machine = recording_files()
+def demo(short_demo: tuple[str, str, str]) -> pm.Diagnosis:
+    recording, validation, machine = short_demo
     return pm.diagnose(pm.load(recording, machine), machine, pm.load(validation, machine))
 
 

@@ -125,8 +125,10 @@ def test_demo_finds_what_was_put_in(demo: tuple[subprocess.CompletedProcess[str]
     assert page.startswith("<!doctype html>")
 
 
-def test_diagnose_writes_json_report_and_trajectories(tmp_path: Path, run: Run) -> None:
-    recording, validation, machine = recording_files()
+def test_diagnose_writes_json_report_and_trajectories(
+    short_demo: tuple[str, str, str], tmp_path: Path, run: Run
+) -> None:
+    recording, validation, machine = short_demo
     names = {"--json": "a.json", "--report": "a.html", "--trajectories": "a.parquet"}
     outputs = [part for option, name in names.items() for part in (option, tmp_path / name)]
     ran = run("diagnose", recording, "--machine", machine, "--validate", validation, "--seed", "7", *outputs)
@@ -166,9 +168,9 @@ def test_diagnose_writes_json_report_and_trajectories(tmp_path: Path, run: Run) 
 
 
 def test_a_report_takes_trajectories_of_a_validation_run_with_fewer_channels(
-    tmp_path: Path, run: Run
+    short_demo: tuple[str, str, str], tmp_path: Path, run: Run
 ) -> None:
-    recording, validation, machine = recording_files()
+    recording, validation, machine = short_demo
     motion = pyarrow.parquet.read_table(validation).drop_columns(["v_d", "v_q"])
     pyarrow.parquet.write_table(motion, tmp_path / "motion.parquet")
     names = ["--json", tmp_path / "a.json", "--trajectories", tmp_path / "a.parquet"]
