@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import cache
+from math import cos, exp, sin
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,7 @@ from models import model_of, simulated
 from pmsm_rs.export.program import evaluate
 from pmsm_rs.formulas.balance import Balance, Choice
 from pmsm_rs.formulas.reading import torque as read
-from pmsm_rs.formulas.search import search
+from pmsm_rs.formulas.search import Formula, search
 from pmsm_rs.formulas.spread import spread
 from pmsm_rs.formulas.terms import Term, reverses, terms
 from pmsm_rs.formulas.unknown_torque import remains
@@ -22,28 +24,34 @@ from pmsm_rs.results.registry import effect
 from pmsm_rs.view.formulas import order
 
 J = 0.004
+
+
+def sign(x: float) -> float:
+    return (x > 0.0) - (x < 0.0)
+
+
 Torque = Callable[[Any, Any, Any], Any]
 
 # Torques that nobody wrote the terms for: other widths, exponents and mixtures than those of the grids.
 FORMS: dict[str, tuple[Torque, str]] = {
-    "root": (lambda w, th, te: 0.03 * np.sign(w) * np.abs(w) ** 0.52, "|ω|^"),
+    "root": (lambda w, th, te: 0.03 * sign(w) * abs(w) ** 0.52, "|ω|^"),
     "eddy-current brake": (lambda w, th, te: 0.02 * w / (1.0 + (w / 13.0) ** 2), "ω/(1 + (ω/"),
     "hump": (
-        lambda w, th, te: 0.3 * np.sign(w) * np.exp(-(((np.abs(w) - 37.0) / 9.0) ** 2)),
+        lambda w, th, te: 0.3 * sign(w) * exp(-(((abs(w) - 37.0) / 9.0) ** 2)),
         "− w_1)/w_0)²)",
     ),
-    "falling": (lambda w, th, te: 0.2 * np.sign(w) * np.exp(-((w / 11.0) ** 2)), "exp(−(ω/"),
-    "once a turn": (lambda w, th, te: 0.1 * np.sin(th + 0.4), "cos(θ)"),
+    "falling": (lambda w, th, te: 0.2 * sign(w) * exp(-((w / 11.0) ** 2)), "exp(−(ω/"),
+    "once a turn": (lambda w, th, te: 0.1 * sin(th + 0.4), "cos(θ)"),
     "tight spot": (
-        lambda w, th, te: 0.1 * np.sign(w) * (0.8 + np.cos(th - 1.0)),
+        lambda w, th, te: 0.1 * sign(w) * (0.8 + cos(th - 1.0)),
         "·sin(θ))·sgn(ω)",
     ),
     "cam": (
-        lambda w, th, te: 0.2 * np.exp((np.cos(th - 2.2) - 1.0) / 0.4**2),
+        lambda w, th, te: 0.2 * exp((cos(th - 2.2) - 1.0) / 0.4**2),
         "exp((cos(θ − theta_1) − 1)/w²)",
     ),
-    "of the torque": (lambda w, th, te: 0.15 * np.abs(te) * np.sign(w), "|τ_e|·sgn(ω)"),
-    "drag and wave": (lambda w, th, te: 4e-5 * w * np.abs(w) + 0.06 * np.cos(3 * th), "ω·|ω|"),
+    "of the torque": (lambda w, th, te: 0.15 * abs(te) * sign(w), "|τ_e|·sgn(ω)"),
+    "drag and wave": (lambda w, th, te: 4e-5 * w * abs(w) + 0.06 * cos(3 * th), "ω·|ω|"),
 }
 
 
@@ -57,34 +65,46 @@ def moved(
     h, n, fine = 2e-3, 3000, 10
     t = h * np.arange(n)
     phases = rng.uniform(0.0, 2.0 * np.pi, 3)
-    omega, theta = np.zeros(n), np.zeros(n)
+    omega, theta, driven = np.zeros(n), np.zeros(n), np.zeros(n)
 
-    def aim(at: float) -> float:
+    def aim(at: Any) -> Any:
         waves = zip((0.31, 0.83, 1.7), (45.0, 25.0, 12.0), phases, strict=True)
         swings = (size * np.sin(2.0 * np.pi * f * at + phase) for f, size, phase in waves)
         return about + swing * sum(swings)
 
-    w, th, driven = aim(0.0), 0.0, np.zeros(n)
-    for k in range(n):
-        driven[k] = 0.25 * (aim(t[k] + 0.05) - w)
-        omega[k], theta[k] = w, th
+    # Plain floats: arithmetic of numpy's own numbers takes several times as long.
+    w, th, s = float(aim(0.0)), 0.0, h / fine
+    for k, wanted in enumerate(aim(t + 0.05).tolist()):
+        te = 0.25 * (wanted - w)
+        omega[k], theta[k], driven[k] = w, th, te
         for _ in range(fine):
-            s = h / fine
-            middle = w + 0.5 * s * (driven[k] - float(torque(w, th, driven[k]))) / J
-            gain = s * (driven[k] - float(torque(middle, th + 0.5 * s * w, driven[k]))) / J
+            middle = w + 0.5 * s * (te - float(torque(w, th, te))) / J
+            gain = s * (te - float(torque(middle, th + 0.5 * s * w, te))) / J
             w, th = w + gain, th + s * (w + 0.5 * gain)
     # What drives holds from row to row; the log has its mean about each row.
     tau_e = np.concatenate([driven[:1], 0.5 * (driven[1:] + driven[:-1])])
     return Motion(t, omega + noise * rng.standard_normal(n), theta, tau_e, tau_e, load_open=False)
 
 
+@cache
+def swung(name: str, seed: int) -> Motion:
+    """A motor that swings under a torque of `FORMS`."""
+    return moved(FORMS[name][0], seed)
+
+
+@cache
+def found(name: str) -> list[Formula]:
+    """Formulas for a torque of `FORMS`, from two runs."""
+    form, check = windows(swung(name, 1)), windows(swung(name, 2))
+    assert form is not None
+    return search(form, check, j=J)
+
+
 @pytest.mark.parametrize("name", FORMS)
 def test_the_form_that_made_the_torque_comes_first(name: str) -> None:
-    torque, mark = FORMS[name]
-    form, check = windows(moved(torque, 1)), windows(moved(torque, 2))
-    assert form is not None
-    told = search(form, check, j=J)
+    told = found(name)
     assert told, name
+    mark = FORMS[name][1]
     assert mark in told[0].text, [(f.text, f.evidence) for f in told]
     assert min(told[0].explains.values()) > 0.9
     assert len(told) <= 5
@@ -109,8 +129,8 @@ def test_the_numbers_of_a_formula_are_those_that_made_it() -> None:
 def wandering(seed: int) -> Torque:
     """A friction that wanders about 0.3 N·m, whatever the motor does."""
     steps = 0.02 * np.random.default_rng(seed).standard_normal(200)
-    level = iter(np.repeat(0.3 + np.cumsum(steps), 400))
-    return lambda w, th, te: next(level) * np.sign(w)
+    level = iter(np.repeat(0.3 + np.cumsum(steps), 400).tolist())
+    return lambda w, th, te: next(level) * sign(w)
 
 
 def test_a_steady_motion_tells_nothing_of_friction_that_grows_with_the_motor_torque() -> None:
@@ -136,7 +156,7 @@ def test_friction_that_grows_with_the_motor_torque_is_found_where_motoring_and_b
     share: float,
 ) -> None:
     def friction(w: Any, th: Any, te: Any) -> Any:
-        return share * np.abs(te) * np.sign(w)
+        return share * abs(te) * sign(w)
 
     form, check = windows(moved(friction, 1)), windows(moved(friction, 2))
     assert form is not None
@@ -148,16 +168,14 @@ def test_friction_that_grows_with_the_motor_torque_is_found_where_motoring_and_b
 
 def test_of_formulas_that_differ_by_their_curve_alone_there_is_one() -> None:
     for name in ("root", "falling", "drag and wave"):
-        form, check = windows(moved(FORMS[name][0], 1)), windows(moved(FORMS[name][0], 2))
-        assert form is not None
-        told = search(form, check, j=J)
+        told = found(name)
         physics = [frozenset(term.kind for term in read(f.to_dict(1.0)).parts) for f in told]
         assert len(physics) == len(set(physics))
 
 
 def test_where_the_machine_turns_one_way_no_formula_rests_on_the_direction() -> None:
     def torque(w: Any, th: Any, te: Any) -> Any:
-        return 4e-5 * w * np.abs(w) + 0.06 * np.cos(2 * th)
+        return 4e-5 * w * abs(w) + 0.06 * cos(2 * th)
 
     form, check = (windows(moved(torque, seed, about=60.0, swing=0.5)) for seed in (1, 2))
     assert form is not None
@@ -174,14 +192,13 @@ def test_where_the_machine_turns_one_way_no_formula_rests_on_the_direction() -> 
 def test_the_numbers_are_judged_on_rows_to_which_they_were_not_fitted() -> None:
     """A torque that differs from one half of the recording to the other is predicted by neither."""
     torque = FORMS["once a turn"][0]
-    form, check = windows(moved(torque, 1)), windows(moved(torque, 2))
-    assert form is not None
-    best = search(form, check, j=J)[0]
+    best = found("once a turn")[0]
     for before, after in best.residual.values():
         assert after < 0.3 * before
     told = best.to_dict(0.02)
     assert told["times_noise"]["validation"]["after"] == pytest.approx(best.residual["validation"][1] / 0.02)
-    turned = windows(moved(lambda w, th, te: -torque(w, th, te), 2))
+    form, turned = windows(swung("once a turn", 1)), windows(moved(lambda w, th, te: -torque(w, th, te), 2))
+    assert form is not None
     assert search(form, turned, j=J) == []
 
 
@@ -237,7 +254,7 @@ def _strength(term: Term) -> dict[str, float]:
 
 def test_less_of_a_friction_has_no_law_of_the_catalogue() -> None:
     def less(w: Any, th: Any, te: Any) -> Any:
-        return -1e-5 * w * np.abs(w)
+        return -1e-5 * w * abs(w)
 
     form = windows(moved(less, 1))
     assert form is not None
@@ -257,7 +274,7 @@ def test_no_formula_is_told_for_noise_or_for_a_torque_without_a_law() -> None:
     rng = np.random.default_rng(5)
     # A new torque every 0.1 s, whatever the motor does.
     torques = np.repeat(rng.uniform(-0.3, 0.3, 400), 1000)
-    draws = iter(np.concatenate([torques, torques[::-1]]))
+    draws = iter(np.concatenate([torques, torques[::-1]]).tolist())
     form = windows(moved(lambda w, th, te: next(draws), 6))
     check = windows(moved(lambda w, th, te: next(draws), 7))
     assert form is not None
@@ -282,7 +299,7 @@ def test_of_a_long_run_the_means_of_rows_are_used() -> None:
 
 def test_an_answer_without_a_name_holds_formulas() -> None:
     def recording(seed: int) -> pm.Recording:
-        run = moved(FORMS["hump"][0], seed)
+        run = swung("hump", seed)
         return pm.Recording(t=run.t, tau_e=run.tau_e, omega_m=run.omega_m, theta_m=run.theta_m, load="none")
 
     machine = pm.Machine(n_p=2, j=1.1 * J, b=0.0)
@@ -293,7 +310,7 @@ def test_an_answer_without_a_name_holds_formulas() -> None:
     assert answer.data["formulas"] == answer.formulas
     again = type(answer).from_json(answer.to_json())
     assert again.formulas == answer.formulas
-    named = pm.diagnose(recording(1).__class__(t=moved(lambda w, th, te: 0.0, 1).t, **_rest()), machine)
+    named = pm.diagnose(free_of_friction(), machine)
     assert named.formulas is None
     numbers = [entry for formula in answer.formulas for entry in formula["parameters"].values()]
     assert all((entry["stderr"] is None) != (entry["why_none"] is None) for entry in numbers)
@@ -305,7 +322,7 @@ def test_an_answer_without_a_name_holds_formulas() -> None:
 def test_the_numbers_of_a_formula_have_standard_errors() -> None:
     misses: dict[str, list[float]] = {"k": [], "a": []}
     for seed in range(4):
-        form = windows(moved(FORMS["root"][0], seed))
+        form = windows(swung("root", seed))
         assert form is not None
         [power] = [f for f in search(form, None, j=J) if f.text == "k·|ω|^a·sgn(ω)"]
         for name, truth in (("k", 0.03), ("a", 0.52)):
@@ -318,7 +335,7 @@ def test_the_numbers_of_a_formula_have_standard_errors() -> None:
 
 
 def test_numbers_that_a_run_does_not_tell_apart_have_no_standard_error() -> None:
-    run = Balance.of(windows(moved(FORMS["root"][0], 1)), J)  # type: ignore[arg-type]
+    run = Balance.of(windows(swung("root", 1)), J)  # type: ignore[arg-type]
     [drag] = [term for term in terms(run.form.motion) if term.text == "{k}·ω·|ω|"]
     [once, twice] = spread(run, Choice(((drag, ()), (drag, ()))), np.array([0.5, 0.5]))
     assert once == twice == [None]
@@ -352,6 +369,6 @@ def test_the_order_of_formulas_is_told_as_it_is() -> None:
     assert "less evidence" not in order(entries(False, True))
 
 
-def _rest() -> dict[str, Any]:
+def free_of_friction() -> pm.Recording:
     run = moved(lambda w, th, te: 0.0, 1)
-    return {"tau_e": run.tau_e, "omega_m": run.omega_m, "theta_m": run.theta_m, "load": "none"}
+    return pm.Recording(t=run.t, tau_e=run.tau_e, omega_m=run.omega_m, theta_m=run.theta_m, load="none")

@@ -11,7 +11,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,6 @@ import numpy as np
 import pmsm_rs as pm
 import pytest
 from conftest import MACHINE, PACKAGE, Ran, csv_text, plausible
-from pmsm_rs.support.demo import recording_files
 
 Run = Callable[..., Ran]
 COMMAND = [
@@ -245,9 +243,9 @@ def test_a_disk_that_fills_up_leaves_no_half_of_a_table(recording: Path, tmp_pat
     [("machine", "n_p"), ("ranking", 0, "gain_held_out"), ("model", "base", "r_s", "unit"), ("model",)],
 )
 def test_an_answer_that_was_changed_is_used_or_refused(
-    place: tuple[str | int, ...], odd: object, tmp_path: Path, run: Run
+    place: tuple[str | int, ...], odd: object, sealed_answer: str, tmp_path: Path, run: Run
 ) -> None:
-    answer = json.loads(sealed_answer())
+    answer = json.loads(sealed_answer)
     part: Any = answer
     for step in place[:-1]:
         part = part[step]
@@ -260,10 +258,10 @@ def test_an_answer_that_was_changed_is_used_or_refused(
         assert "internal" not in ran.err
 
 
-@cache
-def sealed_answer() -> str:
+@pytest.fixture(scope="module")
+def sealed_answer(short_demo: tuple[str, str, str]) -> str:
     """The answer to the demo, as text."""
-    recording, _, machine = recording_files()
+    recording, _, machine = short_demo
     return pm.diagnose(recording, machine).to_json()
 
 

@@ -15,8 +15,10 @@ def test_the_options_are_those_of_the_core_with_their_values() -> None:
     assert asdict(pm.DiagnosisOptions()) == json.loads(_core.diagnosis_options())
 
 
-def test_every_answer_lists_all_options_with_the_values_it_rests_on() -> None:
-    recording, _, machine = recording_files()
+def test_every_answer_lists_all_options_with_the_values_it_rests_on(
+    short_demo: tuple[str, str, str],
+) -> None:
+    recording, _, machine = short_demo
     options = pm.DiagnosisOptions(named=0.95, most_effects=1)
     answer = pm.diagnose(pm.load(recording, machine), machine, options=options)
     assert answer.options == asdict(options)
