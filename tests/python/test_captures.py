@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Callable
 
@@ -58,7 +59,7 @@ SPEEDS: dict[str, Callable[[Array], Array]] = {
 def test_open_terminals_give_flux_and_harmonics(
     channels: Callable[[Columns], Columns], speed: Callable[[Array], Array]
 ) -> None:
-    recording = loaded(channels(terminals(speed)), pm.Machine(n_p=PAIRS))
+    recording = loaded(channels(terminals(speed, seconds=0.5)), pm.Machine(n_p=PAIRS))
     assert recording.kind == "open_circuit"
     assert "No speed was logged" in told(recording)
     answer = pm.diagnose(recording, pm.Machine(n_p=PAIRS), threads=2)
@@ -80,7 +81,7 @@ def motor(*, seconds: float = 0.6, noise: float = 1.0) -> tuple[Columns, Array]:
     out = np.empty((count // every, 6))
     for k in range(count):
         t = k * fine
-        wanted_q = float(np.clip(0.06 * ((0.0 if t < 0.05 else 350.0) - omega), -12.0, 12.0))
+        wanted_q = max(-12.0, min(12.0, 0.06 * ((0.0 if t < 0.05 else 350.0) - omega)))
         wanted_d = 0.0 if t < 0.3 else -3.0
         off_d, off_q = wanted_d - i_d, wanted_q - i_q
         sum_d, sum_q = sum_d + off_d * fine, sum_q + off_q * fine
@@ -88,7 +89,7 @@ def motor(*, seconds: float = 0.6, noise: float = 1.0) -> tuple[Columns, Array]:
         v_q = 4.0 * off_q + 600.0 * sum_q + omega * (L_D * i_d + PSI)
         if k % every == 0:
             out[k // every] = (t, theta, v_d, v_q, i_d, i_q)
-        load = (0.2 if t < 0.4 else 1.2) * np.tanh(omega / 5.0)
+        load = (0.2 if t < 0.4 else 1.2) * math.tanh(omega / 5.0)
         torque = 1.5 * PAIRS * (PSI + (L_D - L_Q) * i_d) * i_q
         i_d += fine / L_D * (v_d - R_S * i_d + omega * L_Q * i_q)
         i_q += fine / L_Q * (v_q - R_S * i_q - omega * (L_D * i_d + PSI))
