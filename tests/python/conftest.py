@@ -9,6 +9,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
+# Several workers share the processors. Threads of numpy's algebra would wait for each other in loops, which
+# takes several times the time of one thread.
+os.environ["OPENBLAS_NUM_THREADS"] = os.environ.get("OPENBLAS_NUM_THREADS", "1")
+
 import numpy as np
 import pmsm_rs
 import pyarrow.parquet
@@ -61,12 +65,17 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 # Files whose tests take longest. They come first: else one processor waits for the other at the end.
 LONGEST = (
     "test_recordings.py",
-    "test_effect_text.py",
-    "test_mistakes.py",
+    "test_plant.py",
     "test_bad_files.py",
-    "test_docs.py",
+    "test_unmodelled.py",
+    "test_hold.py",
     "test_docstrings.py",
+    "test_gate.py",
+    "test_mistakes.py",
     "test_damage.py",
+    "test_bench_logs.py",
+    "test_formulas.py",
+    "test_core.py",
 )
 
 

@@ -42,7 +42,7 @@ def test_a_rub_at_high_speed_is_not_taken_for_friction(tmp_path: Path) -> None:
     from proof.machines import SPINDLE
 
     rub = {"x_tight_spot": {"tau": 0.0909, "width": 0.458, "place": 0.22}}
-    answer = diagnosed(tmp_path, SPINDLE, rub, "fast", "none", 355535)
+    answer = diagnosed(tmp_path, SPINDLE, rub, "fast", "none", 355535, duration=1.0)
     assert answer.verdict == "unknown"
     assert all(candidate.probability < 0.5 for candidate in answer.ranking)
     assert answer.unmodelled is not None
@@ -54,7 +54,7 @@ def test_a_hump_of_friction_at_one_speed_is_mapped_as_narrow_as_it_is(tmp_path: 
     from proof.machines import SERVO
 
     hump = {"x_friction_hump": {"tau": 0.4, "w_hump": 80.0, "width": 12.0}}
-    answer = diagnosed(tmp_path, SERVO, hump, "rich", "measured", 5)
+    answer = diagnosed(tmp_path, SERVO, hump, "rich", "measured", 5, duration=1.0)
     assert answer.verdict == "unknown"
     assert answer.unmodelled is not None
     assert "omega_e" in answer.unmodelled.sentence
