@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
@@ -104,9 +105,9 @@ def outcome(
 
 
 def headline(answer: Mapping[str, Any] | None, refusal: str) -> str:
-    """What an answer leads with, and the mistakes that it tells, in one line."""
+    """What an answer leads with, and the mistakes that it tells, in one line; files without their folder."""
     if answer is None:
-        return refusal
+        return re.sub(r"\S*/(\S+\.parquet)", r"\1", refusal)
     effects = ", ".join((answer.get("model") or {}).get("effects") or ())
     told = tellings(answer, refusal)
     texts = [t.finding for k, t in enumerate(told) if k == 0 or is_mistake(t)]

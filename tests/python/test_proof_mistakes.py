@@ -23,7 +23,7 @@ from proof.case import write_columns  # noqa: E402
 from proof.limits import in_axes  # noqa: E402
 from proof.mistake_kinds import Log, made  # noqa: E402
 from proof.mistake_kinds import mistakes as all_mistakes  # noqa: E402
-from proof.mistake_score import SOUND, Result, markdown, outcome, wilson  # noqa: E402
+from proof.mistake_score import SOUND, Result, headline, markdown, outcome, wilson  # noqa: E402
 from proof.plan import together  # noqa: E402
 
 KINDS = all_mistakes(4, 540.0)
@@ -145,6 +145,17 @@ def test_any_mistake_is_a_false_one_in_a_sound_log() -> None:
     assert outcome(said(MISFIT, reads("v_q had the opposite sign")), "", None, ()) == "otherwise"
     assert outcome(None, "pmsm-rs: theta_e turns against omega_e [PR111]", None, ()) == "otherwise"
     assert outcome(said(NO_LOAD), "", None, ()) == "not told"
+
+
+def test_a_line_tells_the_verdict_and_all_mistakes_and_no_folder() -> None:
+    answer = said(MISFIT, NO_LOAD, reads("v_q had the opposite sign"))
+    assert headline(answer, "") == " | ".join(
+        ["undetermined", MISFIT[1], answer["data_quality"][2]["finding"]]
+    )
+    assert (
+        headline(None, "pmsm-rs: /a/b/run.parquet, column 'i_b': it")
+        == "pmsm-rs: run.parquet, column 'i_b': it"
+    )
 
 
 def test_shares_have_the_interval_of_wilson() -> None:
