@@ -1,5 +1,5 @@
 # `make demo` and `make test` need Python >= 3.11, cargo and a C linker, and fetch the rest into .venv and target.
-# Other goals: soak, readme, pictures, words, proof, proof-docs, accuracy, miri, licences, sbom, reproducible, wheel, format, docs, doc, clean.
+# Other goals: soak, readme, pictures, words, proof, proof-docs, mistakes, accuracy, miri, licences, sbom, reproducible, wheel, format, docs, doc, clean.
 
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -17,13 +17,15 @@ ANSWERS ?= out/accuracy
 # The set of cases of `make proof`: its folder, and the seed of the table in the manual.
 OUT ?= out/proof
 SEED ?= $(shell cat docs/proof/seed)
+# The folder of `make mistakes`.
+MISTAKES_OUT ?= out/mistakes
 # How long `make soak` and `make fuzz` draw.
 MINUTES ?= 10
 
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md \
   $(shell find crates python -type f -not -name '*.so' -not -name '*.pyc' -not -path '*/target/*')
 
-.PHONY: help need demo built unit test lint rustfmt clippy ruff mypy rust python soak readme readme-check pictures words proof proof-docs accuracy miri wheel format docs doc clean hold fuzz fuzz-core licences sbom reproducible
+.PHONY: help need demo built unit test lint rustfmt clippy ruff mypy rust python soak readme readme-check pictures words proof proof-docs mistakes accuracy miri wheel format docs doc clean hold fuzz fuzz-core licences sbom reproducible
 
 help:
 	@echo 'make demo      install into $(VENV) and diagnose the recording that ships with the package'
@@ -32,6 +34,7 @@ help:
 	@echo 'make hold      hostile files, Ctrl-C, full disks, lost readers and kills: time, memory and faults'
 	@echo 'make fuzz      damaged files to every reader, for MINUTES=10; a failing file is kept'
 	@echo 'make proof     make 600 sealed cases, diagnose and score them; CASES= SEED= OUT= FAMILIES= SPLIT=scoring JOBS=2'
+	@echo 'make mistakes  make logs with mistakes of wiring, sign, scale and time, and count which are told; MACHINES=3 SOUND=67 SEED= JOBS=2'
 	@echo 'make accuracy  score the diagnosis on concealed cases, where CONCEALED=folder has them'
 	@echo 'make fuzz-core the core under cargo-fuzz, MINUTES=10 for each target; needs a nightly toolchain and cargo-fuzz'
 	@echo 'make licences  whether the licences of all that the wheel contains and needs are among those of deny.toml'
@@ -177,6 +180,13 @@ proof: SPLIT ?= scoring
 proof: $(VENV)/.proof
 	@$(BIN)/python -m proof --out $(OUT) --cases $(CASES) --seed $(SEED) --jobs $(JOBS) --split $(SPLIT) \
 	  $(if $(FAMILIES),--families $(FAMILIES))
+
+# SOUND=67 makes 201 logs without a mistake.
+mistakes: MACHINES ?= 3
+mistakes: SOUND ?= 67
+mistakes: JOBS ?= 2
+mistakes: $(VENV)/.proof
+	@$(BIN)/python -m proof.mistakes --out $(MISTAKES_OUT) --machines $(MACHINES) --sound $(SOUND) --seed $(SEED) --jobs $(JOBS)
 
 # Puts the results of the last `make proof` into the manual.
 proof-docs:

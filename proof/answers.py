@@ -18,6 +18,8 @@ from .plan import name_of
 
 # generous: it stops what hangs, and must not stop what a busy machine makes slow
 TIMEOUT = 1200.0
+# characters kept of the last line of standard error: its code stands at the end, behind the path of a file
+LINE = 1000
 TOOL = Path(sys.executable).parent / "pmsm-rs"
 
 
@@ -57,18 +59,27 @@ def paths(number: int, out: Path) -> tuple[Path, Path, Path]:
 
 
 def is_answered(number: int, out: Path, code: str) -> bool:
-    """Whether this very code has answered the case (or failed to): its cost is written last."""
-    cost = paths(number, out)[2]
+    """Whether this very code has answered the case (or failed to)."""
+    return is_answered_in(paths(number, out)[2], code)
+
+
+def is_answered_in(cost: Path, code: str) -> bool:
+    """Whether this very code has answered what has this cost: it is written last."""
     return cost.exists() and json.loads(cost.read_text(encoding="utf-8"))["code"] == code
 
 
 def answer(number: int, out: Path, code: str) -> Cost:
-    """Let the tool diagnose a case on one thread; it is given the three files of the open folder alone.
+    """Let the tool diagnose a case on one thread; it is given the three files of the open folder alone."""
+    return ask(out / "open" / name_of(number), paths(number, out), code)
 
-    Whatever it wrote is in place when the cost is: a run that is cut short leaves no cost and is done again.
+
+def ask(folder: Path, results: tuple[Path, Path, Path], code: str) -> Cost:
+    """Let the tool diagnose what lies in a folder: recording, validation run and machine file.
+
+    results: where answer, trajectories and cost go.  Whatever it wrote is in place when the cost is: a run
+    that is cut short leaves no cost and is done again.
     """
-    opened = (out / "open" / name_of(number)).resolve()
-    results = paths(number, out)
+    opened = folder.resolve()
     results[0].parent.mkdir(parents=True, exist_ok=True)
     for old in results:
         old.unlink(missing_ok=True)
@@ -97,7 +108,7 @@ def answer(number: int, out: Path, code: str) -> Cost:
         seconds=round(seconds, 2),
         cpu_seconds=round(usage.ru_utime + usage.ru_stime, 2),
         memory_mb=round(memory, 1),
-        said=said[-1][:300] if said else "",
+        said=said[-1][:LINE] if said else "",
         code=code,
     )
     write_text(results[2], json.dumps(asdict(cost), indent=1) + "\n")

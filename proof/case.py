@@ -64,8 +64,13 @@ def write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
 
 
 def write_parquet(path: Path, run: Run) -> None:
-    """Write the log: t as float64, everything else as float32, zstd on split byte streams."""
-    table = pa.table({"t": run.t, **{k: v.astype(np.float32) for k, v in run.log.items()}})
+    """Write the log of a run."""
+    write_columns(path, {"t": run.t, **run.log})
+
+
+def write_columns(path: Path, columns: dict[str, np.ndarray]) -> None:
+    """Write columns (n,): t as float64, everything else as float32, zstd on split byte streams."""
+    table = pa.table({k: v if k == "t" else v.astype(np.float32) for k, v in columns.items()})
     atomically(
         path,
         lambda name: pq.write_table(

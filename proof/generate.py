@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,8 @@ FAST_SHARE = 0.25
 AT_STANDSTILL = {"dead_time", "saturation_d", "saturation_q", "rs_thermal_drift"}
 LOCKED_SHARE = 0.15
 DURATION = (1.7, 2.3)
+# loads under which a rotor turns
+TURNING = tuple(k for k in LOADS if k != "locked")
 # share of full logs of the plant whose voltages stand in the stator, the drive logging its command
 HELD_SHARE = 0.15
 HELD = ("clean", "single", "pair")
@@ -174,10 +176,12 @@ def solvable(run: dict[str, Any]) -> bool:
     return all(v <= SOLVABLE * least[k] for k, v in run.get("oracle", {}).items())
 
 
-def settings(number: int, seed: int, planned: Planned, split: str) -> Iterator[Setting]:
-    """The planned setting of a case, then others for effects that the planned one does not show."""
+def settings(
+    number: int, seed: int, planned: Planned, split: str, loads: Sequence[str] = TURNING
+) -> Iterator[Setting]:
+    """The planned setting of a case, then others, of these loads, for effects that the planned one does not
+    show."""
     rng = np.random.default_rng([seed, 1, number])
-    loads = [k for k in LOADS if k != "locked"]
     machine, load = planned.machine, planned.load
     # a held rotor hides what a limited log does to angle and speed
     may_lock = planned.kind in ("single", "clean") and planned.simulator == "plant"
@@ -196,9 +200,17 @@ def settings(number: int, seed: int, planned: Planned, split: str) -> Iterator[S
         yield Setting(own, "rich" if planned.kind == "poor" else manoeuvre, load, duration, case_seed)
 
 
-def generate(number: int, seed: int, planned: Planned, out: Path, split: str = "scoring") -> dict[str, Any]:
+def generate(
+    number: int,
+    seed: int,
+    planned: Planned,
+    out: Path,
+    split: str = "scoring",
+    loads: Sequence[str] = TURNING,
+) -> dict[str, Any]:
     """Make one case in out/open and out/sealed and return its truth; it depends on the arguments alone.
 
+    loads: from which a load is drawn where the planned setting does not show the effects.
     Raises RuntimeError if no setting shows the effects, ImportError if the simulator is not installed.
     """
     rng = np.random.default_rng([seed, 2, number])
@@ -206,7 +218,7 @@ def generate(number: int, seed: int, planned: Planned, out: Path, split: str = "
     held = (planned.log, planned.simulator) == ("full", "plant") and planned.kind in HELD
     held &= "voltage_delay" not in names and np.random.default_rng([seed, 4, number]).uniform() < HELD_SHARE
     draft = out / f".{case}"
-    for where in settings(number, seed, planned, split):
+    for where in settings(number, seed, planned, split, loads):
         if "asymmetric_friction" in names and where.load.startswith("unknown"):
             # Coulomb friction and a constant load are the same equation
             continue
