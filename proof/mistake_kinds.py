@@ -176,7 +176,11 @@ def mistakes(n_p: int, v_dc: float) -> dict[str, Mistake]:
         "v-times-root-3": scaled(VOLTAGES, 3.0, "voltages"),
         "v-as-modulation-index": Mistake(
             (),
-            (("PR212", "the voltages were logged", "as a duty cycle is"),),
+            (
+                ("PR212", "the voltages were logged", "as a duty cycle is"),
+                ("PR204", "the scale of the voltages", "/v_dc, as"),
+            ),
+            why="Indices of one voltage differ by less than a nameplate may be off.",
             columns=times(VOLTAGES, 2.0 / v_dc),
         ),
         "backwards-axes": Mistake(

@@ -147,9 +147,8 @@ fn in_stages(
     let mut base = baseline::fit(whole, monitor)?;
     incumbent.note(&base);
     if let Some(finding) = baseline::diverged(&base) {
-        let mut answer = conclude::undetermined(whole, finding, None);
-        answer.data_quality.extend(wiring::suspected(recordings, machine, &base, options, monitor)?);
-        return Ok(answer);
+        let mistake = wiring::suspected(recordings, machine, &base, options, monitor)?;
+        return Ok(conclude::without_model(whole, mistake, finding));
     }
     let counted = angle_quantisation::select(whole, &mut base, monitor)?;
     match between_rows::select(whole, &base, monitor)? {
@@ -179,9 +178,7 @@ fn in_stages(
             Some(_) => None,
         };
         if from.is_none() {
-            let mut answer = conclude::undetermined(whole, finding, None);
-            answer.data_quality.extend(mistake);
-            return Ok(answer);
+            return Ok(conclude::without_model(whole, mistake, finding));
         }
     }
     current_filter::take_out(whole, &mut base, monitor)?;

@@ -23,18 +23,19 @@ struct Excess {
     variation: f64,
 }
 
-/// A finding if the residual of the fitted machine `base` exceeds the variation of a channel: by how much, and which parameter ran away.
-pub fn lack_of_fit(data: &Data, base: &Hypothesis) -> Option<Finding> {
+/// A finding if the residual of a fitted `set` exceeds the variation of a channel: by how much, and which parameter ran away.
+pub fn lack_of_fit(data: &Data, set: &Hypothesis) -> Option<Finding> {
     let times = |excess: &Excess| excess.left / excess.variation;
-    let worst = excesses(data, base).into_iter().max_by(|a, b| times(a).total_cmp(&times(b)))?;
+    let what = if set.effects().is_empty() { "dq-model" } else { "set of effects" };
+    let worst = excesses(data, set).into_iter().max_by(|a, b| times(a).total_cmp(&times(b)))?;
     let (unit, name) = (worst.channel.unit(), worst.channel.name());
     let place = data.number(worst.run).map_or(String::new(), |number| format!(" of recording {number}"));
     Some(Finding {
         finding: format!(
-            "the best dq-model has a residual of {:.3} {unit} in {name}{place}, and {name} itself varies by {:.3} {unit} only{}",
+            "the best {what} has a residual of {:.3} {unit} in {name}{place}, and {name} itself varies by {:.3} {unit} only{}",
             worst.left,
             worst.variation,
-            ran_away(data, base, worst.channel).unwrap_or_default()
+            ran_away(data, set, worst.channel).unwrap_or_default()
         ),
         consequence: "this is no model of the recording, and nothing can be said of what is missing in it"
             .into(),

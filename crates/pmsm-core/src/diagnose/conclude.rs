@@ -39,6 +39,14 @@ pub fn undetermined(data: &Data, finding: Finding, next: Option<&str>) -> Answer
     answer
 }
 
+/// The answer where the dq-model is no model of the recordings, by the `finding` that says so: a `mistake` that explains it comes first.
+pub fn without_model(data: &Data, mistake: Option<Finding>, finding: Finding) -> Answer {
+    let Some(mistake) = mistake else { return undetermined(data, finding, None) };
+    let mut answer = undetermined(data, mistake, None);
+    answer.data_quality.push(finding);
+    answer
+}
+
 fn floors(data: &Data) -> BTreeMap<String, f64> {
     data.floors.iter().map(|f| (f.channel.name().to_string(), f.total())).collect()
 }

@@ -302,6 +302,12 @@ impl Data {
         self.runs().iter().any(|part| start::needed(&part.signals, parameter))
     }
 
+    /// Voltage of the DC link where it is stated, V.
+    pub fn link(&self) -> Option<f64> {
+        let signals = &self.signals;
+        signals.link_stated.then_some(signals.context.v_dc)
+    }
+
     /// Whether it holds electrical channels.
     pub fn has_electrical(&self) -> bool {
         self.floors.iter().any(|f| f.channel.is_electrical())

@@ -210,10 +210,28 @@ impl Evidence {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{hypothesis, validated};
+    use super::super::testing::{hypothesis, prepared, setup, speeds, validated};
     use super::*;
+    use crate::drive::simulate;
     use crate::effects::EffectId;
     use crate::model::Model;
+    use crate::monitor::Silent;
+    use crate::recording::Recording;
+
+    #[test]
+    fn every_window_of_the_motion_counts_for_a_speed_that_is_logged_slowly() {
+        let setup = setup(speeds(4.0, &[(0.1, 60.0), (2.0, -50.0), (3.5, 70.0)]), Vec::new());
+        let whole = simulate(&setup, &Silent).unwrap().recording;
+        let thinned = |name: &str| whole.column(name).unwrap().iter().copied().step_by(50).collect();
+        let columns = whole.names().into_iter().map(|name| (name.to_string(), thinned(name)));
+        let recording = Recording::new(columns.collect(), Some(whole.load())).unwrap();
+        let data = prepared(&recording, &setup);
+        let evidence = Evidence::new(&data, &[]);
+        let samples = evidence.samples();
+        // At 100 Hz the voltage equations are left out.
+        assert_eq!(data.floors.len(), 1);
+        assert!(data.windows.len() > 10 && samples == [data.windows.len() as f64], "{samples:?}");
+    }
 
     /// Two channels of the recording and of another one.
     fn evidence() -> Evidence {

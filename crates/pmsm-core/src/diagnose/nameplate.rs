@@ -33,6 +33,12 @@ const MISTAKEN: [(f64, &str); 5] = [
 ];
 /// The same of the number of pole pairs.
 const POLES: [(f64, &str); 1] = [(2.0, "2, as poles stand to pole pairs")];
+/// The same of voltages over the DC link's.
+const OF_LINK: [(f64, &str); 3] = [
+    (2.0, "2/v_dc, as a modulation index stands to its voltage"),
+    (1.0, "1/v_dc, as a duty cycle stands to its voltage"),
+    (SQRT3, "√3/v_dc, as the index of space vectors stands to its voltage"),
+];
 
 /// What may be in a wrong scale.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,6 +51,17 @@ pub enum Scaled {
     Both,
     /// The pole pairs: of given currents they make the torque.
     PolePairs,
+}
+
+/// The factors by which something may have been logged too large; `link` is the DC link's voltage where it is stated.
+fn factors(scaled: Scaled, link: Option<f64>) -> Vec<(f64, &'static str)> {
+    let usual = if scaled == Scaled::PolePairs { &POLES[..] } else { &MISTAKEN };
+    let mut factors: Vec<(f64, &str)> =
+        usual.iter().flat_map(|(factor, words)| [(*factor, *words), (1.0 / factor, *words)]).collect();
+    if let Some(v_dc) = link.filter(|_| scaled == Scaled::Voltages) {
+        factors.extend(OF_LINK.map(|(factor, words)| (factor / v_dc, words)));
+    }
+    factors
 }
 
 /// The base parameters that are known well enough over those of the nameplate. The friction of bearings varies too much for one.
@@ -87,7 +104,7 @@ pub fn contradicts(data: &Data, base: &BTreeMap<String, Estimate>) -> Option<Fin
         consequence:
             "a wrong unit, scale or number of pole pairs fits as well as the right one, and nothing else tells of it"
                 .into(),
-        fix: format!("check {}", suspect(&ratios)),
+        fix: format!("check {}", suspect(&ratios, data.link())),
     })
 }
 
@@ -117,22 +134,19 @@ fn certain(estimate: &Estimate) -> bool {
 }
 
 /// The mistake of scale that brings all ratios nearest to one, where it brings them as near as a nameplate may be off: what is scaled, by
-/// which factor, and both in words.
-pub fn scale(ratios: &[(BaseParameter, f64)]) -> Option<(Scaled, f64, String)> {
+/// which factor, and both in words. `link` is the DC link's voltage where it is stated, V.
+pub fn scale(ratios: &[(BaseParameter, f64)], link: Option<f64>) -> Option<(Scaled, f64, String)> {
     let left = |powers: &[f64; 5], scale: f64| -> Vec<f64> {
         ratios.iter().map(|(p, ratio)| ratio.ln() - powers[p.index()] * scale.ln()).collect()
     };
     let mut best: Option<(f64, (Scaled, f64, String))> = None;
     for (scaled, logged, powers) in &LOGGED {
-        let factors = if *scaled == Scaled::PolePairs { &POLES[..] } else { &MISTAKEN };
-        for (factor, words) in factors {
-            for factor in [*factor, 1.0 / factor] {
-                let left = left(powers, factor);
-                let square = left.iter().map(|x| x * x).sum::<f64>();
-                let near = left.iter().all(|x| x.abs() <= OFF.ln());
-                if near && best.as_ref().is_none_or(|(least, _)| square < *least) {
-                    best = Some((square, (*scaled, factor, format!("{logged}: the factor may be {words}"))));
-                }
+        for (factor, words) in factors(*scaled, link) {
+            let left = left(powers, factor);
+            let square = left.iter().map(|x| x * x).sum::<f64>();
+            let near = left.iter().all(|x| x.abs() <= OFF.ln());
+            if near && best.as_ref().is_none_or(|(least, _)| square < *least) {
+                best = Some((square, (*scaled, factor, format!("{logged}: the factor may be {words}"))));
             }
         }
     }
@@ -140,22 +154,17 @@ pub fn scale(ratios: &[(BaseParameter, f64)]) -> Option<(Scaled, f64, String)> {
 }
 
 /// All mistakes of scale: what is scaled, by which factor, and by which the torque of the log is then too large.
-pub fn torque_scales() -> Vec<(Scaled, f64, f64)> {
-    let mut found = Vec::new();
-    for (scaled, ..) in LOGGED {
-        let factors = if scaled == Scaled::PolePairs { &POLES[..] } else { &MISTAKEN };
-        for (factor, _) in factors {
-            for factor in [*factor, 1.0 / factor] {
-                found.push((scaled, factor, if scaled == Scaled::Both { factor * factor } else { factor }));
-            }
-        }
-    }
-    found
+pub fn torque_scales(link: Option<f64>) -> Vec<(Scaled, f64, f64)> {
+    let of_each = |(scaled, ..): (Scaled, &str, [f64; 5])| {
+        let torque = move |factor: f64| if scaled == Scaled::Both { factor * factor } else { factor };
+        factors(scaled, link).into_iter().map(move |(factor, _)| (scaled, factor, torque(factor)))
+    };
+    LOGGED.into_iter().flat_map(of_each).collect()
 }
 
 /// What is to be checked where base parameters come out at these multiples of the nameplate.
-fn suspect(ratios: &[(BaseParameter, f64)]) -> String {
-    match scale(ratios) {
+fn suspect(ratios: &[(BaseParameter, f64)], link: Option<f64>) -> String {
+    match scale(ratios, link) {
         Some((.., words)) => words,
         None => "the nameplate, n_p, and the units of voltages, currents, speed and time".into(),
     }
@@ -175,13 +184,23 @@ mod tests {
 
     #[test]
     fn a_scale_is_recognised_by_what_it_multiplies() {
-        let voltages = suspect(&[(P::RS, 1.5), (P::LD, 1.35), (P::LQ, 1.3), (P::PsiM, 1.45), (P::J, 1.5)]);
+        let voltages =
+            suspect(&[(P::RS, 1.5), (P::LD, 1.35), (P::LQ, 1.3), (P::PsiM, 1.45), (P::J, 1.5)], Some(540.0));
         assert!(voltages.contains("voltages") && voltages.contains("√2"), "{voltages}");
-        let currents = suspect(&[(P::RS, 0.1), (P::LD, 0.09), (P::LQ, 0.11), (P::PsiM, 1.1), (P::J, 9.0)]);
+        let currents =
+            suspect(&[(P::RS, 0.1), (P::LD, 0.09), (P::LQ, 0.11), (P::PsiM, 1.1), (P::J, 9.0)], Some(540.0));
         assert!(currents.contains("currents") && currents.contains("probe"), "{currents}");
-        let scaled = suspect(&[(P::RS, 0.95), (P::LD, 1.03), (P::LQ, 0.97), (P::PsiM, 1.25), (P::J, 1.43)]);
+        let scaled = suspect(
+            &[(P::RS, 0.95), (P::LD, 1.03), (P::LQ, 0.97), (P::PsiM, 1.25), (P::J, 1.43)],
+            Some(540.0),
+        );
         assert!(scaled.contains("power-invariant"), "{scaled}");
-        let turns = suspect(&[(P::RS, 1.1), (P::LD, 0.9), (P::LQ, 1.0), (P::PsiM, 1.0), (P::J, 4.0)]);
+        let turns =
+            suspect(&[(P::RS, 1.1), (P::LD, 0.9), (P::LQ, 1.0), (P::PsiM, 1.0), (P::J, 4.0)], Some(540.0));
         assert!(turns.contains("n_p"), "{turns}");
+        let index = 2.0 / 540.0;
+        let small = [P::RS, P::LD, P::LQ, P::PsiM, P::J].map(|p| (p, 1.1 * index));
+        let (known, unknown) = (suspect(&small, Some(540.0)), suspect(&small, None));
+        assert!(known.contains("modulation index") && !unknown.contains("modulation"), "{known} {unknown}");
     }
 }

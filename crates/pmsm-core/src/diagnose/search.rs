@@ -13,7 +13,6 @@ use super::transfer::transfer;
 use super::verdict::{self, Validated};
 use crate::effect::Site;
 use crate::error::Result;
-use crate::experiment::Channel;
 use crate::monitor::Monitor;
 
 /// The monitor of the call, and the best set so far.
@@ -106,7 +105,7 @@ fn open<'a>(
 }
 
 /// The search repeated from the set that the balance of torques shows, where it is better than the one found and the motion is not
-/// explained.
+/// explained. The currents must be: what is missing there has no place in the balance.
 pub fn with_torque_balance(
     whole: &Data,
     others: &[Data],
@@ -114,9 +113,13 @@ pub fn with_torque_balance(
     (monitor, incumbent): Watch,
 ) -> Result<Outcome> {
     let best = &outcome.best;
-    let runs = std::iter::once(&best.fitted).chain(&best.held_out);
-    let left = runs.map(|run| run.square(Channel::OmegaE)).fold(0.0, f64::max);
-    if whole.poor || left <= 1.0 + whole.options.mismatch {
+    let left = |electrical: bool| {
+        let runs = std::iter::once(&best.fitted).chain(&best.held_out);
+        let squares = runs.flat_map(|run| &run.squares).filter(|(c, _)| c.is_electrical() == electrical);
+        squares.map(|(_, square)| square - 1.0).fold(0.0, f64::max)
+    };
+    let (options, currents_explained) = (&whole.options, left(true) <= whole.options.form_error());
+    if whole.poor || !currents_explained || left(false) <= options.mismatch {
         return Ok(outcome);
     }
     let Some(set) = torque_balance::grown(whole, &best.fitted, monitor)? else { return Ok(outcome) };
@@ -125,8 +128,12 @@ pub fn with_torque_balance(
     if cost(&set) >= cost(&best.fitted) {
         return Ok(outcome);
     }
-    let anew = search(whole, others, &outcome.base.fitted, Some(&set), (monitor, incumbent))?;
-    Ok(if outcome.evidence.cost(&anew.best) < outcome.evidence.cost(best) { anew } else { outcome })
+    let mut anew = search(whole, others, &outcome.base.fitted, Some(&set), (monitor, incumbent))?;
+    if outcome.evidence.cost(&anew.best) >= outcome.evidence.cost(best) {
+        return Ok(outcome);
+    }
+    anew.path = with_steps_of(&outcome.path, anew.path, whole, monitor)?;
+    Ok(anew)
 }
 
 /// The search repeated with the noise as the best set shows it, if that needs fewer effects.

@@ -147,7 +147,7 @@ fn with_maps(
     let recordings = Recordings { data, validation, monitor };
     let choose = |set: &Hypothesis, side| {
         monitor.report("map of what is left", 0.98);
-        choice::choose(data, set, side, &places(data, best, side), monitor)
+        choice::choose(data, set, side, &places(data, set, side), monitor)
     };
     let (mut order, mut begun) = (sides.to_vec(), None);
     if sides.contains(&Side::Electrical) {
@@ -273,7 +273,8 @@ fn with_angle_error(
     }
     let recordings = Recordings { data, validation, monitor };
     for _ in 0..PARTS {
-        let choices = choice::choose(data, &mapped.fitted, side, &places(data, set, side), monitor)?;
+        let here = &mapped.fitted;
+        let choices = choice::choose(data, here, side, &places(data, here, side), monitor)?;
         if choices.iter().all(|choice| choice.part.site() != Site::Sensor) {
             break;
         }
@@ -284,9 +285,9 @@ fn with_angle_error(
     Ok(mapped)
 }
 
-/// Where `best` leaves something in the equations of one side.
-fn places(data: &Data, best: &Hypothesis, side: Side) -> Vec<Located> {
-    locate::locate(data, best).into_iter().filter(|l| side.holds(&l.equation)).collect()
+/// Where a set leaves something in the equations of one side.
+fn places(data: &Data, set: &Hypothesis, side: Side) -> Vec<Located> {
+    locate::locate(data, set).into_iter().filter(|l| side.holds(&l.equation)).collect()
 }
 
 /// Sides on which more is left than may remain where something is explained, the larger excess first.

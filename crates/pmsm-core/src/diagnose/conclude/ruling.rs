@@ -98,7 +98,7 @@ impl<'a> Ruling<'a> {
         let ties = if data.is_steady() { own.ties() } else { Vec::new() };
         Ok(Self {
             contradiction: consistency::contradiction(data, &outcome.best.fitted, monitor)?,
-            lack_of_fit: adequacy::lack_of_fit(data, &outcome.base.fitted),
+            lack_of_fit: adequacy::lack_of_fit(data, &outcome.best.fitted),
             few_currents: coverage::held_at_few_currents(data),
             asymmetric_friction: own.effect(EffectId::AsymmetricFriction),
             reason: None,
@@ -249,6 +249,11 @@ impl<'a> Ruling<'a> {
         self.outcome.best = self.outcome.base.clone();
         self.outcome.path.truncate(1);
         self.after.clone_from(&self.before);
+        if let Some(finding) = adequacy::lack_of_fit(self.runs.data, &self.outcome.best.fitted) {
+            self.verdict = Verdict::Undetermined;
+            self.reason = Some(finding.reason());
+            self.lack_of_fit = Some(finding);
+        }
         if self.few_currents.is_some() {
             // Any two parameters explain two levels of current.
             self.verdict = Verdict::Undetermined;

@@ -1,6 +1,7 @@
 //! What may have been mistaken when a log was made, and what undoes it.
 
 use crate::diagnose::nameplate::Scaled;
+use crate::figures::figure;
 use crate::recording::Recording;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -102,7 +103,7 @@ fn factor_in_words(factor: f64) -> String {
     if root.fract() != 0.0 && (root - factor).abs() < 1e-9 {
         format!("√{}", 0.5 * halves)
     } else {
-        format!("{factor}")
+        figure(factor, 4)
     }
 }
 

@@ -76,11 +76,13 @@ pub fn in_place_of_effects(
         if !allowed || gain < price {
             continue;
         }
-        let set = match compared {
-            Compared::Residuals { most } if most.is_infinite() => {
+        // What the mistake does not explain may be the cause of all: a delay or a lag must explain all at once.
+        let at_once = matches!(compared, Compared::Residuals { most } if most.is_finite());
+        let set = match at_once || !is_unexplained(&better.set, &data.options) {
+            true => Some(better.set.clone()),
+            false => {
                 Some(explained(&read, &base.set, monitor)?).filter(|set| !is_unexplained(set, &data.options))
             }
-            _ => Some(better.set.clone()),
         };
         paying.extend(set.map(|set| (gain, mistake, set)));
     }
@@ -135,14 +137,15 @@ fn is_unexplained(set: &Hypothesis, options: &DiagnosisOptions) -> bool {
 /// Scales in which the log may be wrong: that which brings the parameters near to the nameplate, and those by which the torque is off from a
 /// load that is known.
 fn scales(data: &Data, as_it_is: &Weighed) -> Vec<(Scaled, f64)> {
-    let by_nameplate = nameplate::scale(&as_it_is.ratios).filter(|_| nameplate::contradict(&as_it_is.ratios));
+    let (ratios, link) = (&as_it_is.ratios, data.link());
+    let by_nameplate = nameplate::scale(ratios, link).filter(|_| nameplate::contradict(ratios));
     let mut found: Vec<(Scaled, f64)> =
         by_nameplate.map(|(what, factor, _)| (what, factor)).into_iter().collect();
     let load = stated_load::mean(data).filter(|load| *load != 0.0);
     if let Some((lost, load)) = as_it_is.lost_torque.zip(load) {
         let torque = 1.0 + lost / load;
         let as_much = |factor: &f64| (factor / torque).ln().abs() < SAME;
-        let fits = nameplate::torque_scales().into_iter().filter(|(.., of_torque)| as_much(of_torque));
+        let fits = nameplate::torque_scales(link).into_iter().filter(|(.., of_torque)| as_much(of_torque));
         for (what, factor, _) in fits {
             if !found.contains(&(what, factor)) {
                 found.push((what, factor));
