@@ -179,6 +179,7 @@ def mistakes(n_p: int, v_dc: float) -> dict[str, Mistake]:
             (
                 ("PR212", "the voltages were logged", "as a duty cycle is"),
                 ("PR204", "the scale of the voltages", "/v_dc, as"),
+                ("PR201", "the voltages were", "times too small", "/v_dc, as"),
             ),
             why="Indices of one voltage differ by less than a nameplate may be off.",
             columns=times(VOLTAGES, 2.0 / v_dc),

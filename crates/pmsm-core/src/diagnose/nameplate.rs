@@ -64,6 +64,12 @@ fn factors(scaled: Scaled, link: Option<f64>) -> Vec<(f64, &'static str)> {
     factors
 }
 
+/// What voltages are that were logged so many times too large, where that is a share of the DC link's voltage, V.
+pub fn of_link(factor: f64, link: f64) -> Option<&'static str> {
+    let share = |x: &&(f64, &str)| (factor * link / x.0 - 1.0).abs() < 1e-9;
+    OF_LINK.iter().find(share).map(|(_, words)| *words)
+}
+
 /// The base parameters that are known well enough over those of the nameplate. The friction of bearings varies too much for one.
 pub fn ratios(data: &Data, base: &BTreeMap<String, Estimate>) -> Vec<(BaseParameter, f64)> {
     let ratio = |p: &BaseParameter| {

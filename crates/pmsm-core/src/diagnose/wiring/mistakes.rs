@@ -1,6 +1,6 @@
 //! What may have been mistaken when a log was made, and what undoes it.
 
-use crate::diagnose::nameplate::Scaled;
+use crate::diagnose::nameplate::{self, Scaled};
 use crate::figures::figure;
 use crate::recording::Recording;
 use std::collections::BTreeMap;
@@ -75,8 +75,8 @@ fn rows_in_words(rows: isize) -> String {
 }
 
 /// The mistake of currents, voltages or both that were logged `factor` times too large, or of so many times too many pole pairs, of which
-/// the machine file states `n_p`.
-pub(super) fn scaled(what: Scaled, factor: f64, n_p: u32) -> Mistake {
+/// the machine file states `n_p`. `link` is the voltage of the DC link where it is stated, V.
+pub(super) fn scaled(what: Scaled, factor: f64, n_p: u32, link: Option<f64>) -> Mistake {
     let (logged, [i, v]) = match what {
         Scaled::Voltages => ("the voltages were", [false, true]),
         Scaled::Currents => ("the currents were", [true, false]),
@@ -88,7 +88,9 @@ pub(super) fn scaled(what: Scaled, factor: f64, n_p: u32) -> Mistake {
     } else if factor > 1.0 {
         format!("{logged} {} times too large", factor_in_words(factor))
     } else {
-        format!("{logged} {} times too small", factor_in_words(1.0 / factor))
+        let words = format!("{logged} {} times too small", factor_in_words(1.0 / factor));
+        let of_link = link.filter(|_| what == Scaled::Voltages).and_then(|v| nameplate::of_link(factor, v));
+        of_link.map_or(words.clone(), |share| format!("{words} ({share})"))
     };
     Mistake::new(words, move |c| {
         let currents = !i || scale(c, &I, 1.0 / factor);
@@ -103,7 +105,7 @@ fn factor_in_words(factor: f64) -> String {
     if root.fract() != 0.0 && (root - factor).abs() < 1e-9 {
         format!("√{}", 0.5 * halves)
     } else {
-        figure(factor, 4)
+        figure(factor, 3)
     }
 }
 

@@ -52,7 +52,9 @@ pub fn in_place_of_effects(
         .collect();
     for (what, factor) in scales(data, &as_it_is) {
         let corrected = with_pole_pairs(machine, what, factor);
-        asked.extend(corrected.map(|m| (scaled(what, factor, machine.n_p), m, Compared::OverNoise)));
+        asked.extend(
+            corrected.map(|m| (scaled(what, factor, machine.n_p, data.link()), m, Compared::OverNoise)),
+        );
     }
     let price = data.options.effect_cost + data.options.decisive;
     let mut paying: Vec<(f64, Mistake, Hypothesis)> = Vec::new();
