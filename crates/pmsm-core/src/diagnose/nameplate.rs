@@ -208,5 +208,7 @@ mod tests {
         let small = [P::RS, P::LD, P::LQ, P::PsiM, P::J].map(|p| (p, 1.1 * index));
         let (known, unknown) = (suspect(&small, Some(540.0)), suspect(&small, None));
         assert!(known.contains("modulation index") && !unknown.contains("modulation"), "{known} {unknown}");
+        assert!(of_link(index, 540.0).is_some_and(|words| words.contains("modulation index")));
+        assert_eq!(of_link(1.3 * index, 540.0), None);
     }
 }

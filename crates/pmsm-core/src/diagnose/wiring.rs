@@ -115,6 +115,8 @@ mod tests {
     use super::mistakes::{Columns, interchange, negate, scale, turn_angle, turn_frame};
     use super::testing::recorded;
     use super::*;
+    use crate::diagnose::answer::Verdict;
+    use crate::diagnose::diagnose;
     use crate::diagnose::testing::choice;
     use crate::monitor::Silent;
     use crate::numerics::transforms::park;
@@ -206,6 +208,18 @@ mod tests {
             let told = said(&recording, &machine);
             assert!(told.as_ref().is_some_and(|told| told.contains(words)), "{words}: {told:?}");
         }
+    }
+
+    #[test]
+    fn a_mistake_leads_the_answer_where_the_dq_model_is_no_model_of_the_log() {
+        let (recording, machine) = recorded(Vec::new(), None, |c| assert!(interchange(c, "v_d", "v_q")));
+        let mut data = join::prepare(&[&recording], &machine, &Default::default()).unwrap();
+        let base = baseline::fit(&mut data, &Silent).unwrap();
+        assert!(adequacy::lack_of_fit(&data, &base).is_some());
+        let answer = diagnose(&[&recording], &machine, None, &Default::default(), &Silent).unwrap();
+        assert_eq!(answer.verdict, Verdict::Undetermined);
+        assert!(answer.data_quality[0].finding.contains("v_d and v_q were interchanged"));
+        assert!(answer.data_quality[1].finding.contains("itself varies"), "{:?}", answer.data_quality);
     }
 
     #[test]
