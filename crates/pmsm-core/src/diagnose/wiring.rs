@@ -72,6 +72,8 @@ pub fn suspected(
         let left = verdict::largest_excess(&fitted);
         // A diverged fit has no share.
         let most = if finite { LEFT * before } else { FAR };
+        // A delay or a lag that nothing else explains may look like a shift in time: that must explain all.
+        let most = if mistakes[*at].of_time { options.form_error().min(most) } else { most };
         if left < most && adequacy::lack_of_fit(&data, &fitted).is_none() {
             explaining.push((left, *at));
         }
@@ -212,13 +214,13 @@ mod tests {
 
     #[test]
     fn a_mistake_leads_the_answer_where_the_dq_model_is_no_model_of_the_log() {
-        let (recording, machine) = recorded(Vec::new(), None, |c| assert!(interchange(c, "v_d", "v_q")));
+        let (recording, machine) = recorded(Vec::new(), None, |c| assert!(negate(c, &["v_d", "v_q"])));
         let mut data = join::prepare(&[&recording], &machine, &Default::default()).unwrap();
         let base = baseline::fit(&mut data, &Silent).unwrap();
         assert!(adequacy::lack_of_fit(&data, &base).is_some());
         let answer = diagnose(&[&recording], &machine, None, &Default::default(), &Silent).unwrap();
         assert_eq!(answer.verdict, Verdict::Undetermined);
-        assert!(answer.data_quality[0].finding.contains("v_d and v_q were interchanged"));
+        assert!(answer.data_quality[0].finding.contains("opposite sign"));
         assert!(answer.data_quality[1].finding.contains("itself varies"), "{:?}", answer.data_quality);
     }
 

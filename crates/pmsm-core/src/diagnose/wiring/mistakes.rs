@@ -13,12 +13,19 @@ type Undo = Box<dyn Fn(&mut Columns) -> bool + Send + Sync>;
 /// A mistake in words ("the log reads as if …"), and what undoes it; false where it cannot have been made.
 pub(super) struct Mistake {
     pub(super) words: String,
+    /// Whether it shifts columns in time, which delays and lags resemble.
+    pub(super) of_time: bool,
     undo: Undo,
 }
 
 impl Mistake {
     fn new(words: impl Into<String>, undo: impl Fn(&mut Columns) -> bool + Send + Sync + 'static) -> Self {
-        Self { words: words.into(), undo: Box::new(undo) }
+        Self { words: words.into(), of_time: false, undo: Box::new(undo) }
+    }
+
+    /// One that moves these columns down by `rows`.
+    fn shifting(words: String, names: &'static [&'static str], rows: isize) -> Self {
+        Self { of_time: true, ..Self::new(words, move |c| shift(c, names, rows)) }
     }
 
     /// The recording without it.
@@ -43,30 +50,23 @@ const V: [&str; 5] = ["v_a", "v_b", "v_c", "v_d", "v_q"];
 pub(super) fn voltages_late() -> Vec<Mistake> {
     let late = |rows| {
         let by = rows_in_words(rows);
-        Mistake::new(format!("the voltages were logged {by} late, or the currents {by} early"), move |c| {
-            shift(c, &V, -rows)
-        })
+        let words = format!("the voltages were logged {by} late, or the currents {by} early");
+        Mistake::shifting(words, &V, -rows)
     };
     (1..=APART).map(late).collect()
 }
 
 /// Voltages that were logged so many rows early, which a delay of the inverter resembles.
 pub(super) fn voltages_early() -> Vec<Mistake> {
-    let early = |rows| {
-        Mistake::new(format!("the voltages were logged {} early", rows_in_words(rows)), move |c| {
-            shift(c, &V, rows)
-        })
-    };
+    let early =
+        |rows| Mistake::shifting(format!("the voltages were logged {} early", rows_in_words(rows)), &V, rows);
     (1..=APART).map(early).collect()
 }
 
 /// Currents that were logged so many rows late, which a lag of the sensors resembles.
 pub(super) fn currents_late() -> Vec<Mistake> {
-    let late = |rows| {
-        Mistake::new(format!("the currents were logged {} late", rows_in_words(rows)), move |c| {
-            shift(c, &I, -rows)
-        })
-    };
+    let late =
+        |rows| Mistake::shifting(format!("the currents were logged {} late", rows_in_words(rows)), &I, -rows);
     (1..=APART).map(late).collect()
 }
 
@@ -142,23 +142,15 @@ pub(super) fn mistakes(n_p: u32) -> Vec<Mistake> {
             }
             true
         }),
-        Mistake::new("the angle was logged one row late", |c| {
-            phases(c) && shift(c, &["theta_e", "theta_m"], -1)
-        }),
-        Mistake::new("the angle was logged one row early", |c| {
-            phases(c) && shift(c, &["theta_e", "theta_m"], 1)
-        }),
     ];
-    out.extend(voltages_late());
-    for rows in 1..=APART {
-        let words = rows_in_words(rows);
-        out.push(Mistake::new(format!("the voltages were logged {words} early"), move |c| {
-            shift(c, &V, rows)
-        }));
-        out.push(Mistake::new(format!("the currents were logged {words} late"), move |c| {
-            shift(c, &I, -rows)
-        }));
+    for (words, rows) in [("late", -1), ("early", 1)] {
+        let of_angle = move |c: &mut Columns| phases(c) && shift(c, &["theta_e", "theta_m"], rows);
+        let mistake = Mistake::new(format!("the angle was logged one row {words}"), of_angle);
+        out.push(Mistake { of_time: true, ..mistake });
     }
+    out.extend(voltages_late());
+    out.extend(voltages_early());
+    out.extend(currents_late());
     for name in ["i_a", "i_b", "i_c", "i_d", "i_q", "v_a", "v_b", "v_c", "v_d", "v_q"] {
         out.push(Mistake::new(format!("{name} had the opposite sign"), move |c| negate(c, &[name])));
     }
