@@ -182,7 +182,7 @@ def die_at_random(task: crew.Task) -> tuple[str, str, str]:
 @pytest.mark.parametrize("how", ["pool", "function"])
 def test_killed_workers_lose_no_recording(how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(crew, "work", die_at_random)
-    names = [tmp_path / f"{k}.csv" for k in range(16)]
+    names = [tmp_path / f"{k}.csv" for k in range(30)]
     made: list[ProcessPoolExecutor] = []
 
     def make() -> ProcessPoolExecutor:
@@ -197,7 +197,7 @@ def test_killed_workers_lose_no_recording(how: str, tmp_path: Path, monkeypatch:
     assert kinds[3] == "WorkerLost"
     assert "worker was lost" in answers.failures[3].message
     lines = ledger.read_text().splitlines()
-    assert len(lines) == 17, "every recording is in the ledger once"
+    assert len(lines) == 31, "every recording is in the ledger once"
 
 
 class Broken(Executor):

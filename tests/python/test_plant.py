@@ -285,7 +285,7 @@ def test_an_inverter_that_holds_its_voltage_in_the_stator_is_no_mismatch(
 def test_how_voltages_are_held_is_seen_beside_friction_that_is_missing(tmp_path, log_command):
     """The currents tell of it where the motion has something else to tell."""
     friction = {"coulomb_friction": {"tau_c": 1.0}}
-    held = {"stator_hold": True, "log_command": log_command, "duration": 1.0}
+    held = {"stator_hold": True, "log_command": log_command}
     answer = diagnosed(tmp_path, TRACTION, friction, "fast", "none", 3, **held)
     assert (answer.verdict, answer.model["effects"]) == ("named", ["coulomb_friction"])
     assert any("stator" in finding["finding"] for finding in answer.data_quality)

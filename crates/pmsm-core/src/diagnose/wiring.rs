@@ -70,10 +70,12 @@ pub fn suspected(
         let Ok(mut data) = join::prepare(&undone, machine, options) else { continue };
         let fitted = baseline::fit(&mut data, monitor)?;
         let left = verdict::largest_excess(&fitted);
-        // A diverged fit has no share.
-        let most = if finite { LEFT * before } else { FAR };
-        // A delay or a lag that nothing else explains may look like a shift in time: that must explain all.
-        let most = if mistakes[*at].of_time { options.form_error().min(most) } else { most };
+        // A diverged fit has no share. A delay or a lag may look like a shift in time, which must therefore explain all.
+        let most = match mistakes[*at].of_time {
+            true => options.form_error(),
+            false if finite => LEFT * before,
+            false => FAR,
+        };
         if left < most && adequacy::lack_of_fit(&data, &fitted).is_none() {
             explaining.push((left, *at));
         }

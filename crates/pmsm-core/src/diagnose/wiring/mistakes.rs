@@ -88,9 +88,9 @@ pub(super) fn scaled(what: Scaled, factor: f64, n_p: u32, link: Option<f64>) -> 
     } else if factor > 1.0 {
         format!("{logged} {} times too large", factor_in_words(factor))
     } else {
-        let words = format!("{logged} {} times too small", factor_in_words(1.0 / factor));
         let of_link = link.filter(|_| what == Scaled::Voltages).and_then(|v| nameplate::of_link(factor, v));
-        of_link.map_or(words.clone(), |share| format!("{words} ({share})"))
+        let share = of_link.map_or(String::new(), |share| format!(" ({share})"));
+        format!("{logged} {} times too small{share}", factor_in_words(1.0 / factor))
     };
     Mistake::new(words, move |c| {
         let currents = !i || scale(c, &I, 1.0 / factor);

@@ -78,15 +78,15 @@ pub fn in_place_of_effects(
         if !allowed || gain < price {
             continue;
         }
-        // What the mistake does not explain may be the cause of all: a delay or a lag must explain all at once.
-        let at_once = matches!(compared, Compared::Residuals { most } if most.is_finite());
-        let set = match at_once || !is_unexplained(&better.set, &data.options) {
-            true => Some(better.set.clone()),
-            false => {
-                Some(explained(&read, &base.set, monitor)?).filter(|set| !is_unexplained(set, &data.options))
+        // Whatever the mistake does not explain may be the cause of all.
+        let mut set = better.set.clone();
+        if is_unexplained(&set, &data.options) {
+            set = explained(&read, &base.set, monitor)?;
+            if is_unexplained(&set, &data.options) {
+                continue;
             }
-        };
-        paying.extend(set.map(|set| (gain, mistake, set)));
+        }
+        paying.push((gain, mistake, set));
     }
     // What is as likely for this log is told together.
     paying.sort_by(|a, b| b.0.total_cmp(&a.0));
