@@ -6,7 +6,7 @@ use pmsm_core::effect::{Context, Need, Role};
 use pmsm_core::effects::{ALL, EffectId};
 
 /// Every identifier of the file contract with the results whose names are binding.
-const CONTRACT: [(&str, &[&str]); 32] = [
+const CONTRACT: [(&str, &[&str]); 33] = [
     ("coulomb_friction", &["tau_c"]),
     ("stribeck_friction", &["tau_c", "tau_s", "w_s"]),
     ("asymmetric_friction", &[]),
@@ -20,6 +20,7 @@ const CONTRACT: [(&str, &[&str]); 32] = [
     ("gravity_torque", &["tau_g"]),
     ("time_varying_load", &["amplitude", "f"]),
     ("two_mass_shaft", &["f_antires", "f_res"]),
+    ("backlash", &["gap"]),
     ("back_emf_harmonics", &["e5_rel", "e7_rel"]),
     ("saturation_d", &[]),
     ("saturation_q", &[]),

@@ -8,11 +8,15 @@ use pmsm_core::model::Model;
 use pmsm_core::numerics::rk4;
 use pmsm_core::signals::Signals;
 
-/// Effects whose equations have a kink in their states, at reversal of speed or torque: |ω_m| and |τ_e| have no second
+/// Effects whose equations have a kink in their states, at reversal of speed or torque: |ω_m|, |τ_e| and a contact have no second
 /// derivative there, so that no method can keep its order across it. The signs of the other frictions are
 /// smooth, as are saturation with an even exponent and all others.
-const KINKED: [EffectId; 3] =
-    [EffectId::QuadraticDrag, EffectId::LoadDependentFriction, EffectId::PreslidingFriction];
+const KINKED: [EffectId; 4] = [
+    EffectId::QuadraticDrag,
+    EffectId::LoadDependentFriction,
+    EffectId::PreslidingFriction,
+    EffectId::Backlash,
+];
 
 /// Order of the integrator from three runs, each with half the step of the one before, at steps small enough for the
 /// leading term of the error and large enough for it to stand out of rounding.

@@ -38,6 +38,7 @@ mod join;
 pub mod locate;
 mod log_limits;
 mod motion;
+mod multimodal;
 mod nameplate;
 mod noise_update;
 mod options;
@@ -227,7 +228,8 @@ fn in_stages(
         search::search(&Data { options: few, ..whole.clone() }, &others, &base, None, watch)?
     } else {
         let found = search::search(whole, &others, &base, from.as_ref(), watch)?;
-        search::with_torque_balance(whole, &others, found, watch)?
+        let found = search::with_torque_balance(whole, &others, found, watch)?;
+        search::with_multimodal(whole, &others, found, watch)?
     };
     let (bare, best) = outcome.ends();
     let Validated { fitted: found, held_out, .. } = best;

@@ -321,6 +321,8 @@ pub trait Effect {
     const FORM: f64 = 0.005;
     /// Whether its derivative at zero strength tells how much it can explain.
     const FIRST_ORDER: bool = true;
+    /// Whether its fit has so many minima that its parameters are looked for by a swarm, where nothing else explains the motion.
+    const MULTIMODAL: bool = false;
     /// Whether its name covers every function of its variables, of which its equation is one form: a map over them is no other cause.
     const GENERAL: bool = false;
     /// Whether its torque jumps where the speed changes its sign, as an unknown load that changes in steps may do, too.

@@ -67,6 +67,10 @@ macro_rules! catalogue {
             pub fn is_first_order(self) -> bool {
                 match self { $(Self::$name => <$module::$name as Effect>::FIRST_ORDER,)+ Self::Text(text) => text.is_first_order() }
             }
+            /// Whether its fit has many minima, so that a swarm looks for its parameters.
+            pub fn is_multimodal(self) -> bool {
+                match self { $(Self::$name => <$module::$name as Effect>::MULTIMODAL,)+ Self::Text(_) => false }
+            }
             /// Whether its name covers every function of its variables.
             pub fn is_general(self) -> bool {
                 match self { $(Self::$name => <$module::$name as Effect>::GENERAL,)+ Self::Text(_) => false }
@@ -171,6 +175,7 @@ catalogue! {
     gravity_torque::GravityTorque,
     time_varying_load::TimeVaryingLoad,
     two_mass_shaft::TwoMassShaft,
+    backlash::Backlash,
     back_emf_harmonics::BackEmfHarmonics,
     saturation_d::SaturationD,
     saturation_q::SaturationQ,

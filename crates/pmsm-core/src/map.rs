@@ -6,6 +6,10 @@
 //!
 //! > v_lost,d += Σ_ab c_ab f_a(x) g_b(y)  (q alike),  τ_loss += Σ_ab c_ab f_a(x) g_b(y),  θ_measured = θ_e + Σ_ab c_ab f_a(x) g_b(y).
 //!
+//! What is lost of the voltage may be a share of the command, as where the voltage of the DC link is not what was logged:
+//!
+//! > v_lost += v_command · Σ_ab c_ab f_a(x) g_b(y).
+//!
 //! It is linear in its coefficients, and with all of them at zero the model is the same bit for bit.
 
 mod factor;
@@ -24,6 +28,8 @@ pub enum Equation {
     D,
     /// Voltage equation of the q axis, V.
     Q,
+    /// Both voltage equations, as a share of the commanded voltage.
+    Link,
     /// Equation of motion, N·m against positive rotation.
     Mechanical,
     /// Rotor angle that is measured, electrical rad ahead of the true one.
@@ -34,7 +40,7 @@ impl Equation {
     /// Where it acts.
     pub fn site(self) -> Site {
         match self {
-            Self::D | Self::Q => Site::Electrical,
+            Self::D | Self::Q | Self::Link => Site::Electrical,
             Self::Mechanical => Site::Mechanical,
             Self::Sensor => Site::Sensor,
         }
@@ -42,10 +48,11 @@ impl Equation {
 
     /// SI unit of what the map adds.
     pub fn unit(self) -> &'static str {
-        match self.site() {
-            Site::Electrical => "V",
-            Site::Mechanical => "N m",
-            Site::Sensor => "rad",
+        match self {
+            Self::D | Self::Q => "V",
+            Self::Link => "1",
+            Self::Mechanical => "N m",
+            Self::Sensor => "rad",
         }
     }
 }
@@ -102,7 +109,14 @@ impl Part {
                 }
                 sum += inner * *f;
             }
-            out[usize::from(*equation == Equation::Q)] += sum;
+            match equation {
+                Equation::Q => out[1] += sum,
+                Equation::Link => {
+                    out[0] += sum * at.v[0];
+                    out[1] += sum * at.v[1];
+                }
+                Equation::D | Equation::Mechanical | Equation::Sensor => out[0] += sum,
+            }
         }
     }
 
@@ -302,6 +316,20 @@ mod tests {
         map.voltage(&p, &at, &mut lost);
         assert_eq!(lost, [0.0, 1.2f64.cos()]);
         assert!((map.torque(&p, &at) - 2.0 * (2.0 * at.env.theta_m).sin()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_share_of_the_command_takes_as_much_of_both_axes() {
+        let first = Factor::Swing { frequency: 50.0, count: 2 };
+        let map = Map { parts: vec![Part { equations: vec![Equation::Link], first, second: None }] };
+        let mut at = point(0.3, 10.0, 2.0);
+        (at.v, at.env.t) = ([10.0, -4.0], 0.002);
+        let mut lost = [0.0; 2];
+        map.voltage(&[0.1, 0.0, 0.0, 0.02], &at, &mut lost);
+        let turn = std::f64::consts::TAU * 50.0 * 0.002;
+        let share = 0.1 * turn.cos() + 0.02 * (2.0 * turn).sin();
+        assert!((lost[0] - 10.0 * share).abs() < 1e-12 && (lost[1] + 4.0 * share).abs() < 1e-12);
+        assert_eq!((map.site(3), Equation::Link.unit()), (Some(Site::Electrical), "1"));
     }
 
     #[test]

@@ -266,7 +266,7 @@ fn check(part: &Part) -> Result<()> {
             Factor::Fourier { angle, count } => {
                 matches!(angle, Variable::ThetaE | Variable::ThetaM) && (1..MOST.div_ceil(2)).contains(count)
             }
-            Factor::Swing { frequency } => finite(*frequency),
+            Factor::Swing { frequency, count } => finite(*frequency) && (1..=MOST / 2).contains(count),
             Factor::Direction { width } => finite(*width),
             Factor::Spline(Spline { low, high, degree, pieces, warp, odd, .. }) => {
                 let ends = low.is_finite() && high.is_finite() && low < high && (!odd || *low == -high);

@@ -8,6 +8,7 @@ use super::wording::enumerated;
 use crate::experiment::Channel;
 use crate::figures::fixed;
 use crate::recording::Kind;
+pub use lines::strongest_frequency;
 use lines::{frequency, order};
 use rayon::prelude::*;
 use serde::Serialize;

@@ -16,6 +16,10 @@ const QUIETER: f64 = 0.93;
 /// It does where part of the voltage noise was missing physics or was hidden by it, or where the driven noise of the speed was hidden: by an
 /// inertia that missing torques had made too large, too.
 pub fn update(whole: &mut Data, others: &mut [Data], base: &Validated, best: &Validated) -> bool {
+    // Impacts that fall a little beside their times leave what looks like noise of the torque.
+    if best.fitted.effects().iter().any(|e| e.is_multimodal()) {
+        return false;
+    }
     let noisy = whole.input.voltage > 0.0;
     // A set that reaches the floors hides no noise. An effect on a poor recording that the dq-model explains is not believed.
     // The residual of the speed is noise of the torque only if the effects found have exact forms.

@@ -6,6 +6,7 @@
 
 mod aggregation;
 mod projector;
+mod swarm;
 mod trials;
 
 use super::data::Data;
@@ -23,6 +24,7 @@ use crate::simulate::mechanical::Nuisance;
 use nalgebra::{DMatrix, DVector};
 use projector::Projector;
 use rayon::prelude::*;
+pub use swarm::Ranging;
 
 /// Most shapes whose columns are computed together.
 const SHAPES: usize = 8;
@@ -82,6 +84,9 @@ impl<'a> Scorer<'a> {
     /// # Errors
     /// [`Error::Interrupted`](crate::error::Error::Interrupted).
     pub fn score(&self, effect: EffectId, monitor: &dyn Monitor) -> Result<Prospect> {
+        if effect.is_multimodal() {
+            return Ok(Prospect::nothing(effect, self.hypothesis.model.context()));
+        }
         let by_trials =
             (!effect.is_first_order()).then(|| self.score_of_trials(effect, monitor)).transpose()?;
         let probes = effect.probes(self.hypothesis.model.context());

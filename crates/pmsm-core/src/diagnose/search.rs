@@ -6,6 +6,7 @@ use super::decimation;
 use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::incumbent::Incumbent;
+use super::multimodal;
 use super::noise_update::{unfiltered, updated};
 use super::select::{Outcome, Search};
 use super::torque_balance;
@@ -105,12 +106,27 @@ fn open<'a>(
 }
 
 /// The search repeated from the set that the balance of torques shows, where it is better than the one found and the motion is not
-/// explained. The currents must be: what is missing there has no place in the balance.
-pub fn with_torque_balance(
+/// explained.
+pub fn with_torque_balance(whole: &Data, others: &[Data], outcome: Outcome, watch: Watch) -> Result<Outcome> {
+    from_another(whole, others, outcome, watch, torque_balance::grown)
+}
+
+/// The same from the set with an effect whose fit has many minima.
+pub fn with_multimodal(whole: &Data, others: &[Data], outcome: Outcome, watch: Watch) -> Result<Outcome> {
+    from_another(whole, others, outcome, watch, multimodal::grown)
+}
+
+/// Another set to begin with, from the best one.
+type Another = fn(&Data, &Hypothesis, &dyn Monitor) -> Result<Option<Hypothesis>>;
+
+/// The search repeated from another set, where that is better than the one found and the motion is not explained. The currents must be:
+/// what is missing there moves the rotor, too.
+fn from_another(
     whole: &Data,
     others: &[Data],
     outcome: Outcome,
     (monitor, incumbent): Watch,
+    another: Another,
 ) -> Result<Outcome> {
     let best = &outcome.best;
     let left = |electrical: bool| {
@@ -122,7 +138,7 @@ pub fn with_torque_balance(
     if whole.poor || !currents_explained || left(false) <= options.mismatch {
         return Ok(outcome);
     }
-    let Some(set) = torque_balance::grown(whole, &best.fitted, monitor)? else { return Ok(outcome) };
+    let Some(set) = another(whole, &best.fitted, monitor)? else { return Ok(outcome) };
     let set = fitting::carried_over(whole, &set, monitor)?;
     let cost = |set: &Hypothesis| outcome.evidence.cost_on_recording(set);
     if cost(&set) >= cost(&best.fitted) {

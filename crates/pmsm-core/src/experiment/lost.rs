@@ -68,7 +68,7 @@ impl Experiment<'_> {
 
     fn followed(&self, p: &[f64]) -> Answering {
         // What is lost all the time is what a swing of no frequency takes, in its cosine.
-        let always = Factor::Swing { frequency: 0.0 };
+        let always = Factor::Swing { frequency: 0.0, count: 1 };
         let part = Part { equations: vec![Equation::D, Equation::Q], first: always, second: None };
         let mut map: Map = self.model.map().cloned().unwrap_or_default();
         map.parts.push(part);
@@ -90,14 +90,13 @@ impl Experiment<'_> {
         if let (Some(d), Some(q)) = (self.row_of(Channel::ID), self.row_of(Channel::IQ)) {
             let values = answering.values(part);
             let size = part.size();
-            for first in (0..size).step_by(WIDE) {
-                for (at, equation) in part.equations.iter().enumerate() {
-                    let axis = usize::from(*equation == Equation::Q);
-                    let own = at * size + first..at * size + size.min(first + WIDE);
-                    let (values, columns) = ((&values[..], first, size), &mut electrical.columns[own]);
-                    let job = Response { steps: &answering.steps, axis, values, rows: [d, q], columns };
-                    lanes::reproducible(Path::best(), job);
-                }
+            for (equation, columns) in part.equations.iter().zip(electrical.columns.chunks_mut(size)) {
+                let of_axes = match equation {
+                    Equation::Link => [0, 1].map(|axis| Some(answering.of_command(&values, size, axis))),
+                    Equation::Q => [None, Some(values.clone())],
+                    _ => [Some(values.clone()), None],
+                };
+                answering.respond(&of_axes, size, [d, q], columns);
             }
             let every: Vec<usize> = (0..part.count()).collect();
             // No voltage that is lost changes an inductance.
@@ -110,6 +109,39 @@ impl Experiment<'_> {
 }
 
 impl Answering {
+    /// These products of each step, `size` of them, times the voltage of one axis that is held over it.
+    fn of_command(&self, values: &[f64], size: usize, axis: usize) -> Vec<f64> {
+        let held = self.steps.iter().map(|step| step.held.map_or(0.0, |v| v[axis]));
+        values.chunks_exact(size).zip(held).flat_map(|(own, v)| own.iter().map(move |x| x * v)).collect()
+    }
+
+    /// Adds to `columns` what the currents show of voltages that are lost on each axis: `size` products for each step. With the first row and
+    /// the weight of i_d and of i_q.
+    fn respond(
+        &self,
+        of_axes: &[Option<Vec<f64>>; 2],
+        size: usize,
+        rows: [(usize, f64); 2],
+        columns: &mut [&mut [f64]],
+    ) {
+        let height = columns.first().map_or(0, |column| column.len());
+        let mut part = DMatrix::zeros(height, WIDE);
+        for first in (0..size).step_by(WIDE) {
+            let own = first..size.min(first + WIDE);
+            for (axis, values) in of_axes.iter().enumerate() {
+                let Some(values) = values else { continue };
+                let mut of_axis: Vec<&mut [f64]> =
+                    part.as_mut_slice().chunks_exact_mut(height).take(own.len()).collect();
+                let (values, columns_here) = ((&values[..], first, size), &mut of_axis[..]);
+                let job = Response { steps: &self.steps, axis, values, rows, columns: columns_here };
+                lanes::reproducible(Path::best(), job);
+                for (sum, own) in columns[own.clone()].iter_mut().zip(&of_axis) {
+                    sum.iter_mut().zip(own.iter()).for_each(|(sum, x)| *sum += x);
+                }
+            }
+        }
+    }
+
     /// Means of a part's products over each step, step by step.
     fn values(&self, part: &Part) -> Vec<f64> {
         let size = part.size();

@@ -163,6 +163,10 @@ fn positive<T: Real>(x: T) -> T {
     x.if_positive(x, T::zero())
 }
 
+fn one() -> usize {
+    1
+}
+
 /// Functions of one variable.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -183,10 +187,13 @@ pub enum Factor {
         /// Highest order, less than half of [`MOST`].
         count: usize,
     },
-    /// cos and sin of time at one frequency, Hz.
+    /// cos and sin of time at one frequency and its multiples.
     Swing {
-        /// Frequency, Hz.
+        /// Lowest frequency, Hz.
         frequency: f64,
+        /// Number of frequencies, at most half of [`MOST`].
+        #[serde(default = "one")]
+        count: usize,
     },
     /// One function for either direction of rotation, (1 ± tanh(ω_e/width))/2.
     Direction {
@@ -201,9 +208,9 @@ impl Factor {
     /// Number of functions.
     pub fn count(&self) -> usize {
         match self {
-            Self::Harmonics { count, .. } => 2 * count,
+            Self::Harmonics { count, .. } | Self::Swing { count, .. } => 2 * count,
             Self::Fourier { count, .. } => 2 * count + 1,
-            Self::Swing { .. } | Self::Direction { .. } => 2,
+            Self::Direction { .. } => 2,
             Self::Spline(spline) => spline.count(),
         }
     }
@@ -246,8 +253,8 @@ impl Factor {
                 out[0] = T::one();
                 multiples(at.value(*angle), &mut out[1..=2 * count]);
             }
-            Self::Swing { frequency } => {
-                (out[1], out[0]) = (at.env.t * (TAU * frequency)).sin_cos();
+            Self::Swing { frequency, count } => {
+                multiples(at.env.t * (TAU * frequency), &mut out[..2 * count]);
             }
             Self::Direction { width } => {
                 let half = (at.env.omega_e * (1.0 / width)).tanh() * 0.5;

@@ -92,7 +92,15 @@ fn frequency_lines(period: f64, residual: &[f64]) -> (Vec<(f64, f64)>, Vec<f64>)
         }
         (k as f64 / duration, 2.0 * (c * c + q * q) / count as f64 / total.max(f64::MIN_POSITIVE))
     };
-    ((4..most.min(800)).map(line).collect(), coarse)
+    ((4..most).map(line).collect(), coarse)
+}
+
+/// Frequency of the strongest line in several series together, each a share of its own squares, Hz; whether it stands out is not asked.
+pub fn strongest_frequency(period: f64, series: &[Vec<f64>]) -> Option<f64> {
+    let lines: Vec<Vec<(f64, f64)>> = series.iter().map(|x| frequency_lines(period, x).0).collect();
+    let together =
+        (0..lines.first()?.len()).map(|k| (lines[0][k].0, lines.iter().map(|own| own[k].1).sum::<f64>()));
+    together.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(frequency, _)| frequency)
 }
 
 /// The strongest of some lines if its share of the squares is large and unlikely by chance (Fisher's test with the

@@ -72,12 +72,13 @@ impl Scorer<'_> {
 
     /// Mean square that an effect explains at each of these of its parameters, by exact simulation, whatever was fitted giving way to first
     /// order.
-    fn trials(&self, effect: EffectId, trials: &[Vec<f64>]) -> Vec<f64> {
+    pub(super) fn trials(&self, effect: EffectId, trials: &[Vec<f64>]) -> Vec<f64> {
         let hypothesis = self.hypothesis;
         let projector = self.projector(effect);
-        let mut effects = hypothesis.effects();
-        effects.push(effect);
-        let model = Model::new(*hypothesis.model.context(), &effects);
+        // One that the set holds is tried with other parameters.
+        let held = hypothesis.model.slots().iter().find(|slot| slot.effect == effect);
+        let more = if held.is_some() { Vec::new() } else { vec![effect] };
+        let model = Model::new(*hypothesis.model.context(), &[hypothesis.effects(), more].concat());
         let (mut behind, mut nuisances) = (Vec::new(), Vec::with_capacity(hypothesis.nuisances.len()));
         for (nuisance, left_open) in
             split(&hypothesis.nuisances, &hypothesis.parameters[hypothesis.own().len()..])
@@ -88,7 +89,14 @@ impl Scorer<'_> {
             behind.extend(std::iter::repeat_n(0.0, initial - nuisance.initial));
             nuisances.push(Nuisance { initial, ..nuisance });
         }
-        let whole = |own: &Vec<f64>| [hypothesis.own(), own, &behind].concat();
+        let whole = |own: &Vec<f64>| match held {
+            None => [hypothesis.own(), own, &behind].concat(),
+            Some(slot) => {
+                let mut set = hypothesis.own().to_vec();
+                set[slot.parameters.clone()].copy_from_slice(own);
+                [&set[..], &behind].concat()
+            }
+        };
         let parameters: Vec<Vec<f64>> = trials.iter().map(whole).collect();
         let mut channels = projector.channels.clone();
         let moves = effect.info().site == Site::Mechanical;

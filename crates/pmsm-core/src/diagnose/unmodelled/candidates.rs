@@ -4,7 +4,7 @@
 use super::Side;
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::locate::{Located, equation_of};
+use crate::diagnose::locate::{Located, equation_of, strongest_frequency};
 use crate::effects::EffectId;
 use crate::experiment::Channel;
 use crate::map::{Equation, Factor, MOST, Part, Spline, Variable};
@@ -47,13 +47,19 @@ const DIRECTION: f64 = 0.002;
 const REVERSED: f64 = 0.05;
 /// Harmonics are tried up to this share of the sampling theorem's limit.
 const SAMPLED: f64 = 0.5;
-/// Steps on either side by which a located frequency is refined, over one line of the spectrum.
+/// Steps on either side by which a located frequency is refined: over one line of the spectrum, then over one such step.
 const REFINED: i32 = 12;
 
 /// Parts to try on one side, for all equations of that side.
 pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located]) -> Vec<Part> {
     let mut waves = waves(data, side, located);
-    waves.extend(swings(data, best, located));
+    let swings = swings(data, best, side, located);
+    waves.extend(&swings);
+    if side == Side::Mechanical {
+        // What presses or rubs at one place of the turn has a mean over it.
+        let with_mean: Vec<Factor> = waves.iter().filter_map(with_mean).collect();
+        waves.extend(with_mean);
+    }
     let variables = variables(data, best, side);
     let commands = commands(data, side);
     let dense = |v: &(Variable, f64, f64)| {
@@ -62,6 +68,7 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
         Factor::Spline(Spline { variable: v.0, low: v.1, high: v.2, degree, pieces, warp, odd: false })
     };
     let mut pairs: Vec<(Factor, Option<Factor>)> = waves.iter().map(|wave| (*wave, None)).collect();
+    pairs.extend(commands.iter().map(|x| (spline(x, CURVE), None)));
     for (k, x) in variables.iter().enumerate() {
         pairs.push((spline(x, CURVE), None));
         if side == Side::Mechanical {
@@ -81,6 +88,9 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
                 Factor::Harmonics { angle, order, count } => {
                     Factor::Harmonics { angle, order, count: count.min(CHANGING) }
                 }
+                Factor::Swing { frequency, count } => Factor::Swing { frequency, count: count.min(CHANGING) },
+                // Its mean that changes along the variable is a curve over it.
+                Factor::Fourier { .. } => continue,
                 other => other,
             };
             pairs.push((fewer, Some(spline(x, LINE))));
@@ -99,8 +109,14 @@ pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located
     let equations = side.equations(data);
     let of_side =
         pairs.into_iter().map(|(first, second)| Part { equations: equations.clone(), first, second });
-    let of_angle = if side == Side::Electrical { angle_errors(data, best, &variables) } else { Vec::new() };
-    of_side.chain(of_angle).collect()
+    let mut parts: Vec<Part> = of_side.collect();
+    if side == Side::Electrical {
+        parts.extend(angle_errors(data, best, &variables));
+        // A link whose voltage swings takes the same share of both axes.
+        let of_link = |first| Part { equations: vec![Equation::Link], first, second: None };
+        parts.extend(swings.into_iter().filter(|_| data.signals.axes == [true; 2]).map(of_link));
+    }
+    parts
 }
 
 /// Orders of the angle's error over the electrical turn that an effect of the catalogue holds.
@@ -117,18 +133,24 @@ fn angle_errors(data: &Data, best: &Hypothesis, variables: &[(Variable, f64, f64
     let over_speed =
         speed.flat_map(|x| [spline(x, LINE), spline(x, CURVE), odd_curve(x, ODD[0].0, ODD[0].1)]);
     // A flaw may sit at one place of the turn, as a torque does. It has a mean, which is no wrong zero of the encoder.
-    let over_turn = waves(data, Side::Mechanical, &[]).into_iter().filter_map(|wave| match wave {
-        Factor::Harmonics { angle, count, .. } => {
-            Some(Factor::Fourier { angle, count: count.min(MOST.div_ceil(2) - 1) })
-        }
-        _ => None,
-    });
+    let turn = waves(data, Side::Mechanical, &[]);
+    let over_turn = turn.iter().filter_map(with_mean);
     let named = best.effects().contains(&EffectId::EncoderHarmonics);
     let repeats = |factor: &Factor| match factor {
         Factor::Fourier { angle: Variable::ThetaE, count } => named && *count <= ORDERS_NAMED,
         _ => false,
     };
     over_turn.filter(|factor| !repeats(factor)).chain(over_speed).map(part).collect()
+}
+
+/// The harmonics of a turn with its mean, where it begins at the first.
+fn with_mean(wave: &Factor) -> Option<Factor> {
+    match *wave {
+        Factor::Harmonics { angle, order: 1, count } => {
+            Some(Factor::Fourier { angle, count: count.min(MOST.div_ceil(2) - 1) })
+        }
+        _ => None,
+    }
 }
 
 /// A spline of this degree and number of uniform pieces over a variable, given with its range.
@@ -271,31 +293,61 @@ fn waves(data: &Data, side: Side, located: &[Located]) -> Vec<Factor> {
 }
 
 /// Swings at the located frequencies, each moved to where the residual of its channel swings most: a spectrum's own steps are
-/// too coarse to keep step over a whole recording.
-fn swings(data: &Data, best: &Hypothesis, located: &[Located]) -> Vec<Factor> {
+/// too coarse to keep step over a whole recording. With their multiples, and of the currents with that at which they swing with the command.
+fn swings(data: &Data, best: &Hypothesis, side: Side, located: &[Located]) -> Vec<Factor> {
     // Each recording has a clock of its own.
     let t: Vec<f64> = data.runs().iter().flat_map(|run| &run.signals.t).copied().collect();
     let duration = data.signals.context.duration;
     let experiment = data.whole(best);
     let residual = experiment.residual(&best.parameters);
-    let refined = |place: &Located| -> Option<Factor> {
-        let from = place.frequency_hz?;
-        let at = experiment.channels().iter().position(|c| equation_of(*c) == place.equation)?;
-        let rows = &residual.as_slice()[at * t.len()..(at + 1) * t.len()];
-        let power = |f: f64| {
-            let (mut c, mut q) = (0.0, 0.0);
-            for (r, t) in rows.iter().zip(&t) {
-                let (sin, cos) = Real::sin_cos(TAU * f * t);
-                c += r * cos;
-                q += r * sin;
-            }
-            c * c + q * q
-        };
-        let tried = (-REFINED..=REFINED).map(|k| from + f64::from(k) / f64::from(REFINED) / duration);
-        let frequency = tried.map(|f: f64| (f, power(f))).max_by(|a, b| a.1.total_cmp(&b.1))?.0;
-        Some(Factor::Swing { frequency })
+    let rows = |at: usize| &residual.as_slice()[at * t.len()..(at + 1) * t.len()];
+    let power = |f: f64, rows: &[f64], t: &[f64]| {
+        let (mut c, mut q) = (0.0, 0.0);
+        for (r, t) in rows.iter().zip(t) {
+            let (sin, cos) = Real::sin_cos(TAU * f * t);
+            c += r * cos;
+            q += r * sin;
+        }
+        c * c + q * q
     };
-    located.iter().filter_map(refined).collect()
+    let swing = |from: f64, series: &[(&[f64], &[f64])]| -> Option<Factor> {
+        let all = |f: f64| series.iter().map(|(rows, t)| power(f, rows, t)).sum::<f64>();
+        let finest = |from: f64, over: f64| {
+            let tried = (-REFINED..=REFINED).map(|k| from + f64::from(k) / f64::from(REFINED) * over);
+            tried.map(|f: f64| (f, all(f))).max_by(|a, b| a.1.total_cmp(&b.1)).map(|(f, _)| f)
+        };
+        let frequency = finest(finest(from, 1.0 / duration)?, 1.0 / (duration * f64::from(REFINED)))?;
+        let count = ((SAMPLED * 0.5 / (data.signals.period * frequency)) as usize).min(HARMONICS);
+        (count > 0).then_some(Factor::Swing { frequency, count })
+    };
+    let refined = |place: &Located| -> Option<Factor> {
+        let at = experiment.channels().iter().position(|c| equation_of(*c) == place.equation)?;
+        swing(place.frequency_hz?, &[(rows(at), &t)])
+    };
+    let mut swings: Vec<Factor> = located.iter().filter_map(refined).collect();
+    let longest = (0..data.runs().len()).max_by_key(|run| data.samples_of(*run).len());
+    if let Some(run) = longest.filter(|_| side == Side::Electrical && data.signals.kind == Kind::Full)
+        && let Some([d, q]) = &data.runs()[run].signals.v
+    {
+        let samples = data.samples_of(run);
+        let mut series = Vec::new();
+        for at in 0..experiment.channels().len() {
+            if experiment.channels()[at].is_electrical() {
+                let own = &rows(at)[samples.clone()];
+                // How fast a current leaves the model tells the voltage that is missing.
+                let rate: Vec<f64> = own.windows(2).map(|pair| pair[1] - pair[0]).chain([0.0]).collect();
+                let times = |v: &[f64]| -> Vec<f64> { rate.iter().zip(v).map(|(r, v)| r * v).collect() };
+                let of_axes = [times(d), times(q)];
+                series.push(rate);
+                series.extend(of_axes);
+            }
+        }
+        if let Some(from) = strongest_frequency(data.signals.period, &series) {
+            let own: Vec<(&[f64], &[f64])> = series.iter().map(|x| (&x[..], &t[samples.clone()])).collect();
+            swings.extend(swing(from, &own).filter(|found| !swings.contains(found)));
+        }
+    }
+    swings
 }
 
 /// What the equations of one side know besides angle and time, each with its range in the recording.

@@ -46,8 +46,8 @@ pub struct Choice {
     pub part: Part,
     /// First-order coefficients.
     pub start: Vec<f64>,
-    /// Standard deviation of the coefficients' prior, in their unit.
-    pub spread: f64,
+    /// Weight of the coefficients' prior, in units of what the recording says of one of them.
+    pub ridge: f64,
 }
 
 /// One way to use a candidate's columns.
@@ -124,16 +124,15 @@ fn trials(view: &View, part: &Part, monitor: &dyn Monitor) -> Result<Vec<Trial>>
     Ok(out)
 }
 
-/// First-order coefficients of a trial from all blocks, and the prior in their unit.
+/// First-order coefficients of a trial from all blocks.
 fn settled(view: &View, trial: Trial) -> Choice {
     let whole = sum(&view.normals(&view.columns(&trial.part)), None);
     let base = view.parameters();
     let columns: Vec<usize> = (0..trial.part.count()).collect();
     let step = step(&whole, base, &columns, trial.ridge);
-    let spread = 1.0 / weight(&whole, base, &columns, trial.ridge).max(f64::MIN_POSITIVE).sqrt();
     let start: Vec<f64> =
         step.map_or(vec![0.0; columns.len()], |s| s.rows(base, columns.len()).iter().copied().collect());
-    Choice { part: trial.part, start, spread }
+    Choice { part: trial.part, start, ridge: trial.ridge }
 }
 
 /// The blocks of a recording dealt to folds; none if there are too few.
@@ -168,6 +167,9 @@ fn sizes(part: &Part) -> Vec<(Part, Vec<usize>)> {
         }
         Factor::Fourier { angle, count } => {
             fewer(count).map(|count| Factor::Fourier { angle, count }).collect()
+        }
+        Factor::Swing { frequency, count } => {
+            fewer(count).map(|count| Factor::Swing { frequency, count }).collect()
         }
         other => vec![other],
     };

@@ -59,12 +59,12 @@ impl Mapped {
         let Recordings { data, validation, monitor } = *recordings;
         let mut best: Option<(Self, f64)> = None;
         for choice in choices {
-            let mut spreads = self.spreads.clone();
-            spreads.resize(spreads.len() + choice.part.count(), choice.spread);
-            let mut richer = Self { fitted: self.fitted.clone(), spreads };
             let mut map: Map = self.fitted.model.map().cloned().unwrap_or_default();
             map.parts.push(choice.part.clone());
             let model = self.fitted.model.clone().with_map(map);
+            let mut spreads = self.spreads.clone();
+            spreads.resize(spreads.len() + choice.part.count(), self.spread(&model, choice, side, data));
+            let mut richer = Self { fitted: self.fitted.clone(), spreads };
             let believed = richer.recording(data, &model).roughly();
             let trial = Trial { data: &believed, validation, monitor };
             let improved = trial.improves(&self.fitted, (&model, &choice.start), side)?;
@@ -75,6 +75,19 @@ impl Mapped {
             }
         }
         Ok(best.map(|(richer, _)| richer))
+    }
+
+    /// Standard deviation of the prior of a part's coefficients, the last ones of the `model`, by what the recording says of them in a fit: noise
+    /// that drives the speed leaves less than the choice saw.
+    fn spread(&self, model: &Model, choice: &Choice, side: Side, data: &Data) -> f64 {
+        let (own, behind) = self.fitted.parameters.split_at(self.fitted.own().len());
+        let parameters = [own, &vec![0.0; choice.part.count()], behind].concat();
+        let free: Vec<usize> = (own.len()..own.len() + choice.part.count()).collect();
+        let electrical = side == Side::Electrical;
+        let channels = data.channels(electrical, !electrical);
+        let experiment = data.experiment(model, &self.fitted.nuisances, channels);
+        let squares = experiment.linearise(&parameters, &free).jacobian.norm_squared();
+        1.0 / (choice.ridge * squares / free.len() as f64).max(f64::MIN_POSITIVE).sqrt()
     }
 
     /// Where its last part acts.

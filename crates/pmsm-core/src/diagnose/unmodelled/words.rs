@@ -3,7 +3,7 @@
 use super::{Basis, Side, Term, Unmodelled, candidates};
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::map::{Equation, Factor, Map, Part, Point, Variable};
+use crate::map::{Equation, Factor, Map, Part, Point, Spline, Variable};
 use crate::simulate::environment::measured_env;
 use std::f64::consts::TAU;
 
@@ -14,14 +14,27 @@ pub fn unmodelled(data: &Data, fitted: &Hypothesis, tried: &[Side], gain: (f64, 
     let coefficients = &fitted.parameters[fitted.model.map_parameters()];
     let peaks = peaks(data, fitted, &map, coefficients);
     let mut terms = Vec::new();
-    for ((part, place), peaks) in map.places().zip(peaks) {
+    for ((part, place), [first, second]) in map.places().zip(peaks) {
         let own = coefficients[place].chunks_exact(part.size());
-        for ((equation, own), peak) in part.equations.iter().zip(own).zip(peaks) {
-            terms.push(term(part, *equation, own, peak));
+        for (equation, own) in part.equations.iter().zip(own) {
+            match equation {
+                Equation::Link => {
+                    terms.push(term(part, (Equation::D, Some(largest_voltage(data))), own, first));
+                    terms.push(term(part, (Equation::Q, Some(largest_voltage(data))), own, second));
+                }
+                Equation::Q => terms.push(term(part, (*equation, None), own, second)),
+                _ => terms.push(term(part, (*equation, None), own, first)),
+            }
         }
     }
     let sentence = if terms.is_empty() { nothing(tried) } else { something(&terms, gain) };
     Unmodelled { sentence, gain_held_out: (!terms.is_empty()).then_some(gain.0), terms }
+}
+
+/// Largest commanded voltage of one axis in the recordings, V.
+fn largest_voltage(data: &Data) -> f64 {
+    let axes = data.runs().iter().filter_map(|run| run.signals.v.as_ref()).flatten();
+    axes.flatten().fold(0.0, |largest, v| v.abs().max(largest))
 }
 
 fn something(terms: &[Term], (gain, held_out): (f64, bool)) -> String {
@@ -53,25 +66,31 @@ fn nothing(tried: &[Side]) -> String {
     )
 }
 
-fn term(part: &Part, equation: Equation, coefficients: &[f64], peak: f64) -> Term {
+/// What a part adds to one equation; where it is a share of the command, with the largest voltage of one axis.
+fn term(part: &Part, (equation, share_of): (Equation, Option<f64>), coefficients: &[f64], peak: f64) -> Term {
     let (what, formula) = match equation {
-        Equation::D => ("d-axis voltage", "v_d = r_s·i_d + dλ_d/dt − ω·λ_q + term"),
+        Equation::D | Equation::Link => ("d-axis voltage", "v_d = r_s·i_d + dλ_d/dt − ω·λ_q + term"),
         Equation::Q => ("q-axis voltage", "v_q = r_s·i_q + dλ_q/dt + ω·λ_d + term"),
         Equation::Mechanical => ("torque", "j·dω_m/dt = τ_e − τ_load − b·ω_m − term"),
         Equation::Sensor => ("error of the logged angle", "θ_measured = θ_e + term"),
     };
-    let over: Vec<String> = part.factors().map(over).collect();
+    let mut over: Vec<String> = part.factors().map(over).collect();
+    let mut variables: Vec<Basis> = part.factors().map(basis).collect();
+    let mut coefficients = of_basis(part, coefficients);
+    if let Some(largest) = share_of {
+        // The command itself is the line between two splines of degree one.
+        let variable = if equation == Equation::Q { Variable::VQ } else { Variable::VD };
+        let (low, high, degree, pieces) = (-largest, largest, 1, 1);
+        let line = Spline { variable, low, high, degree, pieces, warp: 0.0, odd: false };
+        over.push(format!("in proportion to {}", variable.name()));
+        variables.push(basis(&Factor::Spline(line)));
+        coefficients = coefficients.iter().flat_map(|c| [c * low, c * high]).collect();
+    }
     let unit = equation.unit();
     let decimals = (1.0 - peak.max(1e-300).log10().floor()).clamp(0.0, 12.0) as usize;
-    Term {
-        equation,
-        sentence: format!("unmodelled {what} over {}, up to {peak:.decimals$} {unit}", over.join(" and ")),
-        formula,
-        variables: part.factors().map(basis).collect(),
-        coefficients: of_basis(part, coefficients),
-        unit,
-        peak,
-    }
+    let over = over.join(" and ");
+    let sentence = format!("unmodelled {what} over {over}, up to {peak:.decimals$} {unit}");
+    Term { equation, sentence, formula, variables, coefficients, unit, peak }
 }
 
 /// Coefficients of the products of the bases: those of odd functions are those of all splines, mirrored, and a mean is a cosine of order zero.
@@ -116,7 +135,8 @@ fn over(factor: &Factor) -> String {
             format!("{} ({orders})", angle.name())
         }
         Factor::Fourier { angle, count } => format!("{} (mean and orders 1 to {count})", angle.name()),
-        Factor::Swing { frequency } => format!("time ({frequency:.2} Hz)"),
+        Factor::Swing { frequency, count: 1 } => format!("time ({frequency:.2} Hz)"),
+        Factor::Swing { frequency, count } => format!("time (1 to {count} times {frequency:.2} Hz)"),
         Factor::Direction { .. } => "the direction of rotation".into(),
         Factor::Spline(spline) if spline.variable == Variable::T => "time".into(),
         Factor::Spline(spline) => spline.variable.name().into(),
@@ -133,7 +153,10 @@ fn basis(factor: &Factor) -> Basis {
         Factor::Fourier { count, .. } => {
             Basis::Harmonic { variable, unit, orders: (0..=count).map(|k| k as f64).collect() }
         }
-        Factor::Swing { frequency } => Basis::Harmonic { variable, unit, orders: vec![TAU * frequency] },
+        Factor::Swing { frequency, count } => {
+            let orders = (1..=count).map(|k| TAU * frequency * k as f64).collect();
+            Basis::Harmonic { variable, unit, orders }
+        }
         Factor::Direction { width } => Basis::Direction { variable, unit, width },
         Factor::Spline(s) => Basis::BSpline {
             variable,
@@ -147,9 +170,9 @@ fn basis(factor: &Factor) -> Basis {
     }
 }
 
-/// Largest absolute value of each part's equations over the recording.
-fn peaks(data: &Data, fitted: &Hypothesis, map: &Map, coefficients: &[f64]) -> Vec<Vec<f64>> {
-    let mut peaks: Vec<Vec<f64>> = map.parts.iter().map(|p| vec![0.0; p.equations.len()]).collect();
+/// Largest absolute values of what each part adds over the recording: to the voltage of d and q, or in the first place to torque or angle.
+fn peaks(data: &Data, fitted: &Hypothesis, map: &Map, coefficients: &[f64]) -> Vec<[f64; 2]> {
+    let mut peaks = vec![[0.0f64; 2]; map.parts.len()];
     if map.parts.is_empty() {
         return peaks;
     }
@@ -161,9 +184,7 @@ fn peaks(data: &Data, fitted: &Hypothesis, map: &Map, coefficients: &[f64]) -> V
         for ((part, place), peaks) in map.places().zip(&mut peaks) {
             let mut out = [0.0; 2];
             part.add(&coefficients[place], &at, &mut out);
-            for (equation, peak) in part.equations.iter().zip(peaks) {
-                *peak = peak.max(out[usize::from(*equation == Equation::Q)].abs());
-            }
+            peaks.iter_mut().zip(out).for_each(|(peak, x)| *peak = peak.max(x.abs()));
         }
     }
     peaks
@@ -173,7 +194,6 @@ fn peaks(data: &Data, fitted: &Hypothesis, map: &Map, coefficients: &[f64]) -> V
 mod tests {
     use super::*;
     use crate::effects::testing::env;
-    use crate::map::Spline;
 
     #[test]
     fn coefficients_of_odd_functions_are_told_for_all_splines() {

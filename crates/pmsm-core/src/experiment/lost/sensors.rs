@@ -1,9 +1,8 @@
 //! What the currents show of sensors that err: currents that lag, and an angle that is late over the speed or flawed over the turn.
 
-use super::{Answering, Response, Step, WIDE};
+use super::{Answering, Step};
 use crate::effect::Env;
 use crate::experiment::{Channel, Experiment, Linearisation};
-use crate::numerics::lanes::{self, Path};
 use nalgebra::DMatrix;
 use std::array::from_fn;
 
@@ -58,25 +57,8 @@ impl Experiment<'_> {
         let (mut electrical, _) = linear.split_rows(self.electrical_rows());
         if let (Some(d), Some(q)) = (self.row_of(Channel::ID), self.row_of(Channel::IQ)) {
             let fastest = self.signals.context.omega_e_max;
-            let values = [0, 1].map(|axis| answering.turned(axis, fastest));
-            let mut part = DMatrix::zeros(electrical.columns[0].len(), WIDE);
-            for first in (0..TURNED).step_by(WIDE) {
-                let own = first..TURNED.min(first + WIDE);
-                for (axis, values) in values.iter().enumerate() {
-                    let mut of_axis: Vec<&mut [f64]> = part
-                        .as_mut_slice()
-                        .chunks_exact_mut(electrical.columns[0].len())
-                        .take(own.len())
-                        .collect();
-                    let values = (&values[..], first, TURNED);
-                    let columns = &mut of_axis[..];
-                    let job = Response { steps: &answering.steps, axis, values, rows: [d, q], columns };
-                    lanes::reproducible(Path::best(), job);
-                    for (sum, own) in electrical.columns[own.clone()].iter_mut().zip(&of_axis) {
-                        sum.iter_mut().zip(own.iter()).for_each(|(sum, x)| *sum += x);
-                    }
-                }
-            }
+            let of_axes = [0, 1].map(|axis| Some(answering.turned(axis, fastest)));
+            answering.respond(&of_axes, TURNED, [d, q], &mut electrical.columns);
             for step in &answering.steps {
                 let turned = turned(&step.env, fastest, step.i.map(|x| -x), [step.i[1], -step.i[0]]);
                 for ((row, weight), turned) in [d, q].into_iter().zip(turned) {
