@@ -313,6 +313,10 @@ def test_the_autocorrelation_is_that_of_the_textbook() -> None:
     coloured = np.convolve(white, [1.0, 0.5])[:20_000]
     assert np.abs(traces.autocorrelation(white, 5)[1:]).max() < 4 / np.sqrt(20_000)
     np.testing.assert_allclose(traces.autocorrelation(coloured, 2), [1.0, 0.4, 0.0], atol=0.03)
+    # From the spectrum as from the sums, with lags up to the last sample.
+    short = white[:7] - white[:7].mean()
+    sums = [short[: 7 - lag] @ short[lag:] / (short @ short) for lag in range(7)]
+    np.testing.assert_allclose(traces.autocorrelation(white[:7], 6), sums, atol=1e-12)
     white[::7] = np.nan
     assert np.isfinite(traces.autocorrelation(white, 5)).all()
     assert not traces.autocorrelation(np.full(9, np.nan), 3).any()

@@ -14,6 +14,7 @@ mod mapped;
 mod rival;
 mod share;
 mod supported;
+mod swings;
 mod view;
 mod words;
 
@@ -41,6 +42,10 @@ pub use supported::{Alternative, Supported, supported, without_motion};
 
 /// Most parts of a map on one side, chosen one after the other.
 const PARTS: usize = 3;
+
+/// Why no torque is described beside an effect such as backlash.
+const IMPACTS: &str = "No map of a torque is laid beside backlash. A small error of its parameters moves every impact in time. \
+                       No torque over a variable describes that.";
 
 /// Voltage equations or equation of motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -133,11 +138,18 @@ pub fn explain(
     monitor: &dyn Monitor,
 ) -> Result<(Hypothesis, Unmodelled)> {
     let mut sides = sides(data, best);
-    // Beside such an effect a small error of its parameters moves every impact: no torque over any variable describes what is left.
-    if best.effects().iter().any(|e| e.is_multimodal()) {
+    let of_impacts = best.effects().iter().any(|e| e.is_multimodal()) && sides.contains(&Side::Mechanical);
+    if of_impacts {
         sides.retain(|side| *side != Side::Mechanical);
     }
-    with_maps(data, validation, best, &sides, monitor)
+    let (fitted, mut rest) = with_maps(data, validation, best, &sides, monitor)?;
+    if of_impacts {
+        rest.sentence = match rest.terms.is_empty() {
+            true => IMPACTS.into(),
+            false => format!("{} {IMPACTS}", rest.sentence),
+        };
+    }
+    Ok((fitted, rest))
 }
 
 /// Maps on these sides, one after the other. An error of the angle shows in the motion, too: it is looked for first.
@@ -487,6 +499,20 @@ mod tests {
         assert_eq!(replaced(&data, &mapped, &Silent).unwrap(), Some(EffectId::LoadTorquePulsation));
         assert_eq!(replaced(&data, &over_turn(&friction), &Silent).unwrap(), None);
         assert_eq!(replaced(&data, &both, &Silent).unwrap(), None);
+    }
+
+    #[test]
+    fn beside_backlash_no_torque_is_described_and_that_is_said() {
+        let (data, base) = data(&setup(manoeuvre(), vec![choice("coulomb_friction", "tau_c", 0.4)]));
+        let context = data.signals.context;
+        let play = EffectId::Backlash.info().parameters.iter().map(|p| (p.typical)(&context));
+        let own: Vec<f64> = base.own().iter().copied().chain(play).collect();
+        let model = Model::new(context, &[EffectId::Backlash]);
+        let set = fitting::fit(&data, &model, &own, false, &Silent).unwrap();
+        assert!(set.square(Channel::OmegaE) > 2.0, "{}", set.square(Channel::OmegaE));
+        let (_, unmodelled) = explain(&data, None, &set, &Silent).unwrap();
+        assert!(unmodelled.terms.iter().all(|t| t.equation != Equation::Mechanical), "{unmodelled:?}");
+        assert!(unmodelled.sentence.contains("impact"), "{}", unmodelled.sentence);
     }
 
     #[test]

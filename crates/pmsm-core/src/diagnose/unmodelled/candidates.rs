@@ -2,13 +2,13 @@
 //! products of two.
 
 use super::Side;
+use super::swings::swings;
 use crate::diagnose::data::Data;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::locate::{Located, equation_of, strongest_frequency};
+use crate::diagnose::locate::Located;
 use crate::effects::EffectId;
 use crate::experiment::Channel;
 use crate::map::{Equation, Factor, MOST, Part, Spline, Variable};
-use crate::numerics::real::Real;
 use crate::recording::{Kind, Load};
 use std::f64::consts::{PI, TAU};
 
@@ -47,13 +47,11 @@ const DIRECTION: f64 = 0.002;
 const REVERSED: f64 = 0.05;
 /// Harmonics are tried up to this share of the sampling theorem's limit.
 const SAMPLED: f64 = 0.5;
-/// Steps on either side by which a located frequency is refined: over one line of the spectrum, then over one such step.
-const REFINED: i32 = 12;
 
 /// Parts to try on one side, for all equations of that side.
 pub fn candidates(data: &Data, best: &Hypothesis, side: Side, located: &[Located]) -> Vec<Part> {
     let mut waves = waves(data, side, located);
-    let swings = swings(data, best, side, located);
+    let swings = swings(data, best, side, located, (SAMPLED, HARMONICS));
     waves.extend(&swings);
     if side == Side::Mechanical {
         // What presses or rubs at one place of the turn has a mean over it.
@@ -290,64 +288,6 @@ fn waves(data: &Data, side: Side, located: &[Located]) -> Vec<Factor> {
         }
     }
     waves
-}
-
-/// Swings at the located frequencies, each moved to where the residual of its channel swings most: a spectrum's own steps are
-/// too coarse to keep step over a whole recording. With their multiples, and of the currents with that at which they swing with the command.
-fn swings(data: &Data, best: &Hypothesis, side: Side, located: &[Located]) -> Vec<Factor> {
-    // Each recording has a clock of its own.
-    let t: Vec<f64> = data.runs().iter().flat_map(|run| &run.signals.t).copied().collect();
-    let duration = data.signals.context.duration;
-    let experiment = data.whole(best);
-    let residual = experiment.residual(&best.parameters);
-    let rows = |at: usize| &residual.as_slice()[at * t.len()..(at + 1) * t.len()];
-    let power = |f: f64, rows: &[f64], t: &[f64]| {
-        let (mut c, mut q) = (0.0, 0.0);
-        for (r, t) in rows.iter().zip(t) {
-            let (sin, cos) = Real::sin_cos(TAU * f * t);
-            c += r * cos;
-            q += r * sin;
-        }
-        c * c + q * q
-    };
-    let swing = |from: f64, series: &[(&[f64], &[f64])]| -> Option<Factor> {
-        let all = |f: f64| series.iter().map(|(rows, t)| power(f, rows, t)).sum::<f64>();
-        let finest = |from: f64, over: f64| {
-            let tried = (-REFINED..=REFINED).map(|k| from + f64::from(k) / f64::from(REFINED) * over);
-            tried.map(|f: f64| (f, all(f))).max_by(|a, b| a.1.total_cmp(&b.1)).map(|(f, _)| f)
-        };
-        let frequency = finest(finest(from, 1.0 / duration)?, 1.0 / (duration * f64::from(REFINED)))?;
-        let count = ((SAMPLED * 0.5 / (data.signals.period * frequency)) as usize).min(HARMONICS);
-        (count > 0).then_some(Factor::Swing { frequency, count })
-    };
-    let refined = |place: &Located| -> Option<Factor> {
-        let at = experiment.channels().iter().position(|c| equation_of(*c) == place.equation)?;
-        swing(place.frequency_hz?, &[(rows(at), &t)])
-    };
-    let mut swings: Vec<Factor> = located.iter().filter_map(refined).collect();
-    let longest = (0..data.runs().len()).max_by_key(|run| data.samples_of(*run).len());
-    if let Some(run) = longest.filter(|_| side == Side::Electrical && data.signals.kind == Kind::Full)
-        && let Some([d, q]) = &data.runs()[run].signals.v
-    {
-        let samples = data.samples_of(run);
-        let mut series = Vec::new();
-        for at in 0..experiment.channels().len() {
-            if experiment.channels()[at].is_electrical() {
-                let own = &rows(at)[samples.clone()];
-                // How fast a current leaves the model tells the voltage that is missing.
-                let rate: Vec<f64> = own.windows(2).map(|pair| pair[1] - pair[0]).chain([0.0]).collect();
-                let times = |v: &[f64]| -> Vec<f64> { rate.iter().zip(v).map(|(r, v)| r * v).collect() };
-                let of_axes = [times(d), times(q)];
-                series.push(rate);
-                series.extend(of_axes);
-            }
-        }
-        if let Some(from) = strongest_frequency(data.signals.period, &series) {
-            let own: Vec<(&[f64], &[f64])> = series.iter().map(|x| (&x[..], &t[samples.clone()])).collect();
-            swings.extend(swing(from, &own).filter(|found| !swings.contains(found)));
-        }
-    }
-    swings
 }
 
 /// What the equations of one side know besides angle and time, each with its range in the recording.
