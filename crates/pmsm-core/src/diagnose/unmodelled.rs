@@ -397,26 +397,25 @@ mod tests {
     }
 
     #[test]
-    fn a_torque_at_one_place_of_the_turn_is_found_with_its_mean() {
-        // A load that presses and never pulls: half of it is its mean.
+    fn a_torque_over_the_turn_is_found_with_its_mean_where_no_load_is_stated() {
+        // A cam that presses and never pulls: its mean is as large as what repeats.
         let mut pulsating = choice("load_torque_pulsation", "a", 0.4);
         pulsating.parameters.insert("order_mech".into(), 1.0);
         let mut manoeuvre = manoeuvre();
         manoeuvre.tau_load = Some(crate::drive::Schedule::constant(0.4).unwrap());
-        let (data, base) = data(&setup(manoeuvre, vec![pulsating]));
-        let part = |equation| Part {
-            equations: vec![equation],
-            first: Factor::Fourier { angle: Variable::ThetaM, count: 1 },
-            second: None,
-        };
+        let setup = setup(manoeuvre, vec![pulsating]);
+        let whole = crate::drive::simulate(&setup, &Silent).unwrap().recording;
+        let names = ["t", "theta_e", "omega_e", "i_a", "i_b", "i_c", "v_d", "v_q"];
+        let columns = names.iter().map(|name| (name.to_string(), whole.column(name).unwrap().to_vec()));
+        let recording = crate::recording::Recording::new(columns.collect(), Some(Load::None)).unwrap();
+        let (data, base) = settled(prepared(&recording, &setup));
+        assert_eq!(data.signals.load, Load::None);
         let (fitted, unmodelled) = explain(&data, None, &base, &Silent).unwrap();
         assert!(fitted.square(Channel::OmegaE) < 1.15, "{}", fitted.square(Channel::OmegaE));
-        assert_eq!(unmodelled.terms.len(), 1, "{unmodelled:?}");
-        assert!(candidates::candidates(&data, &base, Side::Mechanical, &[]).iter().any(|found| matches!(
-            found.first,
-            Factor::Fourier { angle: Variable::ThetaM, .. }
-        )
-            && found.equations == part(Equation::Mechanical).equations));
+        let [term] = &unmodelled.terms[..] else { panic!("{unmodelled:?}") };
+        assert!(term.sentence.contains("theta_m (mean"), "{}", term.sentence);
+        assert!((term.coefficients[0] - 0.4).abs() < 0.04, "{:?}", term.coefficients);
+        assert!((term.peak - 0.8).abs() < 0.08, "{}", term.peak);
     }
 
     #[test]

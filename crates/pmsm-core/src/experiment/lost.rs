@@ -91,12 +91,15 @@ impl Experiment<'_> {
             let values = answering.values(part);
             let size = part.size();
             for (equation, columns) in part.equations.iter().zip(electrical.columns.chunks_mut(size)) {
-                let of_axes = match equation {
-                    Equation::Link => [0, 1].map(|axis| Some(answering.of_command(&values, size, axis))),
-                    Equation::Q => [None, Some(values.clone())],
-                    _ => [Some(values.clone()), None],
-                };
-                answering.respond(&of_axes, size, [d, q], columns);
+                let mut respond = |of_axes| answering.respond(of_axes, size, [d, q], columns);
+                match equation {
+                    Equation::Link => {
+                        let each = [0, 1].map(|axis| answering.of_command(&values, size, axis));
+                        respond(each.each_ref().map(|values| Some(&values[..])));
+                    }
+                    Equation::Q => respond([None, Some(&values)]),
+                    _ => respond([Some(&values), None]),
+                }
             }
             let every: Vec<usize> = (0..part.count()).collect();
             // No voltage that is lost changes an inductance.
@@ -119,7 +122,7 @@ impl Answering {
     /// the weight of i_d and of i_q.
     fn respond(
         &self,
-        of_axes: &[Option<Vec<f64>>; 2],
+        of_axes: [Option<&[f64]>; 2],
         size: usize,
         rows: [(usize, f64); 2],
         columns: &mut [&mut [f64]],
@@ -128,11 +131,11 @@ impl Answering {
         let mut part = DMatrix::zeros(height, WIDE);
         for first in (0..size).step_by(WIDE) {
             let own = first..size.min(first + WIDE);
-            for (axis, values) in of_axes.iter().enumerate() {
+            for (axis, values) in of_axes.into_iter().enumerate() {
                 let Some(values) = values else { continue };
                 let mut of_axis: Vec<&mut [f64]> =
                     part.as_mut_slice().chunks_exact_mut(height).take(own.len()).collect();
-                let (values, columns_here) = ((&values[..], first, size), &mut of_axis[..]);
+                let (values, columns_here) = ((values, first, size), &mut of_axis[..]);
                 let job = Response { steps: &self.steps, axis, values, rows, columns: columns_here };
                 lanes::reproducible(Path::best(), job);
                 for (sum, own) in columns[own.clone()].iter_mut().zip(&of_axis) {

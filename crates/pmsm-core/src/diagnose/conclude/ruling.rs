@@ -168,11 +168,7 @@ impl<'a> Ruling<'a> {
         if found && open {
             let mut supported = unmodelled::supported(data, validation, best, monitor)?;
             supported.set = final_estimate(data, &supported.set, monitor)?;
-            let nearest = supported.nearest.as_ref().map(|set| step(data, set));
             self.keep(supported)?;
-            if let Some(motion) = self.remaining.iter_mut().find(|r| r.equation == "mechanical") {
-                motion.set_nearest(nearest);
-            }
         }
         let best = &self.outcome.best.fitted;
         let doubtful = self.verdict == Verdict::Ambiguous && found && open;
@@ -181,7 +177,7 @@ impl<'a> Ruling<'a> {
         {
             // Of the motion nothing is named; what acts in the voltage equations stays.
             let set = unmodelled::without_motion(data, best, monitor)?;
-            self.keep_only(set)?;
+            self.keep_only(set, None)?;
         }
         Ok(())
     }
@@ -199,29 +195,35 @@ impl<'a> Ruling<'a> {
                 self.described = Some(described);
                 break;
             };
+            let nearest = (effect.info().site == Site::Mechanical).then(|| best.clone());
             let (model, start) = reduced(best, effect);
             let set = fitting::fit(data, &model, &start, false, monitor)?;
-            self.keep_only(set)?;
+            self.keep_only(set, nearest)?;
         }
         Ok(())
     }
 
-    /// Keeps the effects of a smaller set, as probable as they were.
-    fn keep_only(&mut self, set: Hypothesis) -> Result<()> {
+    /// Keeps the effects of a smaller set, as probable as they were. Of what it lost a smooth torque does as well as the form of `nearest`.
+    fn keep_only(&mut self, set: Hypothesis, nearest: Option<Hypothesis>) -> Result<()> {
+        let set = final_estimate(self.runs.data, &set, self.runs.monitor)?;
         let known = |c: &&Ranked| set.effects().contains(&c.effect);
         let share = 1.0 - self.runs.data.options.unknown;
         let probabilities = self.ranked.iter().filter(known);
         let probabilities = probabilities.map(|c| (c.effect, (c.probability / share).min(1.0))).collect();
-        self.keep(Supported { set, probabilities, alternatives: Vec::new(), nearest: None })
+        self.keep(Supported { set, probabilities, alternatives: Vec::new(), nearest })
     }
 
     /// The verdict with those effects alone that a remaining residual leaves.
     fn keep(&mut self, supported: Supported) -> Result<()> {
+        let nearest = supported.nearest.as_ref().map(|set| step(self.runs.data, set));
         self.verdict = decide::beside_discrepancy(&mut self.outcome, &mut self.ranked, supported);
         if self.verdict != Verdict::Unknown {
             let best = &self.outcome.best.fitted;
             self.after = self.runs.on_validation(best)?;
             self.remaining = self.runs.remaining(best, self.after.as_ref());
+        }
+        if let Some(motion) = self.remaining.iter_mut().find(|r| r.equation == "mechanical") {
+            motion.set_nearest(nearest);
         }
         Ok(())
     }

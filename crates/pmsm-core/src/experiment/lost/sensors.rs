@@ -57,8 +57,9 @@ impl Experiment<'_> {
         let (mut electrical, _) = linear.split_rows(self.electrical_rows());
         if let (Some(d), Some(q)) = (self.row_of(Channel::ID), self.row_of(Channel::IQ)) {
             let fastest = self.signals.context.omega_e_max;
-            let of_axes = [0, 1].map(|axis| Some(answering.turned(axis, fastest)));
-            answering.respond(&of_axes, TURNED, [d, q], &mut electrical.columns);
+            let each = [0, 1].map(|axis| answering.turned(axis, fastest));
+            let of_axes = each.each_ref().map(|values| Some(&values[..]));
+            answering.respond(of_axes, TURNED, [d, q], &mut electrical.columns);
             for step in &answering.steps {
                 let turned = turned(&step.env, fastest, step.i.map(|x| -x), [step.i[1], -step.i[0]]);
                 for ((row, weight), turned) in [d, q].into_iter().zip(turned) {
