@@ -183,7 +183,14 @@ def test_a_servo_bench_shows_coulomb_friction() -> None:
 
 
 def test_a_flexible_coupling_shows_antiresonance_and_resonance() -> None:
-    answer = diagnose("flexible_shaft.toml", "flexible_shaft/MultisineTypeA.mat")
+    path = RECORDINGS / "flexible_shaft" / "MultisineTypeA.mat"
+    if not path.is_file():
+        pytest.skip(f"the recording is not at {path}")
+    described = read_machine(MACHINES / "flexible_shaft.toml")
+    whole = pm.load(path, described)
+    # The multisine repeats: 6.4 of its 20 s show the same shaft.
+    first = pm.load({name: whole.column(name)[:16_000] for name in whole.names})
+    answer = pm.diagnose(first, described.machine, seed=1)
     # The rig leaves five times its noise beside the shaft.
     assert (answer.verdict, answer.effects) == ("partial", ("two_mass_shaft",))
     shaft = answer.ranking[0].parameters

@@ -26,7 +26,6 @@ use crate::error::Result;
 use crate::monitor::Monitor;
 
 pub use exchange::Swap;
-pub use grow::REFITTED;
 pub use subset::{in_place, reduced, special_cases};
 
 /// The recording, other runs, and how much may be chosen.

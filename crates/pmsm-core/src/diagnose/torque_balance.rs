@@ -15,7 +15,7 @@ use super::evidence::{Evidence, price};
 use super::fitting;
 use super::hypothesis::Hypothesis;
 use super::identifiability::identifiable;
-use super::select::{REFITTED, reduced};
+use super::select::reduced;
 use crate::effect::{Role, Site};
 use crate::effects::EffectId;
 use crate::error::Result;
@@ -33,8 +33,8 @@ use std::ops::Range;
 /// Rounds in which strengths and colour are estimated in turn.
 const ROUNDS: usize = 2;
 
-/// The set with most evidence of those that grow by the balance of torques, its effects of the motion in place of those of `set`. It is
-/// fitted by simulation. None where the balance does not apply or shows no effect.
+/// The set with most evidence, fitted by simulation, of those that grow by the balance of torques, its effects of the motion in place of
+/// those of `set`. None where the balance does not apply or shows no effect.
 ///
 /// # Errors
 /// Those of the least-squares fits.
@@ -58,23 +58,18 @@ pub fn grown(data: &Data, set: &Hypothesis, monitor: &dyn Monitor) -> Result<Opt
     let cost = |set: &Hypothesis| evidence.cost_on_recording(set);
     let (mut best, mut chosen) = (fitting::fit(data, &model, &own, true, monitor)?, Vec::new());
     while chosen.len() < data.options.most_effects {
+        monitor.go_on()?;
         let absent = candidates.iter().filter(|e| chosen.iter().all(|c: &Candidate| c.effect != **e));
-        let mut leading = None;
-        for next in balance.leading(&chosen, absent.copied()) {
-            monitor.go_on()?;
-            chosen.push(next);
-            let (model, start) = balance.start(&chosen);
-            let fitted = fitting::fit(data, &model, &start, true, monitor)?;
-            let next = chosen.pop().expect("it was pushed");
-            if leading.as_ref().is_none_or(|(_, other)| cost(&fitted) < cost(other)) {
-                leading = Some((next, fitted));
-            }
-        }
-        let Some((next, fitted)) = leading.filter(|(_, fitted)| cost(fitted) < cost(&best)) else { break };
+        let Some(next) = balance.leading(&chosen, absent.copied()) else { break };
         chosen.push(next);
-        best = fitted;
+        let (model, start) = balance.start(&chosen);
+        let fitted = fitting::fit(data, &model, &start, true, monitor)?;
+        // A simulation may need several of them before it follows the motion: what the balance shows decides what comes next.
+        if cost(&fitted) < cost(&best) {
+            best = fitted;
+        }
     }
-    Ok((!chosen.is_empty()).then_some(best))
+    Ok((best.effects() != model.effects()).then_some(best))
 }
 
 /// The grown set where it is a model of recordings of which the dq-model `base` is none. Their noise is then read with it.
@@ -181,17 +176,16 @@ impl<'a> Balance<'a> {
         out
     }
 
-    /// The effects that take away most of what the chosen ones leave, each by its best shape, for which the evidence is.
-    fn leading(&self, chosen: &[Candidate], absent: impl Iterator<Item = EffectId>) -> Vec<Candidate> {
-        let Some((colour, columns, residual)) = self.whitened(chosen) else { return Vec::new() };
+    /// The effect, by its best shape, for which beside the chosen ones the evidence is largest, if there is one.
+    fn leading(&self, chosen: &[Candidate], absent: impl Iterator<Item = EffectId>) -> Option<Candidate> {
+        let (colour, columns, residual) = self.whitened(chosen)?;
         let basis = orthonormal(&columns);
         let residual = freed(&basis, &DMatrix::from_columns(&[residual])).column(0).into_owned();
         let (rows, square) =
             (self.windows.iter().map(Range::len).sum::<usize>() as f64, residual.norm_squared());
         let (options, context) = (&self.data.options, self.model.context());
-        let mut leading: Vec<(f64, Candidate)> = Vec::new();
+        let mut leading: Option<(f64, Candidate)> = None;
         for effect in absent {
-            let mut best: Option<(f64, Candidate)> = None;
             let probes = effect.probes(context);
             let forms = (probes.len().max(1) as f64).ln();
             for shape in probes {
@@ -202,14 +196,12 @@ impl<'a> Balance<'a> {
                 let taken = self.taken(&candidate, &own, &residual);
                 let cost = options.effect_cost + forms + price(&[rows], options) * own.ncols() as f64;
                 let nats = 0.5 * rows * (square / (square - taken)).ln() - cost;
-                if nats > best.as_ref().map_or(0.0, |b| b.0) {
-                    best = Some((nats, candidate));
+                if nats > leading.as_ref().map_or(0.0, |other| other.0) {
+                    leading = Some((nats, candidate));
                 }
             }
-            leading.extend(best);
         }
-        leading.sort_by(|a, b| b.0.total_cmp(&a.0));
-        leading.into_iter().take(REFITTED).map(|(_, candidate)| candidate).collect()
+        leading.map(|(_, candidate)| candidate)
     }
 
     /// Squares of the `residual` that an effect takes away by strengths within their bounds, with its whitened columns.

@@ -13,7 +13,7 @@ use crate::recording::Kind;
 use rayon::prelude::*;
 
 /// Leading effects with each of which the whole set is refitted before the best is kept.
-pub const REFITTED: usize = 3;
+pub(super) const REFITTED: usize = 3;
 /// Share of the leading score from which an effect of the same side is refitted, too.
 const RIVAL: f64 = 0.5;
 /// Share of what an effect explains to first order that it must still explain beside others to be taken up along with them.
