@@ -32,6 +32,8 @@ use std::ops::Range;
 
 /// Rounds in which strengths and colour are estimated in turn.
 const ROUNDS: usize = 2;
+/// Effects in a row that do not help the simulation, after which no more are tried.
+const IN_VAIN: usize = 2;
 
 /// The set with most evidence, fitted by simulation, of those that grow by the balance of torques, its effects of the motion in place of
 /// those of `set`. None where the balance does not apply or shows no effect.
@@ -57,7 +59,8 @@ pub fn grown(data: &Data, set: &Hypothesis, monitor: &dyn Monitor) -> Result<Opt
     let candidates: Vec<EffectId> = identifiable.into_iter().filter(asked).collect();
     let cost = |set: &Hypothesis| evidence.cost_on_recording(set);
     let (mut best, mut chosen) = (fitting::fit(data, &model, &own, true, monitor)?, Vec::new());
-    while chosen.len() < data.options.most_effects {
+    let mut in_vain = 0;
+    while chosen.len() < data.options.most_effects && in_vain < IN_VAIN {
         monitor.go_on()?;
         let absent = candidates.iter().filter(|e| chosen.iter().all(|c: &Candidate| c.effect != **e));
         let Some(next) = balance.leading(&chosen, absent.copied()) else { break };
@@ -65,8 +68,9 @@ pub fn grown(data: &Data, set: &Hypothesis, monitor: &dyn Monitor) -> Result<Opt
         let (model, start) = balance.start(&chosen);
         let fitted = fitting::fit(data, &model, &start, true, monitor)?;
         // A simulation may need several of them before it follows the motion: what the balance shows decides what comes next.
+        in_vain += 1;
         if cost(&fitted) < cost(&best) {
-            best = fitted;
+            (best, in_vain) = (fitted, 0);
         }
     }
     Ok((best.effects() != model.effects()).then_some(best))

@@ -6,6 +6,7 @@ use crate::diagnose::collinearity::Collinearity;
 use crate::diagnose::consistency::{self, Contradiction};
 use crate::diagnose::data::Data;
 use crate::diagnose::decide::{self, Ranked};
+use crate::diagnose::evidence::Evidence;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::outputs::Outputs;
 use crate::diagnose::remaining::{self, Remaining};
@@ -177,35 +178,43 @@ impl<'a> Ruling<'a> {
         {
             // Of the motion nothing is named; what acts in the voltage equations stays.
             let set = unmodelled::without_motion(data, best, monitor)?;
-            self.keep_only(set, None)?;
+            self.keep_only(final_estimate(data, &set, monitor)?, None)?;
         }
         Ok(())
     }
 
-    /// Which of the effects beside a map of what remains the map does not replace.
+    /// Which of the effects beside a map of what remains the map does not replace. One is replaced only if the smaller set with a map of its
+    /// own has as much evidence, on the validation run, too.
     ///
     /// # Errors
     /// Those of the least-squares fits.
     pub(super) fn weigh_against_map(&mut self) -> Result<()> {
         let Runs { data, validation, monitor } = self.runs;
-        while self.verdict == Verdict::Partial {
-            let best = &self.outcome.best.fitted;
-            let described = unmodelled::explain(data, validation, best, monitor)?;
-            let Some(effect) = unmodelled::replaced(data, &described.0, monitor)? else {
-                self.described = Some(described);
-                break;
-            };
-            let nearest = (effect.info().site == Site::Mechanical).then(|| best.clone());
-            let (model, start) = reduced(best, effect);
-            let set = fitting::fit(data, &model, &start, false, monitor)?;
-            self.keep_only(set, nearest)?;
+        if self.verdict != Verdict::Partial {
+            return Ok(());
         }
+        let mut described = unmodelled::explain(data, validation, &self.outcome.best.fitted, monitor)?;
+        while let Some(effect) = unmodelled::replaced(data, &described.0, monitor)? {
+            let best = &self.outcome.best.fitted;
+            let (model, start) = reduced(best, effect);
+            let set = final_estimate(data, &fitting::fit(data, &model, &start, false, monitor)?, monitor)?;
+            let smaller = unmodelled::explain(data, validation, &set, monitor)?;
+            if self.runs.cost(&smaller.0)? > self.runs.cost(&described.0)? {
+                break;
+            }
+            let nearest = (effect.info().site == Site::Mechanical).then(|| best.clone());
+            self.keep_only(set, nearest)?;
+            if self.verdict != Verdict::Partial {
+                return Ok(());
+            }
+            described = smaller;
+        }
+        self.described = Some(described);
         Ok(())
     }
 
     /// Keeps the effects of a smaller set, as probable as they were. Of what it lost a smooth torque does as well as the form of `nearest`.
     fn keep_only(&mut self, set: Hypothesis, nearest: Option<Hypothesis>) -> Result<()> {
-        let set = final_estimate(self.runs.data, &set, self.runs.monitor)?;
         let known = |c: &&Ranked| set.effects().contains(&c.effect);
         let share = 1.0 - self.runs.data.options.unknown;
         let probabilities = self.ranked.iter().filter(known);
@@ -271,6 +280,13 @@ impl Runs<'_> {
     /// What a set predicts of the validation run, if there is one.
     fn on_validation(&self, set: &Hypothesis) -> Result<Option<Hypothesis>> {
         self.validation.map(|run| transfer(run, set, self.monitor)).transpose()
+    }
+
+    /// Cost of a set on the recordings and the validation run, nats.
+    fn cost(&self, set: &Hypothesis) -> Result<f64> {
+        let evidence = Evidence::new(self.data, &Vec::from_iter(self.validation));
+        let held_out = Vec::from_iter(self.on_validation(set)?);
+        Ok(evidence.cost(&Validated { fitted: set.clone(), held_out, refuted: false }))
     }
 
     /// What a set leaves of each equation, on the recordings and, `predicted`, on the validation run.
