@@ -249,12 +249,14 @@ fn check_time(t: &[f64], gap: f64) -> Result<(f64, Vec<Range<usize>>)> {
         } else {
             format!("time runs back from {a} s to {b} s")
         };
-        return Err(Error::Sample {
-            column: "t".into(),
-            row: row + 1,
-            problem,
-            fix: "sort the rows by time and drop repeated ones".into(),
-        });
+        // A clock that begins anew is that of another recording, whose rows must not be sorted in among these.
+        let anew = b < t[0] + steps[0].abs() && t.get(row + 2).is_some_and(|next| (b..a).contains(next));
+        let fix = if anew {
+            "a second recording begins there: give each a file of its own"
+        } else {
+            "sort the rows by time and drop repeated ones"
+        };
+        return Err(Error::Sample { column: "t".into(), row: row + 1, problem, fix: fix.into() });
     }
     let mut ranked = steps.clone();
     let middle = ranked.len() / 2;
@@ -312,7 +314,11 @@ mod tests {
         let mut given = columns(20);
         given[0].1[9] = 0.0;
         let text = Recording::new(given, None).unwrap_err().to_string();
-        assert!(text.contains("'t', row 9") && text.contains("runs back"), "{text}");
+        assert!(text.contains("'t', row 9") && text.contains("runs back") && text.contains("sort"), "{text}");
+        let mut given = columns(20);
+        (9..20).for_each(|k| given[0].1[k] = given[0].1[k - 9]);
+        let text = Recording::new(given, None).unwrap_err().to_string();
+        assert!(text.contains("'t', row 9") && text.contains("a second recording begins there"), "{text}");
 
         let mut given = columns(20);
         given[1].1.pop();
