@@ -12,6 +12,7 @@
 //! beside one; else the answer is unknown.
 
 mod adequacy;
+mod adjusted_likelihood;
 mod angle_alignment;
 mod angle_quantisation;
 pub mod answer;

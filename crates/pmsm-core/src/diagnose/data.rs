@@ -25,6 +25,9 @@ use std::ops::Range;
 const CURRENT_NOISE: f64 = 0.002;
 /// Noise of the voltage of a steady point before its neighbours show it, share of the largest voltage.
 const VOLTAGE_NOISE: f64 = 0.005;
+/// Length of a short window, s, and the fewest rows of one.
+const SHORT: f64 = 0.025;
+const FEWEST_ROWS: usize = 8;
 /// Fewest mechanical windows from which every other one is held out where no validation run is given.
 const FEWEST_WINDOWS: usize = 4;
 
@@ -175,6 +178,21 @@ impl Data {
         let mut out = self.clone();
         (out.whitening, out.input) = (None, InputNoise::default());
         out.parts.iter_mut().for_each(|part| *part = part.with_white_currents());
+        out
+    }
+
+    /// The same in windows so short that an impact at a wrong time hardly moves what follows: the best parameters then lie in a wide valley.
+    pub fn in_short_windows(&self) -> Self {
+        let mut out = self.clone();
+        let rows = ((SHORT / self.signals.period) as usize).max(FEWEST_ROWS);
+        for windows in std::iter::once(&mut out.windows).chain(out.parts.iter_mut().map(|p| &mut p.windows)) {
+            let pieces = |w: &Range<usize>| {
+                let (count, w) = ((w.len() / rows).max(1), w.clone());
+                let at = move |k: usize| w.start + k * w.len() / count;
+                (0..count).map(move |k| at(k)..at(k + 1))
+            };
+            *windows = windows.iter().flat_map(pieces).collect();
+        }
         out
     }
 
@@ -358,3 +376,20 @@ pub const SETTINGS: Settings = Settings {
     leaves_rest: false,
     stall_tolerance: 2e-5,
 };
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::testing::{data, setup, speeds};
+
+    #[test]
+    fn short_windows_cover_the_rows_of_the_long_ones() {
+        let (data, _) = data(&setup(speeds(0.6, &[(0.1, 60.0), (0.4, -50.0)]), Vec::new()));
+        let short = data.in_short_windows();
+        let rows = |data: &Data| data.windows.iter().cloned().flatten().collect::<Vec<usize>>();
+        assert_eq!(rows(&short), rows(&data));
+        let lasts = |w: &Range<usize>| w.len() as f64 * data.signals.period;
+        assert!(short.windows.len() > 5 * data.windows.len());
+        assert!(short.windows.iter().all(|w| (0.02..0.035).contains(&lasts(w))), "{:?}", short.windows);
+    }
+}

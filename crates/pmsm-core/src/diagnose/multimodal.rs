@@ -61,7 +61,9 @@ fn with_one(
 ) -> Result<Option<Hypothesis>> {
     let (options, samples) = (&data.options, data.counted() as f64 / data.options.rows_per_sample);
     let asked = options.effect_cost + price(&[samples], options) * effect.info().parameters.len() as f64;
-    let scorer = Scorer::new(data, without);
+    let short = data.in_short_windows();
+    let beside = fitting::fit(&short, &without.model, without.own(), true, monitor)?;
+    let scorer = Scorer::new(&short, &beside);
     let scouted = scorer.by_swarm(effect, Ranging { size: SCOUTS, about: None }, monitor)?;
     if -0.5 * samples * (1.0 - scouted.score).max(f64::MIN_POSITIVE).ln() < asked {
         return Ok(None);

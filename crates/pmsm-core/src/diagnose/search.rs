@@ -131,8 +131,9 @@ fn from_another(
     let best = &outcome.best;
     let left = |electrical: bool| {
         let runs = std::iter::once(&best.fitted).chain(&best.held_out);
-        let squares = runs.flat_map(|run| &run.squares).filter(|(c, _)| c.is_electrical() == electrical);
-        squares.map(|(_, square)| square - 1.0).fold(0.0, f64::max)
+        let each = runs.flat_map(|run| run.squares.iter().zip(verdict::beyond_chance(run)));
+        let side = each.filter(|((channel, _), _)| channel.is_electrical() == electrical);
+        side.map(|(_, excess)| excess).fold(0.0, f64::max)
     };
     let (options, currents_explained) = (&whole.options, left(true) <= whole.options.form_error());
     if whole.poor || !currents_explained || left(false) <= options.mismatch {

@@ -122,6 +122,8 @@ impl Search<'_> {
         self.monitor.report("alternatives", 0.85);
         let mut swaps = Vec::new();
         let mut shown = Vec::new();
+        // Sets with which growth ended.
+        let mut ends = vec![grown.fitted.effects()];
         for _ in 0..self.data.options.most_effects {
             self.monitor.go_on()?;
             self.incumbent.note(&best.fitted);
@@ -139,6 +141,11 @@ impl Search<'_> {
             let mut better = evidence.best_of(swaps.iter().map(|swap| &swap.validated), &best).cloned();
             if better.is_none() {
                 better = quick.friction_for_steps(&best, &absent, &evidence)?;
+            }
+            let effects = best.fitted.effects();
+            if better.is_none() && !ends.iter().any(|end| exchange::is_set(end, &effects)) {
+                better = quick.grown_again(&best, &absent, &evidence)?;
+                ends.push(effects);
             }
             if better.is_none() {
                 better = quick.extended_by_validation(&best, &absent, &evidence)?;

@@ -28,6 +28,7 @@ use crate::numerics::tall;
 use crate::recording::{Kind, Load};
 use crate::simulate::mechanical::{Nuisance, Rotor, Torque};
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 use std::ops::Range;
 
 /// Rounds in which strengths and colour are estimated in turn.
@@ -188,24 +189,24 @@ impl<'a> Balance<'a> {
         let (rows, square) =
             (self.windows.iter().map(Range::len).sum::<usize>() as f64, residual.norm_squared());
         let (options, context) = (&self.data.options, self.model.context());
-        let mut leading: Option<(f64, Candidate)> = None;
-        for effect in absent {
+        let tried = absent.flat_map(|effect| {
             let probes = effect.probes(context);
             let forms = (probes.len().max(1) as f64).ln();
-            for shape in probes {
-                let candidate = self.candidate(effect, shape);
-                let mut own = candidate.columns.clone();
-                own.column_iter_mut().for_each(|mut column| self.whiten(&colour, column.as_mut_slice()));
-                let own = freed(&basis, &own);
-                let taken = self.taken(&candidate, &own, &residual);
-                let cost = options.effect_cost + forms + price(&[rows], options) * own.ncols() as f64;
-                let nats = 0.5 * rows * (square / (square - taken)).ln() - cost;
-                if nats > leading.as_ref().map_or(0.0, |other| other.0) {
-                    leading = Some((nats, candidate));
-                }
-            }
-        }
-        leading.map(|(_, candidate)| candidate)
+            probes.into_iter().map(move |shape| (effect, shape, forms))
+        });
+        let weighed = |(effect, shape, forms): (EffectId, Vec<f64>, f64)| {
+            let candidate = self.candidate(effect, shape);
+            let mut own = candidate.columns.clone();
+            own.column_iter_mut().for_each(|mut column| self.whiten(&colour, column.as_mut_slice()));
+            let own = freed(&basis, &own);
+            let taken = self.taken(&candidate, &own, &residual);
+            let cost = options.effect_cost + forms + price(&[rows], options) * own.ncols() as f64;
+            let nats = 0.5 * rows * (square / (square - taken)).ln() - cost;
+            (nats > 0.0).then_some((nats, candidate))
+        };
+        let better = |a: (f64, Candidate), b: (f64, Candidate)| if b.0 > a.0 { b } else { a };
+        let tried: Vec<_> = tried.collect();
+        tried.into_par_iter().filter_map(weighed).reduce_with(better).map(|(_, candidate)| candidate)
     }
 
     /// Squares of the `residual` that an effect takes away by strengths within their bounds, with its whitened columns.

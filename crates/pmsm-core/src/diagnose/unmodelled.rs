@@ -38,7 +38,7 @@ use serde::Serialize;
 
 pub use choice::MOST_WORTH;
 pub use rival::rival;
-pub use supported::{Alternative, Supported, supported, without_motion};
+pub use supported::{Alternative, Supported, probability, supported, without_motion};
 
 /// Most parts of a map on one side, chosen one after the other.
 const PARTS: usize = 3;

@@ -111,6 +111,28 @@ pub fn spread(jacobian: &DMatrix<f64>, residual: &DVector<f64>, rows_per_channel
 }
 
 impl Spread {
+    /// Mean factor by which the colour of the residuals widens the variance of some parameters over that with white residuals of variance one;
+    /// `None` where the data do not show one of them.
+    pub fn widened(&self, parameters: &[usize]) -> Option<f64> {
+        let block = |of: &DMatrix<f64>| of.select_rows(parameters).select_columns(parameters);
+        let (naive, covariance) = (block(&self.naive), block(&self.covariance));
+        if parameters.is_empty() || naive.iter().chain(covariance.iter()).any(|x| !x.is_finite()) {
+            return None;
+        }
+        Some(naive.cholesky()?.solve(&covariance).trace() / parameters.len() as f64)
+    }
+
+    /// Square of these values of some parameters in units of their covariance, the statistic of Wald; `None` as for [`Self::widened`].
+    pub fn square(&self, values: &[(usize, f64)]) -> Option<f64> {
+        let places: Vec<usize> = values.iter().map(|x| x.0).collect();
+        let covariance = self.covariance.select_rows(&places).select_columns(&places);
+        if places.is_empty() || covariance.iter().any(|x| !x.is_finite()) {
+            return None;
+        }
+        let value = DVector::from_iterator(values.len(), values.iter().map(|x| x.1));
+        Some(value.dot(&covariance.cholesky()?.solve(&value)))
+    }
+
     /// Whether all derivatives that it rests on are finite: their sums of squares tell.
     pub fn is_finite(&self) -> bool {
         self.information.iter().all(|x| x.is_finite())
@@ -319,6 +341,30 @@ mod tests {
         let residual = &error - &jacobian * &found;
         let spread = spread(&jacobian, &residual, n);
         (found, spread)
+    }
+
+    #[test]
+    fn colour_widens_as_its_memory_does() {
+        let mean =
+            |rho: f64| (0..20).map(|seed| line(seed, rho).1.widened(&[0, 1]).unwrap()).sum::<f64>() / 20.0;
+        // Uniform numbers in [-1, 1) have the variance 1/3, a sum of theirs with memory that over (1 - rho)^2.
+        assert!((mean(0.0) / (1.0 / 3.0) - 1.0).abs() < 0.1, "{}", mean(0.0));
+        assert!((mean(0.9) / (100.0 / 3.0) - 1.0).abs() < 0.2, "{}", mean(0.9));
+        let unseen = DMatrix::from_fn(8000, 2, |_, c| if c == 0 { 1.0 } else { 0.0 });
+        let spread = spread(&unseen, &DVector::from_vec(noise(8000, 1)), 8000);
+        assert!(spread.widened(&[0]).is_some() && spread.widened(&[0, 1]).is_none());
+        assert!(spread.widened(&[]).is_none() && spread.square(&[]).is_none());
+    }
+
+    #[test]
+    fn the_statistic_of_values_is_their_square_over_the_covariance() {
+        let spread = line(3, 0.9).1;
+        let one = spread.square(&[(1, 0.5)]).unwrap();
+        assert!((one * spread.covariance[(1, 1)] / 0.25 - 1.0).abs() < 1e-9);
+        // Together two values of no correlation count as the sum of their squares.
+        let both = spread.square(&[(0, 0.1), (1, 0.5)]).unwrap();
+        let sum = one + spread.square(&[(0, 0.1)]).unwrap();
+        assert!((both / sum - 1.0).abs() < 0.3, "{both} {sum}");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The verdict with its candidates, and what changes them: a model that does not fit, a remaining residual, and strengths that may be zero.
 
 use super::step;
+use crate::diagnose::adjusted_likelihood::AdjustedLikelihood;
 use crate::diagnose::answer::{Estimate, Verdict};
 use crate::diagnose::collinearity::Collinearity;
 use crate::diagnose::consistency::{self, Contradiction};
@@ -169,6 +170,10 @@ impl<'a> Ruling<'a> {
         if found && open {
             let mut supported = unmodelled::supported(data, validation, best, monitor)?;
             supported.set = final_estimate(data, &supported.set, monitor)?;
+            // Steady points have no memory, as the evidence counts them.
+            if !data.is_steady() {
+                supported = self.by_adjusted_likelihood(supported)?;
+            }
             self.keep(supported)?;
         }
         let best = &self.outcome.best.fitted;
@@ -181,6 +186,30 @@ impl<'a> Ruling<'a> {
             self.keep_only(final_estimate(data, &set, monitor)?, None)?;
         }
         Ok(())
+    }
+
+    /// The set without effects that are less probable than not by the adjusted likelihood, one after the other, and the others no more probable
+    /// than it says.
+    fn by_adjusted_likelihood(&self, mut supported: Supported) -> Result<Supported> {
+        let Runs { data, monitor, .. } = self.runs;
+        loop {
+            let worth = AdjustedLikelihood::new(data, &supported.set).of_effects(monitor)?;
+            let least = worth.iter().min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, nats)| *nats < 0.0);
+            let Some(&(effect, _)) = least else {
+                for (effect, probability) in &mut supported.probabilities {
+                    let nats = worth.iter().find(|x| x.0 == *effect).map_or(f64::INFINITY, |x| x.1);
+                    *probability = probability.min(unmodelled::probability(nats));
+                }
+                return Ok(supported);
+            };
+            let nearest = (effect.info().site == Site::Mechanical).then(|| supported.set.clone());
+            let (model, start) = reduced(&supported.set, effect);
+            let without = fitting::fit(data, &model, &start, false, monitor)?;
+            supported.set = final_estimate(data, &without, monitor)?;
+            supported.nearest = nearest.or(supported.nearest);
+            supported.probabilities.retain(|(other, _)| *other != effect);
+            supported.alternatives.retain(|a| a.present != effect);
+        }
     }
 
     /// Which of the effects beside a map of what remains the map does not replace. One is replaced only if the smaller set with a map of its

@@ -34,6 +34,8 @@ pub struct Settling<'a> {
     pub rotor: &'a [usize],
     /// Motor torque per sample, N·m.
     pub torque: &'a [f64],
+    /// Whether the states of the rotor begin as they are given: how they begin is lost at an impact.
+    pub initial_held: bool,
     pub monitor: &'a dyn Monitor,
 }
 
@@ -78,7 +80,12 @@ impl Settling<'_> {
         let nuisances: Vec<Nuisance> = states.iter().map(State::nuisance).collect();
         parameters.extend(states.iter().flat_map(State::values));
         let mut free = self.rotor.to_vec();
-        free.extend(count..parameters.len());
+        let mut at = count;
+        for nuisance in &nuisances {
+            let end = at + nuisance.parameter_count();
+            free.extend(at..if self.initial_held { end - nuisance.initial } else { end });
+            at = end;
+        }
         let experiment = data.motion(model, &nuisances, self.torque);
         if free.is_empty() {
             let squares = mean_squares(&experiment, &experiment.residual(&parameters));

@@ -37,9 +37,8 @@ impl State {
             Vec::new()
         };
         let unknown = piecewise || data.signals.load == Load::UnknownConstant;
-        let level = if unknown { start_level(data, torque, own) } else { 0.0 };
         Self {
-            levels: vec![level; if unknown { steps.len() + 1 } else { 0 }],
+            levels: if unknown { start_levels(data, torque, own, &steps) } else { Vec::new() },
             steps,
             deviations: vec![0.0; data.initial_states(model)],
         }
@@ -88,10 +87,20 @@ pub fn states_of(nuisances: &[Nuisance], values: &[f64]) -> Vec<State> {
     split(nuisances, values).map(|(nuisance, own)| State::of(own, nuisance)).collect()
 }
 
-/// Mean torque that is neither acceleration nor viscous friction: the start of the search for the load; none where a model diverged.
-fn start_level(data: &Data, torque: &[f64], own: &[f64]) -> f64 {
-    let b = own[BaseParameter::B.index()];
-    let friction = data.signals.omega_e.iter().map(|w| b * w / data.signals.n_p);
-    let mean = torque.iter().zip(friction).map(|(t, f)| t - f).sum::<f64>() / torque.len() as f64;
-    if mean.is_finite() { mean } else { 0.0 }
+/// Mean torque between the `steps` (s) that is neither acceleration nor viscous friction: the levels from which the search for the load begins;
+/// none where a model diverged.
+fn start_levels(data: &Data, torque: &[f64], own: &[f64], steps: &[f64]) -> Vec<f64> {
+    let [j, b] = [BaseParameter::J, BaseParameter::B].map(|p| own[p.index()] / data.signals.n_p);
+    let (t, omega) = (&data.signals.t, &data.signals.omega_e);
+    let mut sums = vec![(0.0, 0.0); steps.len() + 1];
+    for k in data.signals.segments.iter().flat_map(|segment| segment.start + 1..segment.end) {
+        let h = t[k] - t[k - 1];
+        let middle = t[k - 1] + 0.5 * h - t[0];
+        let (sum, time) = &mut sums[steps.partition_point(|step| *step < middle)];
+        let mean = |x: &[f64]| 0.5 * (x[k - 1] + x[k]);
+        *sum += h * (mean(torque) - b * mean(omega)) - j * (omega[k] - omega[k - 1]);
+        *time += h;
+    }
+    let level = |(sum, time): (f64, f64)| if time > 0.0 && sum.is_finite() { sum / time } else { 0.0 };
+    sums.into_iter().map(level).collect()
 }

@@ -178,7 +178,7 @@ impl Search<'_> {
 }
 
 /// Whether both hold the same effects.
-fn is_set(a: &[EffectId], b: &[EffectId]) -> bool {
+pub(super) fn is_set(a: &[EffectId], b: &[EffectId]) -> bool {
     a.len() == b.len() && a.iter().all(|e| b.contains(e))
 }
 

@@ -2,6 +2,7 @@
 
 use super::subset::left_out;
 use super::{Search, Tried, absent};
+use crate::diagnose::evidence::Evidence;
 use crate::diagnose::fitting;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::score::{Prospect, Scorer};
@@ -74,6 +75,25 @@ impl Search<'_> {
             self.monitor.report("effects", 0.2 + 0.6 * share);
         }
         Ok((best, singles))
+    }
+
+    /// The set with one of the `absent` effects more, if that has more evidence on all recordings. A set that growth did not end with may
+    /// want an effect that was dropped: it was fitted beside others, with an order or a frequency that was chosen for what they left.
+    pub(super) fn grown_again(
+        &self,
+        best: &Validated,
+        absent: &[EffectId],
+        evidence: &Evidence,
+    ) -> Result<Option<Validated>> {
+        if best.fitted.effects().len() >= self.most {
+            return Ok(None);
+        }
+        let scorer = Scorer::new(self.data, &best.fitted);
+        let larger = self.extended(&scorer, best, absent)?;
+        let sets = larger.into_iter().filter_map(|(_, set)| set);
+        let sets = sets.filter(|set| self.explains_its_part(&set.fitted, &best.fitted));
+        let sets: Vec<Validated> = sets.map(|set| self.validate(set.fitted)).collect::<Result<_>>()?;
+        Ok(evidence.best_of(sets.iter(), best).cloned())
     }
 
     /// Whether the further effects of `larger` explain the part that the leading one of those still possible must explain. Of several effects
@@ -220,6 +240,27 @@ mod tests {
         assert!(!explains_its_part([31.0, 1.0, 51.0], [71.0, 1.0, 21.0]));
         // Of what the forms of right effects leave the evidence alone decides.
         assert!(explains_its_part([1.0, 1.0, 2.0], [1.0, 1.0, 1.95]));
+    }
+
+    #[test]
+    fn a_swing_that_was_dropped_is_found_again_beside_what_hid_it() {
+        let both = vec![choice("dead_time", "v_err", 4.0), choice("time_varying_load", "a", 0.2)];
+        let (data, base) = testing::data(&setup(rich(), both));
+        let search = search(&data);
+        let (swing, dead_time) = (EffectId::TimeVaryingLoad, EffectId::DeadTime);
+        let typical = dead_time.info().parameters.iter().map(|p| (p.typical)(&data.signals.context));
+        let start: Vec<f64> = base.own().iter().copied().chain(typical).collect();
+        let model = crate::model::Model::new(data.signals.context, &[dead_time]);
+        let fitted = fitting::fit(&data, &model, &start, false, &Silent).unwrap();
+        let without = Validated { fitted, held_out: Vec::new(), refuted: false };
+        let evidence = search.evidence().limited(std::iter::once(&without));
+        let absent = [EffectId::CoggingTorque, EffectId::QuadraticDrag, swing];
+        let again = |set: &Validated| search.grown_again(set, &absent, &evidence).unwrap();
+        let found = again(&without).expect("the swing is there");
+        assert_eq!(found.fitted.effects(), [dead_time, swing]);
+        assert!(found.excess() < data.options.mismatch, "{:?}", found.fitted.squares);
+        let nothing_more = search.grown_again(&found, &absent[..2], &evidence).unwrap();
+        assert!(nothing_more.is_none());
     }
 
     #[test]

@@ -82,7 +82,7 @@ pub fn supported(
 }
 
 /// Probability at this logarithm of the odds, nats.
-fn probability(nats: f64) -> f64 {
+pub fn probability(nats: f64) -> f64 {
     1.0 / (1.0 + (-nats).exp())
 }
 
