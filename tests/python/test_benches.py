@@ -45,6 +45,25 @@ def test_a_dead_angle_is_still_refused(columns: Columns, tmp_path: Path) -> None
         pm.load(tmp_path / "r.csv")
 
 
+def test_a_locked_rotor_needs_no_column_of_its_motion(columns: Columns, tmp_path: Path) -> None:
+    names = {"t": "Messzeit [s]"}
+    (tmp_path / "machine.toml").write_text('[machine]\nn_p = 3\n[load]\nkind = "locked"\n')
+    standing = {name: columns[name] for name in ("t", "v_d", "v_q", "i_d", "i_q")}
+    (tmp_path / "r.csv").write_text(csv_text(standing, names))
+    recording = pm.load(tmp_path / "r.csv", tmp_path / "machine.toml")
+    assert recording.kind == "electrical"
+    np.testing.assert_array_equal(recording.column("omega_m"), 0.0)
+    assert pm.inspect(tmp_path / "r.csv", tmp_path / "machine.toml").is_ready
+    # A speed that was recorded stays.
+    (tmp_path / "r.csv").write_text(csv_text({**standing, "omega_e": np.full(400, 0.01)}, names))
+    recording = pm.load(tmp_path / "r.csv", tmp_path / "machine.toml")
+    np.testing.assert_array_equal(recording.column("omega_e"), 0.01)
+    (tmp_path / "machine.toml").write_text("[machine]\nn_p = 3\n")
+    (tmp_path / "r.csv").write_text(csv_text(standing, names))
+    with pytest.raises(pm.DataError, match="omega_e"):
+        pm.load(tmp_path / "r.csv", tmp_path / "machine.toml")
+
+
 def test_a_coarse_sensor_is_not_held() -> None:
     t = np.arange(8000) * 1e-4
     coarse = np.round(np.cumsum(20.0 + 10.0 * np.sin(9.0 * t)) * 1e-4 / 0.01) * 0.01

@@ -228,7 +228,6 @@ def test_a_whole_vesc_log(tmp_path: Path) -> None:
 
 
 def test_a_moteus_log(columns: Columns, tmp_path: Path) -> None:
-    del columns["v_d"], columns["v_q"]
     columns["omega_m"] = columns.pop("omega_e") / 3.0
     columns["theta_m"] = np.unwrap(columns.pop("theta_e")) / 3.0
     given = {name: columns[name] / (2.0 * np.pi) for name in ("omega_m", "theta_m")}
@@ -237,6 +236,8 @@ def test_a_moteus_log(columns: Columns, tmp_path: Path) -> None:
         "t": "time [s]",
         "i_d": "servo_stats.d_A",
         "i_q": "servo_stats.q_A",
+        "v_d": "servo_control.d_V",
+        "v_q": "servo_control.q_V",
         "omega_m": "servo_stats.velocity",
         "theta_m": "servo_stats.position",
     }

@@ -176,7 +176,8 @@ def inspect(
 
 def _inspected(source: Source, described: MachineFile | Machine | None, max_bytes: int) -> Inspection:
     rules = described.columns if isinstance(described, MachineFile) else {}
-    survey = surveyed(source, rules, whole=True)
+    locked = isinstance(described, MachineFile) and described.load == "locked"
+    survey = surveyed(source, rules, whole=True, locked=locked)
     found, raw = signals(source, survey)
     recording: Recording | None = None
     refusal: DataError | None = None

@@ -42,15 +42,17 @@ def taken(
     finite: bool = True,
     first: int = 0,
     whole: bool = False,
+    locked: bool = False,
     streamed: bool = False,
 ) -> tuple[Columns, Account]:
     """The columns as `assemble` gives them, and the account of what became of the columns of `source`.
 
     `beside` opens another file by its name next to the recording. With `whole` the columns must answer a
-    question by themselves; where they are `streamed`, the time is taken as it is. Raises DataError as
-    `assemble`, on a file beside with other sample times, and on groups that cannot be brought together.
+    question by themselves, and of a `locked` rotor the speed is zero; where they are `streamed`, the time is
+    taken as it is. Raises DataError as `assemble`, on a file beside with other sample times, and on groups
+    that cannot be brought together.
     """
-    plan, account = planned(source, rules or {}, whole=whole)
+    plan, account = planned(source, rules or {}, whole=whole, locked=locked)
     raw = source.read(names_to_read(source, plan))
     bases = bases_of(source, plan, raw)
     if bases is not None and bases.left_out:

@@ -140,7 +140,7 @@ def recorded(source: Source, described: MachineFile | Machine | None, max_bytes:
     )
     allow_outside = isinstance(described, MachineFile) and described.allow_outside
     beside = None if source.file is None else _beside(source.file, max_bytes, allow_outside)
-    columns, account = taken(source, rules, beside, whole=True)
+    columns, account = taken(source, rules, beside, whole=True, locked=kind == "locked")
     angle_error = None
     if is_capture(columns, kind):
         columns, first, remarks, angle_error = completed(columns, known, source.file)

@@ -47,8 +47,11 @@ _EXACT: Final = 9
 
 
 CANONICAL_NAME, OWN_NAME, COLUMNS = "canonical name", "its name", "[columns]"
-CLOCK, UNIT_ALONE = "date and time", "its unit"
+CLOCK, UNIT_ALONE, LOCKED = "date and time", "its unit", "[load]"
 """What a column was recognised by; a documented log is told by its own name."""
+
+
+_MOTION: Final = frozenset({"theta_e", "theta_m", "omega_e", "omega_m", "n"})
 
 
 @dataclass(frozen=True)
@@ -93,19 +96,21 @@ class _Draft:
         self.claims.setdefault(_slot(name), []).append(_Claim(column, name, unit, rank, how))
 
 
-def planned(source: Source, rules: Rules, *, whole: bool) -> tuple[dict[str, Rule], Account]:
+def planned(
+    source: Source, rules: Rules, *, whole: bool, locked: bool = False
+) -> tuple[dict[str, Rule], Account]:
     """The plan and the account of `surveyed`. Raises one DataError for all the problems that there are."""
-    survey = surveyed(source, rules, whole=whole)
+    survey = surveyed(source, rules, whole=whole, locked=locked)
     if survey.problems:
         raise refuse_all(DataError, survey.problems, source.file)
     return dict(survey.plan), survey.account
 
 
-def surveyed(source: Source, rules: Rules, *, whole: bool) -> Survey:
+def surveyed(source: Source, rules: Rules, *, whole: bool, locked: bool = False) -> Survey:
     """What can be had of the columns of `source`, and everything that is missing or unclear.
 
     With `whole` the columns must answer a question by themselves, as those of a file must; a batch of a
-    stream need not.
+    stream need not. Of a `locked` rotor without any column of its motion the speed is zero.
     """
     draft = _Draft(source, rules)
     _given(draft)
@@ -115,6 +120,10 @@ def surveyed(source: Source, rules: Rules, *, whole: bool) -> Survey:
     _torque_of_shorted_terminals(draft, taken)
     _choose(draft)
     doubts = _settled(draft)
+    moving = _MOTION & ({*draft.plan, *rules} | {name for found in doubts.values() for name in found.columns})
+    if locked and not moving:
+        draft.plan["omega_m"] = Rule(unit=CANONICAL["omega_m"].unit, value=0.0)
+        draft.how["omega_m"] = LOCKED
     for column, found in doubts.items():
         _doubt(draft, column, found)
     told = rules.get("t") is not None or any(found.quantity == "time" for found in doubts.values())

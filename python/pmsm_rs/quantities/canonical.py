@@ -92,6 +92,8 @@ LOGS: Final[dict[str, tuple[frozenset[str], dict[str, tuple[str, str | None]]]]]
         {
             "d_a": ("i_d", "A"),
             "q_a": ("i_q", "A"),
+            "d_v": ("v_d", "V"),
+            "q_v": ("v_q", "V"),
             "velocity": ("omega_m", "Hz"),
             "position": ("theta_m", "rev"),
             "electrical_theta": ("theta_e", "rad"),
