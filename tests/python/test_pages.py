@@ -107,6 +107,19 @@ def test_text_of_an_answer_cannot_become_markup(tmp_path: Path) -> None:
             "may leave out",
         ),
         ({"verdict": "unknown", "ranking": [], "model": {"effects": [], "base": {}}}, "not in the catalogue"),
+        (
+            {
+                "verdict": "unknown",
+                "ranking": [],
+                "model": {"effects": [], "base": {}},
+                "cannot_see": [
+                    {"effect": "dead_time", "power": 0.0, "why": "the rotor angle was not recorded"},
+                    {"effect": "iron_loss", "power": 0.0, "why": "the rotor does not turn"},
+                    {"effect": "cogging_torque", "power": 0.0, "why": "the rotor angle was not recorded"},
+                ],
+            },
+            "equation: inverter dead time, which was not asked as the",
+        ),
         ({"verdict": "partial"}, "and something that is not in the catalogue"),
         (
             {

@@ -150,7 +150,19 @@ TORQUE_FORMING: Final[dict[str, str]] = {
 
 TIMES: Final[dict[str, str | None]] = {
     **dict.fromkeys(
-        ("t", "time", "times", "zeit", "messzeit", "timestamp", "time stamp", "zeitstempel", "x axis", "source"), None
+        (
+            "t",
+            "time",
+            "times",
+            "zeit",
+            "messzeit",
+            "timestamp",
+            "time stamp",
+            "zeitstempel",
+            "x axis",
+            "source",
+        ),
+        None,
     ),
     **dict.fromkeys(("seconds", "sekunden", "secs"), "s"),
     **dict.fromkeys(("millis", "milliseconds", "millisekunden"), "ms"),

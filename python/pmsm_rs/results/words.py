@@ -169,6 +169,16 @@ def title(effect: str) -> str:
     return _titles().get(effect, effect.replace("_", " "))
 
 
+@cache
+def _sites() -> dict[str, str]:
+    return {entry["id"]: entry["acts_in"] for entry in effects()}
+
+
+def acts_in(effect: str) -> str:
+    """What an effect of the catalogue acts in, such as "mechanical"; empty for one of the user's own."""
+    return _sites().get(effect, "")
+
+
 def titled(text: str) -> str:
     """`text` with the titles of effects in the place of their ids, as in sentences of the core."""
     return _ids().sub(lambda found: lower_first(title(found[0])), text)

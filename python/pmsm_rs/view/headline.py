@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from ..errors import shown
 from ..results.findings import DiagnosisValues, Remaining, chosen
-from ..results.words import EQUATIONS, listed, lower_first, number, percent, title
+from ..results.words import EQUATIONS, acts_in, listed, lower_first, number, percent, title
 
 _NAMED: Final = 3
 """Columns that a headline names; the findings name the others."""
@@ -148,11 +148,34 @@ def _verdict(answer: DiagnosisValues) -> str:
         return f"The model leaves out {beside}{either}; {these} cannot tell which."
     where = EQUATIONS.get(answer.located[0].equation, "") if answer.located else ""
     if answer.verdict == "unknown":
-        return f"Something is missing{f' in the {where}' if where else ''} that is not in the catalogue."
+        missing = f"Something is missing{f' in the {where}' if where else ''}"
+        if not (unseen := _unseen_causes(answer)):
+            return f"{missing} that is not in the catalogue."
+        why, effects = unseen
+        verb = "was" if len(effects) == 1 else "were"
+        return f"{missing}: {listed(effects, 'or')}, which {verb} not asked as {why}, or something else."
     poor = f"{these} {'are' if several else 'is'} too poor to say what the model leaves out."
     if where and not answer.interrupted:
         return f"The {where} has a residual of more than the noise, but {poor}"
     return poor[0].upper() + poor[1:]
+
+
+def _unseen_causes(answer: DiagnosisValues) -> tuple[str, list[str]] | None:
+    """Effects in the equation of the mismatch that were not asked, as a quantity was not recorded, and why.
+
+    Of several quantities it is the one that most effects need.
+    """
+    motion = bool(answer.located) and answer.located[0].equation == "mechanical"
+    by_reason: dict[str, list[str]] = {}
+    for item in answer.cannot_see:
+        here = (acts_in(item["effect"]) == "mechanical") == motion
+        if here and item["power"] == 0.0 and item["why"].endswith("recorded"):
+            by_reason.setdefault(item["why"], []).append(lower_first(title(item["effect"])))
+    if not by_reason or not answer.located:
+        return None
+    why, effects = max(by_reason.items(), key=lambda entry: len(entry[1]))
+    more = len(effects) - _NAMED
+    return why, effects if more <= 0 else [*effects[:_NAMED], f"{more} more"]
 
 
 def _first(answer: DiagnosisValues) -> list[str]:
