@@ -76,7 +76,7 @@ pub struct Signals {
     pub voltages_drawn: bool,
     /// Time constant of a low pass that was taken out of the currents, s.
     pub current_filter: Option<f64>,
-    /// Whether the link voltage was stated; else it is the least that makes the largest voltage.
+    /// Whether the link voltage was stated or logged; else it is the least that makes the largest voltage.
     pub link_stated: bool,
     /// Whether an angle in steps was taken for the lower end of its step, and moved to the middle.
     pub middle_of_steps: bool,
@@ -269,6 +269,7 @@ impl Signals {
         };
         let (heating, magnet_heating) = (above("temperature"), above("temperature_magnet"));
         let tau_e = scaled("tau_e", 1.0);
+        let link = machine.v_dc.or_else(|| recording.column("v_dc").and_then(middle));
         if segments.len() > 1 {
             findings.push(Finding {
                 finding: match segments.len() - 1 {
@@ -289,7 +290,7 @@ impl Signals {
             stator_held: None,
             voltages_drawn: false,
             current_filter: None,
-            link_stated: machine.v_dc.is_some(),
+            link_stated: link.is_some(),
             middle_of_steps: false,
             phase_voltages: v_d.is_none() || v_q.is_none(),
             v,
@@ -331,7 +332,7 @@ impl Signals {
                 swing: 0.0,
                 duration: recording.duration(),
                 period: recording.period(),
-                v_dc: machine.v_dc.unwrap_or(0.0),
+                v_dc: link.unwrap_or(0.0),
                 electrical_rate: electrical_rate(machine),
                 zero_sequence: 0.0,
                 completed_phase: currents.completed,
@@ -377,6 +378,13 @@ impl Signals {
     }
 }
 
+/// The median of a voltage of the DC link that was logged, V; none where it is no voltage that a motor runs from.
+fn middle(logged: &[f64]) -> Option<f64> {
+    let mut sorted = logged.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().filter(|v_dc| v_dc.is_finite() && *v_dc > 0.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -399,6 +407,30 @@ mod tests {
             None,
         )
         .unwrap()
+    }
+
+    #[test]
+    fn a_link_that_was_logged_is_known_and_one_on_the_nameplate_goes_first() {
+        let logged = |v_dc: f64| {
+            let mut columns: Vec<(String, Vec<f64>)> =
+                ["t", "theta_e", "omega_e", "v_d", "v_q", "i_d", "i_q"]
+                    .map(|name| (name.to_string(), turning(2000, 300.0, 1.0).column(name).unwrap().to_vec()))
+                    .into();
+            columns.push((
+                "v_dc".into(),
+                (0..2000).map(|k| v_dc + if k % 2 == 0 { 0.5 } else { 0.0 }).collect(),
+            ));
+            Recording::new(columns, None).unwrap()
+        };
+        let machine = Machine::new(4).unwrap();
+        let known = |v_dc: f64, machine: &Machine| {
+            let signals = Signals::new(&logged(v_dc), machine).unwrap();
+            (signals.link_stated, signals.context.v_dc)
+        };
+        assert_eq!(known(48.0, &machine), (true, 48.5));
+        let stated = machine.clone().with_drive(Some(50.0), None, None).unwrap();
+        assert_eq!(known(48.0, &stated), (true, 50.0));
+        assert!(!known(-1.0, &machine).0);
     }
 
     #[test]
