@@ -310,10 +310,12 @@ fn variables(data: &Data, best: &Hypothesis, side: Side) -> Vec<(Variable, f64, 
 }
 
 /// The commanded voltages with their ranges. In the steady state speed and currents tell them, so that they matter only to
-/// what swings.
+/// what swings. None where voltages are what is compared, as at steady points and open terminals: each would explain itself.
 fn commands(data: &Data, side: Side) -> Vec<(Variable, f64, f64)> {
+    let compared = data.runs().iter().flat_map(|run| &run.floors);
+    let compared = compared.map(|floor| floor.channel).any(|c| matches!(c, Channel::VD | Channel::VQ));
     match (side, &data.signals.v) {
-        (Side::Electrical, Some([d, q])) => {
+        (Side::Electrical, Some([d, q])) if !compared => {
             let noise = data.input.voltage;
             moving(vec![(Variable::VD, range(d), noise), (Variable::VQ, range(q), noise)])
         }
@@ -405,5 +407,15 @@ mod tests {
             }
             assert!(part.count() <= MOST);
         }
+    }
+
+    #[test]
+    fn a_voltage_that_is_compared_explains_nothing_of_itself() {
+        let mut data = driven(&[90.0, -80.0], "none");
+        assert_eq!(commands(&data, Side::Electrical).len(), 2);
+        for (floor, channel) in data.floors.iter_mut().zip([Channel::VD, Channel::VQ]) {
+            floor.channel = channel;
+        }
+        assert!(commands(&data, Side::Electrical).is_empty());
     }
 }
