@@ -57,12 +57,17 @@ pub fn suspected(
         let left = undone(at, recordings[0]).and_then(|undone| misfit(&undone, machine));
         Ok(left.filter(|left| *left < limit).map(|left| (left, at)))
     };
-    let promising: Result<Vec<_>> = (0..mistakes.len()).into_par_iter().map(promise).collect();
+    let (of_motion, others): (Vec<usize>, Vec<usize>) =
+        (0..mistakes.len()).partition(|at| mistakes[*at].of_motion);
+    let promising: Result<Vec<_>> = others.into_par_iter().map(promise).collect();
     let mut likely: Vec<(f64, usize)> = promising?.into_iter().flatten().collect();
     likely.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut explaining: Vec<(f64, usize)> = Vec::new();
-    for (_, at) in likely.iter().take(TRIED) {
-        let Some(undone) = recordings.iter().map(|r| undone(*at, r)).collect::<Option<Vec<_>>>() else {
+    // The voltage equations say nothing of what shows in the motion alone.
+    let moves = base.squares.iter().any(|(c, square)| !c.is_electrical() && square - 1.0 > FAR);
+    let likely = likely.iter().take(TRIED).map(|(_, at)| *at);
+    for at in likely.chain(of_motion.into_iter().filter(|_| moves)) {
+        let Some(undone) = recordings.iter().map(|r| undone(at, r)).collect::<Option<Vec<_>>>() else {
             continue;
         };
         monitor.go_on()?;
@@ -71,13 +76,13 @@ pub fn suspected(
         let fitted = baseline::fit(&mut data, monitor)?;
         let left = verdict::largest_excess(&fitted);
         // A diverged fit has no share. A delay or a lag may look like a shift in time, which must therefore explain all.
-        let most = match mistakes[*at].of_time {
+        let most = match mistakes[at].of_time {
             true => options.form_error(),
             false if finite => LEFT * before,
             false => FAR,
         };
         if left < most && adequacy::lack_of_fit(&data, &fitted).is_none() {
-            explaining.push((left, *at));
+            explaining.push((left, at));
         }
     }
     let Some(least) = explaining.iter().map(|(left, _)| 1.0 + left.max(0.0)).reduce(f64::min) else {
@@ -185,6 +190,22 @@ mod tests {
             let told = said(&recording, &machine);
             assert!(told.as_ref().is_some_and(|told| told.contains(words)), "{words}: {told:?}");
         }
+    }
+
+    #[test]
+    fn a_load_torque_of_the_wrong_sign_is_told_and_friction_is_not_taken_for_it() {
+        let measured = |sign: f64, effects: Vec<crate::drive::Choice>| {
+            let (recording, machine) = recorded(effects, Some(1.5), |_| ());
+            let names = recording.names().into_iter();
+            let mut columns: Vec<(String, Vec<f64>)> =
+                names.map(|name| (name.to_string(), recording.column(name).unwrap().to_vec())).collect();
+            columns.push(("tau_m".into(), vec![1.5 * sign; recording.len()]));
+            said(&Recording::new(columns, None).unwrap(), &machine)
+        };
+        let told = measured(-1.0, Vec::new());
+        assert!(told.as_ref().is_some_and(|told| told.contains("tau_m had the opposite sign")), "{told:?}");
+        assert_eq!(measured(1.0, Vec::new()), None);
+        assert_eq!(measured(1.0, vec![choice("asymmetric_friction", "tau_a", 1.0)]), None);
     }
 
     #[test]

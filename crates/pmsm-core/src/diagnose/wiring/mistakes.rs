@@ -15,12 +15,14 @@ pub(super) struct Mistake {
     pub(super) words: String,
     /// Whether it shifts columns in time, which delays and lags resemble.
     pub(super) of_time: bool,
+    /// Whether it shows in the motion alone.
+    pub(super) of_motion: bool,
     undo: Undo,
 }
 
 impl Mistake {
     fn new(words: impl Into<String>, undo: impl Fn(&mut Columns) -> bool + Send + Sync + 'static) -> Self {
-        Self { words: words.into(), of_time: false, undo: Box::new(undo) }
+        Self { words: words.into(), of_time: false, of_motion: false, undo: Box::new(undo) }
     }
 
     /// One that moves these columns down by `rows`.
@@ -143,6 +145,8 @@ pub(super) fn mistakes(n_p: u32) -> Vec<Mistake> {
             true
         }),
     ];
+    let of_load = Mistake::new("tau_m had the opposite sign", |c| negate(c, &["tau_m"]));
+    out.push(Mistake { of_motion: true, ..of_load });
     for (words, rows) in [("late", -1), ("early", 1)] {
         let of_angle = move |c: &mut Columns| phases(c) && shift(c, &["theta_e", "theta_m"], rows);
         let mistake = Mistake::new(format!("the angle was logged one row {words}"), of_angle);
