@@ -39,6 +39,13 @@ def test_a_budget_is_said_in_one_sentence_without_what_is_nothing() -> None:
     assert [name for name, _ in shares(budget)][-1] == "rest"
 
 
+def test_a_run_that_the_model_does_not_predict_has_no_shares() -> None:
+    worse = Budget.of({**ENTRY, "run": "validation", "after": 7.25, "rest": 1.83})
+    assert sentence(worse) == (
+        "In i_q the residual grows from 5.4 to 7.25 times the noise: the model does not predict this run."
+    )
+
+
 def test_the_validation_run_is_told_where_there_is_one() -> None:
     here, there = Budget.of(ENTRY), Budget.of({**ENTRY, "run": "validation"})
     assert judged([here, there]) == [there]

@@ -25,7 +25,12 @@ def shares(budget: Budget) -> list[tuple[str, float]]:
 
 
 def sentence(budget: Budget) -> str:
-    """In plain words: "Of 5.4 times the noise in i_q: dead time 61 %, saturation 22 %, rest 5 %"."""
+    """In plain words: "Of 5.4 times the noise in i_q: dead time 61 %, saturation 22 %, rest 5 %". Where the
+    model is worse than the dq-model there is no share.
+    """
+    if budget.after > budget.before:
+        what = f"{channel(budget.channel)[0]} the residual grows from {short(budget.before, 3)}"
+        return f"In {what} to {short(budget.after, 3)} times the noise: the model does not predict this run."
     told = ", ".join(f"{lower_first(name)} {percent(share)}" for name, share in shares(budget))
     return f"Of {short(budget.before, 3)} times the noise in {channel(budget.channel)[0]}: {told}."
 
