@@ -21,14 +21,37 @@ use crate::optimise::uncertainty::{Spread, spread};
 pub struct AdjustedLikelihood<'a> {
     data: &'a Data,
     set: &'a Hypothesis,
+    sides: Vec<Side>,
+}
+
+/// The channels of the voltage equations or of the motion, with the parameters that are fitted to them: what remains in one says nothing of
+/// the other.
+struct Side {
+    electrical: bool,
+    free: Vec<usize>,
     spread: Spread,
 }
 
 impl<'a> AdjustedLikelihood<'a> {
     pub fn new(data: &'a Data, set: &'a Hypothesis) -> Self {
-        let linear = data.whole(set).linearise(&set.parameters, &set.free);
-        let spread = spread(&linear.jacobian, &linear.residual, data.signals.len());
-        Self { data, set, spread }
+        let (experiment, n) = (data.whole(set), data.signals.len());
+        let linear = experiment.linearise(&set.parameters, &set.free);
+        let channels = experiment.channels();
+        let side = |electrical: bool| -> Option<Side> {
+            let held: Vec<usize> =
+                (0..channels.len()).filter(|c| channels[*c].is_electrical() == electrical).collect();
+            let rows: Vec<usize> = held.into_iter().flat_map(|c| c * n..(c + 1) * n).collect();
+            let own =
+                |k: &usize| !data.has_electrical() || experiment.is_electrical(set.free[*k]) == electrical;
+            let places: Vec<usize> = (0..set.free.len()).filter(own).collect();
+            if rows.is_empty() || places.is_empty() {
+                return None;
+            }
+            let jacobian = linear.jacobian.select_columns(&places).select_rows(&rows);
+            let spread = spread(&jacobian, &linear.residual.select_rows(&rows), n);
+            Some(Side { electrical, free: places.into_iter().map(|k| set.free[k]).collect(), spread })
+        };
+        Self { data, set, sides: [true, false].into_iter().filter_map(side).collect() }
     }
 
     /// What each effect is worth against its absence, nats: infinite where its strengths exceed their errors so far that no fit is needed, or
@@ -46,10 +69,12 @@ impl<'a> AdjustedLikelihood<'a> {
 
     fn of(&self, slot: &Slot, monitor: &dyn Monitor) -> Result<Option<f64>> {
         let (data, options) = (self.data, &self.data.options);
-        let place = |k: usize| self.set.free.iter().position(|free| *free == k);
+        let has = |side: &&Side| slot.parameters.clone().any(|k| side.free.contains(&k));
+        let Some(side) = self.sides.iter().find(has) else { return Ok(None) };
+        let place = |k: usize| side.free.iter().position(|free| *free == k);
         let role = |k: usize| slot.effect.info().parameters[k - slot.parameters.start].role;
         let fitted: Vec<usize> = slot.parameters.clone().filter_map(place).collect();
-        let Some(wider) = self.spread.widened(&fitted).map(|wider| wider * FORM * FORM) else {
+        let Some(wider) = side.spread.widened(&fitted).map(|wider| wider * FORM * FORM) else {
             return Ok(None);
         };
         let samples = data.counted() as f64 / options.rows_per_sample;
@@ -60,25 +85,28 @@ impl<'a> AdjustedLikelihood<'a> {
             .filter(|k| role(*k) == Role::Amplitude)
             .filter_map(|k| Some((place(k)?, self.set.parameters[k])))
             .collect();
-        if self.spread.square(&strengths).is_some_and(|square| 0.5 * square / (FORM * FORM) > cost) {
+        if side.spread.square(&strengths).is_some_and(|square| 0.5 * square / (FORM * FORM) > cost) {
             return Ok(None);
         }
         let (model, start) = reduced(self.set, slot.effect);
         let without = fitting::fit(data, &model, &start, false, monitor)?;
-        Ok(Some(0.5 * (self.sum_of_squares(&without) - self.sum_of_squares(self.set)) / wider - cost))
+        let sum = |set: &Hypothesis| self.sum_of_squares(set, side.electrical);
+        Ok(Some(0.5 * (sum(&without) - sum(self.set)) / wider - cost))
     }
 
-    /// Sum over all rows of the squares of the residual over the noise.
-    fn sum_of_squares(&self, set: &Hypothesis) -> f64 {
+    /// Sum over the rows of the `electrical` channels, or of the motion, of the squares of the residual over the noise.
+    fn sum_of_squares(&self, set: &Hypothesis, electrical: bool) -> f64 {
         let rows = self.data.runs().iter().flat_map(|run| run.floors.iter().map(|_| run.counted() as f64));
-        set.squares.iter().zip(rows).map(|((_, square), rows)| square * rows).sum()
+        let own =
+            set.squares.iter().zip(rows).filter(|((channel, _), _)| channel.is_electrical() == electrical);
+        own.map(|((_, square), rows)| square * rows).sum()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::testing::{choice, data, setup, speeds};
+    use crate::diagnose::testing::{choice, data, fitted, setup, speeds};
     use crate::model::Model;
     use crate::monitor::Silent;
 
@@ -103,7 +131,26 @@ mod tests {
         assert_eq!(worth[0].0, friction);
         assert!(worth[0].1 > 3.0 && worth[1].1 < 0.0, "{worth:?}");
         // The likelihood alone takes the other one for shown.
-        let gain = likelihood.sum_of_squares(&of(&[friction])) - likelihood.sum_of_squares(&set);
+        let sum = |set: &Hypothesis| likelihood.sum_of_squares(set, false);
+        let gain = sum(&of(&[friction])) - sum(&set);
         assert!(0.5 * gain > 10.0, "{gain} {worth:?}");
+    }
+
+    #[test]
+    fn what_remains_of_the_motion_says_nothing_of_an_effect_in_the_currents() {
+        let manoeuvre = speeds(1.2, &[(0.1, 90.0), (0.4, -80.0), (0.8, 60.0)]);
+        let worth = |swing: f64| {
+            let effects = vec![choice("time_varying_load", "a", swing), choice("dead_time", "v_err", 2.0)];
+            let (data, base) = data(&setup(manoeuvre.clone(), effects));
+            let set = fitted(&data, &base, EffectId::DeadTime);
+            let likelihood = AdjustedLikelihood::new(&data, &set);
+            let [slot] = set.model.slots() else { panic!("one effect") };
+            let side = likelihood.sides.iter().find(|side| side.electrical).unwrap();
+            let strength = side.free.iter().position(|k| *k == slot.parameters.start).unwrap();
+            assert!(likelihood.of_effects(&Silent).unwrap()[0].1 > 3.0);
+            side.spread.widened(&[strength]).unwrap()
+        };
+        let (still, swings) = (worth(0.0), worth(0.5));
+        assert!(swings < 2.0 * still, "{still} {swings}");
     }
 }
